@@ -1,0 +1,40 @@
+# `make demo` and `make test` each do all set-up on a fresh machine with Python 3.11+ and make.
+PYTHON ?= python3
+BIN := .venv/bin
+SOURCES := pyproject.toml Makefile constraints.txt
+
+.PHONY: demo test lint bench proto pictures clean
+
+demo: .venv/.ready
+	$(BIN)/plotfeed demo $(ARGS)
+
+test: .venv/.ready-test
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: .venv/.ready-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python tests/proto/stale_proto.py
+
+.venv/.ready: $(SOURCES)
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "plotfeed needs Python 3.11 or newer; set PYTHON=")'
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	touch $@
+
+.venv/.ready-test: .venv/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,docs]'
+	mkdir -p .typing/plotfeed
+	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
+	if command -v c++ >/dev/null; then \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test-asterix]'; \
+	else echo 'no C++ compiler: the tests against asterix-decoder will be skipped'; fi
+	touch $@
+
+proto: .venv/.ready-test
+	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto
+
+clean:
+	rm -rf .venv .venv-libasterix .typing

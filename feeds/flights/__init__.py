@@ -1,0 +1,1 @@
+"""Flights from files: each reader gives telemetry reports."""

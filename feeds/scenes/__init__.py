@@ -1,0 +1,1 @@
+"""The example scenes that come with plotfeed."""

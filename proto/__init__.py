@@ -1,0 +1,1 @@
+"""Bytes to values and back, pure: ASTERIX and plotfeed's own protobuf messages."""

@@ -1,0 +1,1 @@
+"""ASTERIX: quantities and layouts as data, and the encoders and decoders made from them."""

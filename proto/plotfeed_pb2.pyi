@@ -1,0 +1,216 @@
+import datetime
+
+from google.protobuf import timestamp_pb2 as _timestamp_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class AltitudeReference(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    ALTITUDE_REFERENCE_UNSPECIFIED: _ClassVar[AltitudeReference]
+    ELLIPSOID: _ClassVar[AltitudeReference]
+    MEAN_SEA_LEVEL: _ClassVar[AltitudeReference]
+    ABOVE_TAKEOFF: _ClassVar[AltitudeReference]
+ALTITUDE_REFERENCE_UNSPECIFIED: AltitudeReference
+ELLIPSOID: AltitudeReference
+MEAN_SEA_LEVEL: AltitudeReference
+ABOVE_TAKEOFF: AltitudeReference
+
+class Telemetry(_message.Message):
+    __slots__ = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference", "velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s", "horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s", "rcs_m2", "sound_power_db", "emitters")
+    TIME_UTC_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_REFERENCE_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_EAST_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_NORTH_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_UP_M_S_FIELD_NUMBER: _ClassVar[int]
+    HORIZONTAL_ACCURACY_M_FIELD_NUMBER: _ClassVar[int]
+    VERTICAL_ACCURACY_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_ACCURACY_M_S_FIELD_NUMBER: _ClassVar[int]
+    RCS_M2_FIELD_NUMBER: _ClassVar[int]
+    SOUND_POWER_DB_FIELD_NUMBER: _ClassVar[int]
+    EMITTERS_FIELD_NUMBER: _ClassVar[int]
+    time_utc: _timestamp_pb2.Timestamp
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    altitude_reference: AltitudeReference
+    velocity_east_m_s: float
+    velocity_north_m_s: float
+    velocity_up_m_s: float
+    horizontal_accuracy_m: float
+    vertical_accuracy_m: float
+    velocity_accuracy_m_s: float
+    rcs_m2: float
+    sound_power_db: float
+    emitters: _containers.RepeatedCompositeFieldContainer[Emitter]
+    def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_reference: _Optional[_Union[AltitudeReference, str]] = ..., velocity_east_m_s: _Optional[float] = ..., velocity_north_m_s: _Optional[float] = ..., velocity_up_m_s: _Optional[float] = ..., horizontal_accuracy_m: _Optional[float] = ..., vertical_accuracy_m: _Optional[float] = ..., velocity_accuracy_m_s: _Optional[float] = ..., rcs_m2: _Optional[float] = ..., sound_power_db: _Optional[float] = ..., emitters: _Optional[_Iterable[_Union[Emitter, _Mapping]]] = ...) -> None: ...
+
+class Emitter(_message.Message):
+    __slots__ = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")
+    FREQUENCY_HZ_FIELD_NUMBER: _ClassVar[int]
+    BANDWIDTH_HZ_FIELD_NUMBER: _ClassVar[int]
+    EIRP_DBM_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    IDENTITY_FIELD_NUMBER: _ClassVar[int]
+    frequency_hz: float
+    bandwidth_hz: float
+    eirp_dbm: float
+    kind: str
+    identity: str
+    def __init__(self, frequency_hz: _Optional[float] = ..., bandwidth_hz: _Optional[float] = ..., eirp_dbm: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ...) -> None: ...
+
+class PlotBatch(_message.Message):
+    __slots__ = ("sensor", "scan", "sector", "plots")
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    SCAN_FIELD_NUMBER: _ClassVar[int]
+    SECTOR_FIELD_NUMBER: _ClassVar[int]
+    PLOTS_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    scan: int
+    sector: int
+    plots: _containers.RepeatedCompositeFieldContainer[Plot]
+    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., plots: _Optional[_Iterable[_Union[Plot, _Mapping]]] = ...) -> None: ...
+
+class Plot(_message.Message):
+    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")
+    TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    SNR_DB_FIELD_NUMBER: _ClassVar[int]
+    AMPLITUDE_DBM_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    time_utc_ns: int
+    range_m: float
+    azimuth_deg: float
+    elevation_deg: float
+    height_m: float
+    snr_db: float
+    amplitude_dbm: float
+    sigma_range_m: float
+    sigma_azimuth_deg: float
+    sigma_elevation_deg: float
+    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ...) -> None: ...
+
+class Ledger(_message.Message):
+    __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages")
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    SCAN_FIELD_NUMBER: _ClassVar[int]
+    SECTOR_FIELD_NUMBER: _ClassVar[int]
+    LOOKS_FIELD_NUMBER: _ClassVar[int]
+    PLOTS_FIELD_NUMBER: _ClassVar[int]
+    MESSAGES_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    scan: int
+    sector: int
+    looks: _containers.RepeatedCompositeFieldContainer[Look]
+    plots: _containers.RepeatedCompositeFieldContainer[PlotTruth]
+    messages: _containers.RepeatedCompositeFieldContainer[Sent]
+    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ...) -> None: ...
+
+class Look(_message.Message):
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected")
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    SNR_DB_FIELD_NUMBER: _ClassVar[int]
+    PD_FIELD_NUMBER: _ClassVar[int]
+    DETECTED_FIELD_NUMBER: _ClassVar[int]
+    drone: str
+    time_utc_ns: int
+    range_m: float
+    azimuth_deg: float
+    elevation_deg: float
+    snr_db: float
+    pd: float
+    detected: bool
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ...) -> None: ...
+
+class PlotTruth(_message.Message):
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    drone: str
+    time_utc_ns: int
+    range_m: float
+    azimuth_deg: float
+    elevation_deg: float
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ...) -> None: ...
+
+class Sent(_message.Message):
+    __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered")
+    TOPIC_FIELD_NUMBER: _ClassVar[int]
+    DUE_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    SENT_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    OCTETS_FIELD_NUMBER: _ClassVar[int]
+    DELIVERED_FIELD_NUMBER: _ClassVar[int]
+    topic: str
+    due_utc_ns: int
+    sent_utc_ns: int
+    octets: int
+    delivered: bool
+    def __init__(self, topic: _Optional[str] = ..., due_utc_ns: _Optional[int] = ..., sent_utc_ns: _Optional[int] = ..., octets: _Optional[int] = ..., delivered: _Optional[bool] = ...) -> None: ...
+
+class Refusal(_message.Message):
+    __slots__ = ("time_utc", "topic", "drone", "reason", "detail", "count")
+    TIME_UTC_FIELD_NUMBER: _ClassVar[int]
+    TOPIC_FIELD_NUMBER: _ClassVar[int]
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    DETAIL_FIELD_NUMBER: _ClassVar[int]
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    time_utc: _timestamp_pb2.Timestamp
+    topic: str
+    drone: str
+    reason: str
+    detail: str
+    count: int
+    def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
+
+class SensorStatus(_message.Message):
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us")
+    class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
+        ONLINE: _ClassVar[SensorStatus.State]
+        OFFLINE: _ClassVar[SensorStatus.State]
+    STATE_UNSPECIFIED: SensorStatus.State
+    ONLINE: SensorStatus.State
+    OFFLINE: SensorStatus.State
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_FIELD_NUMBER: _ClassVar[int]
+    SCAN_FIELD_NUMBER: _ClassVar[int]
+    PLOTS_FIELD_NUMBER: _ClassVar[int]
+    MISSED_SCANS_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
+    UNDELIVERED_FIELD_NUMBER: _ClassVar[int]
+    LATENESS_P50_US_FIELD_NUMBER: _ClassVar[int]
+    LATENESS_P99_US_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    state: SensorStatus.State
+    time_utc: _timestamp_pb2.Timestamp
+    scan: int
+    plots: int
+    missed_scans: int
+    refused: int
+    undelivered: int
+    lateness_p50_us: float
+    lateness_p99_us: float
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ...) -> None: ...
