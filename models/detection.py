@@ -1,0 +1,225 @@
+"""Thresholds, the probability of detection, hits, and the signal-to-noise ratio of a detection.
+
+`snr` is the mean signal-to-noise ratio of one look, linear; `pfa` the probability of false alarm of
+one resolution cell, in (0, 1]. Powers are in units of the mean noise power of one look. Targets
+fluctuate as Swerling 1 (one look) or 2 (independently from look to look). NaN where an argument
+lies outside its domain. A `miss_...` is one less the Pd, accurate where the Pd rounds to one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import (
+    betainc,
+    betaincc,
+    betainccinv,
+    betaincinv,
+    expit,
+    gammainc,
+    gammaincc,
+    gammainccinv,
+    gammaln,
+    xlogy,
+)
+
+from plotfeed.models.state import Bools, Floats
+
+
+@np.errstate(all="ignore")
+def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
+    """Threshold of a cell-averaging CFAR over the *sum* of its reference cells (eq 7)."""
+    exponent = -np.log(_probability(pfa)) / np.asarray(n_reference, dtype=np.float64)
+    return _floats(np.expm1(exponent))  # eq 7 as printed loses digits when N is large
+
+
+@np.errstate(all="ignore")
+def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
+    """Probability of detection, one look, cell-averaging CFAR (eq 6); holds the CFAR loss."""
+    return _floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
+
+
+@np.errstate(all="ignore")
+def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
+    """One less `pd_cfar_swerling1`."""
+    return _floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
+
+
+@np.errstate(all="ignore")
+def threshold_noncoherent(pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
+    """Threshold on the sum of the looks' powers where the noise power is known (eq 22)."""
+    return _floats(gammainccinv(n_looks, _probability(pfa)))
+
+
+@np.errstate(all="ignore")
+def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
+    """Probability of detection, sum of looks of equal SNR, noise known (eq 23, right form)."""
+    threshold = threshold_noncoherent(pfa, n_looks)
+    return _floats(gammaincc(n_looks, threshold / (1 + _power(snr))))
+
+
+@np.errstate(all="ignore")
+def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
+    """One less `pd_noncoherent_swerling2`."""
+    threshold = threshold_noncoherent(pfa, n_looks)
+    return _floats(gammainc(n_looks, threshold / (1 + _power(snr))))
+
+
+@np.errstate(all="ignore")
+def threshold_noncoherent_cfar(
+    pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
+) -> Floats:
+    """Threshold on the looks' sum over the sum of `n_reference` samples, those of all looks."""
+    # The ratio of the sums is a ratio of two shares of one beta variable; each share from its own
+    # inverse, for neither is good as one less the other.
+    probability = _probability(pfa)
+    test_share = betainccinv(n_looks, n_reference, probability)
+    reference_share = betaincinv(n_reference, n_looks, probability)
+    return _floats(test_share / reference_share)
+
+
+@np.errstate(all="ignore")
+def pd_noncoherent_cfar(
+    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
+) -> Floats:
+    """Probability of detection of the sum of looks against the sum of reference samples.
+
+    Exact, CFAR loss included, for looks of equal SNR; `n_reference` counts the samples of all the
+    looks together.
+    """
+    share = _cfar_test_share(snr, pfa, n_looks, n_reference)
+    return _floats(betaincc(n_looks, n_reference, share))
+
+
+@np.errstate(all="ignore")
+def miss_noncoherent_cfar(
+    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
+) -> Floats:
+    """One less `pd_noncoherent_cfar`."""
+    share = _cfar_test_share(snr, pfa, n_looks, n_reference)
+    return _floats(betainc(n_looks, n_reference, share))
+
+
+def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
+    """Probability of detection, sum of looks of any SNRs, noise known; (..., K) in, (...) out.
+
+    The tail of the hypoexponential distribution, in place of eq 18's mean; `pfa` broadcasts
+    against the leading axes.
+    """
+    return _unequal(snrs, pfa)[0]
+
+
+def miss_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
+    """One less `pd_noncoherent_unequal`."""
+    return _unequal(snrs, pfa)[1]
+
+
+@np.errstate(all="ignore")
+def pd_logistic(
+    snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
+) -> Floats:
+    """Probability of detection by a listener of that sensitivity (eq 43, in dB throughout)."""
+    return _floats(expit(_logit(snr_db, sensitivity_db, slope_per_db)))
+
+
+@np.errstate(all="ignore")
+def miss_logistic(
+    snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
+) -> Floats:
+    """One less `pd_logistic`."""
+    return _floats(expit(-_logit(snr_db, sensitivity_db, slope_per_db)))
+
+
+def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
+    """Whether each is detected (eq 8); an undefined probability never hits."""
+    probability = np.asarray(pd, dtype=np.float64)
+    return np.asarray(rng.random(probability.shape) < probability)
+
+
+@np.errstate(all="ignore")
+def draw_detected_snr_swerling1(
+    snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """The powers of cells that were detected, and the thresholds they crossed; broadcast shape.
+
+    The exact joint law, given the hit, of a Swerling 1 cell of mean `snr` (0 for a false alarm)
+    and of its cell-averaging threshold: a cell exceeds threshold t with probability
+    exp(-t/(1+S)), which tilts the reference sum's gamma density into a narrower one, and the
+    excess over the threshold has no memory.
+    """
+    mean = 1 + _power(snr)
+    alpha = cfar_multiplier(pfa, n_reference)
+    shape = np.broadcast_shapes(mean.shape, alpha.shape)
+    n = np.asarray(n_reference, dtype=np.float64)
+    reference_sum = rng.standard_gamma(n, shape) / (1 + alpha / mean)
+    threshold = alpha * reference_sum
+    return _floats(threshold + mean * rng.standard_exponential(shape)), _floats(threshold)
+
+
+def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
+    """Minus the logarithm of eq 6."""
+    alpha = cfar_multiplier(pfa, n_reference)
+    n = np.asarray(n_reference, dtype=np.float64)
+    return _floats(n * np.log1p(alpha / (1 + _power(snr))))
+
+
+def _cfar_test_share(
+    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
+) -> Floats:
+    """Test sum over test plus reference at the threshold, each sum over its own mean power."""
+    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference)
+    return _floats(ratio / (1 + _power(snr) + ratio))
+
+
+@np.errstate(all="ignore")
+def _unequal(snrs: ArrayLike, pfa: ArrayLike) -> tuple[Floats, Floats]:
+    """Pd and miss by uniformisation of the phase-type distribution, at the rate of the noise.
+
+    Exponential power of mean 1+S is a chain of unit exponentials that ends after each one with
+    probability 1/(1+S), so the sum crosses y when the chain through all looks outlasts a Poisson
+    number of mean y of them. Every term is positive: ties and extreme ratios cost no digits.
+    """
+    power = _power(snrs)
+    ends, goes_on = 1 / (1 + power), 1 / (1 + 1 / power)
+    threshold = threshold_noncoherent(pfa, power.shape[-1])
+    phase = np.zeros_like(power)  # the probability of being at each look after n steps
+    phase[..., 0] = 1.0
+    finished = np.zeros(power.shape[:-1])
+    pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
+    miss = np.zeros_like(pd)
+    for n in range(_poisson_terms(threshold)):
+        weight = np.exp(xlogy(n, threshold) - threshold - gammaln(n + 1))
+        pd = pd + weight * phase.sum(axis=-1)
+        miss = miss + weight * finished
+        leaving = phase * ends
+        phase = phase * goes_on
+        phase[..., 1:] += leaving[..., :-1]
+        finished = finished + leaving[..., -1]
+    return pd, miss
+
+
+def _poisson_terms(mean: Floats) -> int:
+    """How many terms leave less than 1e-20 of any of these Poisson distributions."""
+    largest = float(np.max(mean, initial=0.0, where=np.isfinite(mean)))
+    return int(largest + 9.0 * largest**0.5 + 30.0)
+
+
+def _logit(snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike) -> Floats:
+    margin_db = np.asarray(snr_db, dtype=np.float64) - np.asarray(sensitivity_db, dtype=np.float64)
+    return margin_db * np.asarray(slope_per_db, dtype=np.float64)
+
+
+def _power(snr: ArrayLike) -> Floats:
+    """A linear ratio; NaN below zero."""
+    ratio = np.asarray(snr, dtype=np.float64)
+    return np.where(ratio >= 0, ratio, np.nan)
+
+
+def _probability(pfa: ArrayLike) -> Floats:
+    """A probability of false alarm; NaN outside (0, 1]."""
+    probability = np.asarray(pfa, dtype=np.float64)
+    return np.where((probability > 0) & (probability <= 1), probability, np.nan)
+
+
+def _floats(value: ArrayLike) -> Floats:
+    return np.asarray(value, dtype=np.float64)

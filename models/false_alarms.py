@@ -1,0 +1,83 @@
+"""False alarms: how many of a number of resolution cells alarm, and where.
+
+Each cell alarms independently with probability `pfa`: the number is binomial (eq 9 gives its
+mean). Cells are counted exactly up to 2**53.
+"""
+
+from __future__ import annotations
+
+from math import floor
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import Floats, Ints
+
+POISSON_BELOW_PFA = 1e-8
+"""Below, a Poisson draw is nearer to the binomial (within Pfa) than 1 - Pfa in float64 allows."""
+
+
+@np.errstate(all="ignore")
+def mean_false_alarms(cells: ArrayLike, pfa: ArrayLike) -> Floats:
+    """Mean number of false alarms (eq 9)."""
+    return _floats(cells) * _floats(pfa)
+
+
+@np.errstate(all="ignore")
+def probability_none(cells: ArrayLike, pfa: ArrayLike) -> Floats:
+    """Probability that not one cell alarms."""
+    return _floats(np.exp(_floats(cells) * np.log1p(-_floats(pfa))))
+
+
+@np.errstate(all="ignore")
+def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
+    """Probability that some cell alarms; accurate where it is tiny."""
+    return _floats(-np.expm1(_floats(cells) * np.log1p(-_floats(pfa))))
+
+
+@overload
+def draw_count(cells: int, pfa: float, rng: np.random.Generator) -> int: ...
+
+
+@overload
+def draw_count(cells: Ints, pfa: float | Floats, rng: np.random.Generator) -> Ints: ...
+
+
+def draw_count(cells: int | Ints, pfa: float | Floats, rng: np.random.Generator) -> int | Ints:
+    """Numbers of false alarms, binomial, for any number of cells and however small a Pfa."""
+    rare = np.less(pfa, POISSON_BELOW_PFA)
+    if np.all(rare):
+        count = rng.poisson(np.multiply(cells, pfa))
+    elif not np.any(rare):
+        count = rng.binomial(cells, pfa)
+    else:
+        often = rng.binomial(cells, np.where(rare, 0.0, pfa))
+        count = often + rng.poisson(np.where(rare, np.multiply(cells, pfa), 0.0))
+    return int(count) if np.ndim(count) == 0 else np.asarray(count, dtype=np.int64)
+
+
+def cells_between(total_cells: int, start_fraction: float, end_fraction: float) -> int:
+    """Cells of a sector of a scan, of its share [start, end) of the cover.
+
+    Sectors that meet share no cell and leave none out: those of a scan sum to its cells exactly.
+    """
+    return _cells_before(total_cells, end_fraction) - _cells_before(total_cells, start_fraction)
+
+
+def draw_uniform(low: float, high: float, n: int, rng: np.random.Generator) -> Floats:
+    """Where in [low, high) each of `n` false alarms lies (eqs 10, 11); (n,)."""
+    return rng.uniform(low, high, n)
+
+
+def _cells_before(total_cells: int, fraction: float) -> int:
+    """The nearest whole number of cells.
+
+    A hair off one half, where equal sectors put their borders: two roundings of the same border
+    must not come out on different sides.
+    """
+    return floor(total_cells * fraction + 0.500001)
+
+
+def _floats(value: ArrayLike) -> Floats:
+    return np.asarray(value, dtype=np.float64)

@@ -1,0 +1,196 @@
+"""WGS-84, Earth-centred and local frames, azimuth-elevation-range, and the folding of angles.
+
+ECEF is Earth-centred, Earth-fixed; ENU is east-north-up on a sensor's own ellipsoidal horizontal.
+Azimuth is clockwise from true north in [0, 360), elevation above the horizontal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2, WGS84_F
+from plotfeed.models.state import Floats
+
+DIRECTION_LIMIT_M = 1e-8
+"""Closer than this there is no direction: float64 in ECEF resolves some 1e-9 m on the ground."""
+
+MIN_GEOCENTRIC_M = 100e3
+"""Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
+
+
+@np.errstate(all="ignore")
+def wrap_180(angle_deg: ArrayLike) -> Floats:
+    """The same angle in [-180, 180), degrees: what a difference of azimuths or longitudes needs."""
+    angle = np.asarray(angle_deg, dtype=np.float64)
+    wrapped = wrap_360(angle + 180.0) - 180.0
+    # An angle within the interval stays as it is: adding 180 would cost it its last digits.
+    return np.where((angle >= -180.0) & (angle < 180.0), angle, wrapped)
+
+
+@np.errstate(all="ignore")
+def wrap_360(angle_deg: ArrayLike) -> Floats:
+    """The same angle in [0, 360), degrees."""
+    turned = np.mod(np.asarray(angle_deg, dtype=np.float64), 360.0)
+    return np.where(turned == 360.0, 0.0, turned)  # the remainder of -1e-17 rounds to 360
+
+
+@np.errstate(all="ignore")
+def geodetic_to_ecef(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike
+) -> Floats:
+    """ECEF position, metres, (..., 3), of WGS-84 latitude, longitude and ellipsoidal height."""
+    sin_lat, cos_lat = _sin_cos_deg(latitude_deg)
+    sin_lon, cos_lon = _sin_cos_deg(longitude_deg)
+    height = np.asarray(height_m, dtype=np.float64)
+    normal_m = WGS84_A_M / np.sqrt(1 - WGS84_E2 * sin_lat**2)  # prime-vertical radius
+    axis_m = (normal_m + height) * cos_lat
+    polar_m = (normal_m * (1 - WGS84_F) ** 2 + height) * sin_lat
+    return _stack(axis_m * cos_lon, axis_m * sin_lon, polar_m)
+
+
+@np.errstate(all="ignore")
+def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Latitude and longitude, degrees, and ellipsoidal height, metres, each (...), of (..., 3).
+
+    Bowring (1976), repeated until it is good to rounding, in a form that is even at the poles.
+    The longitude of a pole is 0. NaN near the Earth's centre, where latitude is ambiguous.
+    """
+    x, y, z = np.moveaxis(np.asarray(ecef_m, dtype=np.float64), -1, 0)
+    p = np.hypot(x, y)
+    north, out = _unit(z, (1 - WGS84_F) * p)  # of the parametric latitude
+    for _ in range(4):
+        sin_lat, cos_lat = _unit(
+            z + WGS84_EP2 * WGS84_B_M * north**3, p - WGS84_E2 * WGS84_A_M * out**3
+        )
+        north, out = _unit((1 - WGS84_F) * sin_lat, cos_lat)
+    height = p * cos_lat + z * sin_lat - WGS84_A_M * np.sqrt(1 - WGS84_E2 * sin_lat**2)
+    defined = np.hypot(p, z) >= MIN_GEOCENTRIC_M
+    return (
+        np.where(defined, np.degrees(np.arctan2(sin_lat, cos_lat)), np.nan),
+        np.where(defined, np.degrees(np.arctan2(y, x)), np.nan),
+        np.where(defined, height, np.nan),
+    )
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """East, north and up at a place on WGS-84: one offset and one rotation from ECEF."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+
+    @cached_property
+    def origin_ecef_m(self) -> Floats:
+        """Where the frame stands, ECEF, metres; (3,)."""
+        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
+
+    @cached_property
+    def rotation_from_ecef(self) -> Floats:
+        """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
+        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
+        sin_lon, cos_lon = _sin_cos_deg(self.longitude_deg)
+        return np.array(
+            [
+                [-sin_lon, cos_lon, 0.0],
+                [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+                [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+            ],
+            dtype=np.float64,
+        )
+
+    def from_ecef(self, ecef_m: ArrayLike) -> Floats:
+        """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out."""
+        with np.errstate(all="ignore"):
+            offset_m = np.asarray(ecef_m, dtype=np.float64) - self.origin_ecef_m
+        return _rotate(self.rotation_from_ecef, offset_m)
+
+    def to_ecef(self, enu_m: ArrayLike) -> Floats:
+        """ECEF of east, north, up positions, metres; (..., 3) in, (..., 3) out."""
+        return self.origin_ecef_m + self.rotate_to_ecef(enu_m)
+
+    def to_geodetic(self, enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Latitude and longitude, degrees, and height, metres, each (...), of ENU (..., 3)."""
+        return ecef_to_geodetic(self.to_ecef(enu_m))
+
+    def rotate_from_ecef(self, vector_ecef: ArrayLike) -> Floats:
+        """Components along east, north, up of ECEF vectors such as velocities; (..., 3)."""
+        return _rotate(self.rotation_from_ecef, np.asarray(vector_ecef, dtype=np.float64))
+
+    def rotate_to_ecef(self, vector_enu: ArrayLike) -> Floats:
+        """ECEF components of vectors given along east, north, up; (..., 3)."""
+        return _rotate(self.rotation_from_ecef.T, np.asarray(vector_enu, dtype=np.float64))
+
+
+@np.errstate(all="ignore")
+def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Azimuth and elevation, degrees, and slant range, metres, each (...), of ENU (..., 3).
+
+    Azimuth is NaN straight above and below, elevation too at no distance at all.
+    """
+    east, north, up = np.moveaxis(np.asarray(enu_m, dtype=np.float64), -1, 0)
+    ground_m = np.hypot(east, north)
+    range_m = np.hypot(ground_m, up)
+    aside = ground_m >= DIRECTION_LIMIT_M
+    azimuth_deg = np.where(aside, wrap_360(np.degrees(np.arctan2(east, north))), np.nan)
+    elevation_deg = np.degrees(np.arctan2(up, np.where(aside, ground_m, 0.0)))
+    away = range_m >= DIRECTION_LIMIT_M
+    return azimuth_deg, np.where(away, elevation_deg, np.nan), range_m
+
+
+@np.errstate(all="ignore")
+def aer_to_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayLike) -> Floats:
+    """East, north, up, metres, (..., 3), of azimuth and elevation, degrees, and slant range."""
+    sin_az, cos_az = _sin_cos_deg(azimuth_deg)
+    sin_el, cos_el = _sin_cos_deg(elevation_deg)
+    slant_m = np.asarray(range_m, dtype=np.float64)
+    ground_m = slant_m * cos_el
+    return _stack(ground_m * sin_az, ground_m * cos_az, slant_m * sin_el)
+
+
+def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
+    """Sine and cosine of degrees, exact at multiples of 90.
+
+    Reduced to an eighth of a turn before it becomes radians: the rounding of pi times the Earth's
+    radius would show.
+    """
+    angle = np.asarray(angle_deg, dtype=np.float64)
+    quarters = np.round(angle / 90.0)
+    rest_rad = np.radians(angle - 90.0 * quarters)
+    sine, cosine = np.sin(rest_rad), np.cos(rest_rad)
+    quadrant = np.mod(quarters, 4.0)
+    odd = np.mod(quadrant, 2.0) == 1.0
+    sign_sin = np.where(quadrant >= 2.0, -1.0, 1.0)
+    sign_cos = np.where((quadrant == 1.0) | (quadrant == 2.0), -1.0, 1.0)
+    # Adding zero makes -0.0 an ordinary zero, so that no azimuth turns round with its sign.
+    return (
+        sign_sin * np.where(odd, cosine, sine) + 0.0,
+        sign_cos * np.where(odd, sine, cosine) + 0.0,
+    )
+
+
+@np.errstate(all="ignore")
+def _rotate(matrix: Floats, vector: Floats) -> Floats:
+    """Matrix times each vector; (3, 3) and (..., 3) in, (..., 3) out.
+
+    Spelt out, because a matrix product may round differently with the number of rows, and the
+    same drone must give the same bytes in whatever company.
+    """
+    x, y, z = vector[..., 0:1], vector[..., 1:2], vector[..., 2:3]
+    rotated: Floats = x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2]
+    return rotated
+
+
+def _unit(sine_part: Floats, cosine_part: Floats) -> tuple[Floats, Floats]:
+    """Sine and cosine of the angle whose tangent is the ratio of the two."""
+    length = np.hypot(sine_part, cosine_part)
+    return sine_part / length, cosine_part / length
+
+
+def _stack(x: Floats, y: Floats, z: Floats) -> Floats:
+    """Three components, broadcast against each other, as (..., 3)."""
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)

@@ -1,0 +1,325 @@
+"""From transmitter to receiver: the radar equation, bistatic geometry, passive radar, sound.
+
+Gains, losses and levels are in dB, a loss or an attenuation positive unless it says otherwise;
+powers in watts; ratios without `_db` linear. Zero distance gives an infinite power, not an error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
+from plotfeed.models.state import Floats
+
+DIPOLE_GAIN_DBI = 2.15
+"""What effective radiated power is stated over: a half-wave dipole."""
+
+
+@np.errstate(all="ignore")
+def beam_gain_dbi(
+    azimuth_beamwidth_deg: ArrayLike,
+    elevation_beamwidth_deg: ArrayLike,
+    efficiency: ArrayLike = 1.0,
+) -> Floats:
+    """Gain of a beam of these 3 dB widths; the sphere has 41253 square degrees (eqs 2, 3, 19)."""
+    beam_deg2 = _floats(azimuth_beamwidth_deg) * _floats(elevation_beamwidth_deg)
+    return 10 * np.log10(41253.0 * _floats(efficiency) / beam_deg2)
+
+
+@np.errstate(all="ignore")
+def noise_density_w_hz(noise_figure_db: ArrayLike) -> Floats:
+    """Thermal noise power in one hertz, watts (eq 5)."""
+    return BOLTZMANN_J_K * T0_K * _ratio(noise_figure_db)
+
+
+@np.errstate(all="ignore")
+def echo_power_w(
+    *,
+    power_w: ArrayLike,
+    gains_db: ArrayLike,
+    wavelength_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    range_tx_m: ArrayLike,
+    range_rx_m: ArrayLike,
+) -> Floats:
+    """Received power of a target's echo in free space (eqs 1, 24); `gains_db` less all losses."""
+    radiated_w = _floats(power_w) * _ratio(gains_db)
+    aperture_m4 = _floats(wavelength_m) ** 2 * _floats(rcs_m2)
+    spread_m4 = (4 * np.pi) ** 3 * (_floats(range_tx_m) * _floats(range_rx_m)) ** 2
+    return radiated_w * aperture_m4 / spread_m4
+
+
+@np.errstate(all="ignore")
+def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
+    power_w: ArrayLike,
+    gain_tx_dbi: ArrayLike,
+    gain_rx_dbi: ArrayLike,
+    wavelength_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    integration_s: ArrayLike,
+    range_tx_m: ArrayLike,
+    range_rx_m: ArrayLike,
+    loss_db: ArrayLike,
+    noise_figure_db: ArrayLike,
+) -> Floats:
+    """Mean signal-to-noise ratio, linear, after coherent integration (eqs 1, 17).
+
+    `power_w` is the mean transmitted power; monostatic radars give the same range twice.
+    """
+    gains_db = _floats(gain_tx_dbi) + _floats(gain_rx_dbi) - _floats(loss_db)
+    echo_w = echo_power_w(
+        power_w=power_w,
+        gains_db=gains_db,
+        wavelength_m=wavelength_m,
+        rcs_m2=rcs_m2,
+        range_tx_m=range_tx_m,
+        range_rx_m=range_rx_m,
+    )
+    return echo_w * _floats(integration_s) / noise_density_w_hz(noise_figure_db)
+
+
+@np.errstate(all="ignore")
+def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Floats:
+    """Path transmitter-target-receiver less the baseline, metres; (..., 3) in, (...) out.
+
+    The receiver is the origin (eq 32). Accurate down to the baseline itself, where the plain
+    sum loses every digit.
+    """
+    target, transmitter = _floats(target_enu_m), _floats(transmitter_enu_m)
+    range_tx, range_rx = _norm(target - transmitter), _norm(target)
+    baseline = _norm(transmitter)
+    sides = np.maximum(range_rx + baseline, np.finfo(np.float64).tiny)
+    surplus = _dot(target - transmitter, target + transmitter) / sides  # range_rx - baseline
+    # Law of cosines, with range_rx baseline (1 - cos beta) from the cross product ahead.
+    along, across = _dot(target, transmitter), _norm(_cross(target, transmitter))
+    sides_product = range_rx * baseline
+    versine = np.where(along > 0, across**2 / (sides_product + along), sides_product - along)
+    return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
+
+
+@np.errstate(all="ignore")
+def range_from_bistatic(
+    bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
+) -> Floats:
+    """Distance from the receiver, metres, of a bistatic range and the angle to the baseline.
+
+    The angle is that at the receiver between target and transmitter, in space (eqs 33 to 35,
+    right form). NaN on the baseline between the two, where every point has bistatic range 0.
+    """
+    excess, baseline = _floats(bistatic_range_m), _floats(baseline_m)
+    return excess * (excess + 2 * baseline) / (2 * (excess + baseline * _versine(angle_deg)))
+
+
+@np.errstate(all="ignore")
+def range_from_bistatic_slopes(
+    bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Change of `range_from_bistatic` with the bistatic range, and with the angle, metres/radian.
+
+    What errors of the measured pair are multiplied by; infinite on the baseline.
+    """
+    excess, baseline = _floats(bistatic_range_m), _floats(baseline_m)
+    half_rad = np.radians(_floats(angle_deg)) / 2
+    depth = baseline * _versine(angle_deg)
+    divisor = 2 * (excess + depth) ** 2
+    by_range = (excess**2 + 2 * depth * (excess + baseline)) / divisor
+    sine = 2 * np.sin(half_rad) * np.cos(half_rad)
+    by_angle = -excess * (excess + 2 * baseline) * baseline * sine / divisor
+    singular = (excess == 0) & (depth == 0)
+    return np.where(singular, np.inf, by_range), np.where(singular, -np.inf, by_angle)
+
+
+@np.errstate(all="ignore")
+def passive_target_power_w(
+    *,
+    erp_w: ArrayLike,
+    gain_rx_dbi: ArrayLike,
+    wavelength_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    range_tx_m: ArrayLike,
+    range_rx_m: ArrayLike,
+    loss_db: ArrayLike,
+) -> Floats:
+    """Echo of a broadcast before the correlator (eqs 24, 26); ERP is stated over a dipole."""
+    gains_db = DIPOLE_GAIN_DBI + _floats(gain_rx_dbi) - _floats(loss_db)
+    return echo_power_w(
+        power_w=erp_w,
+        gains_db=gains_db,
+        wavelength_m=wavelength_m,
+        rcs_m2=rcs_m2,
+        range_tx_m=range_tx_m,
+        range_rx_m=range_rx_m,
+    )
+
+
+@np.errstate(all="ignore")
+def direct_signal_power_w(
+    *,
+    erp_w: ArrayLike,
+    gain_rx_dbi: ArrayLike,
+    sidelobe_db: ArrayLike,
+    cancellation_db: ArrayLike,
+    wavelength_m: ArrayLike,
+    baseline_m: ArrayLike,
+) -> Floats:
+    """What is left of the broadcast itself (eqs 28, 29); side lobe and cancellation negative dB."""
+    gains_db = DIPOLE_GAIN_DBI + _floats(gain_rx_dbi) + _floats(sidelobe_db)
+    spread = (_floats(wavelength_m) / (4 * np.pi * _floats(baseline_m))) ** 2
+    return _floats(erp_w) * _ratio(gains_db + _floats(cancellation_db)) * spread
+
+
+@np.errstate(all="ignore")
+def passive_noise_power_w(
+    bandwidth_hz: ArrayLike,
+    external_noise_db: ArrayLike,
+    line_loss_db: ArrayLike = 0.5,
+    antenna_loss_db: ArrayLike = 0.5,
+    noise_figure_db: ArrayLike = 4.0,
+) -> Floats:
+    """Radio noise before the correlator (eqs 30, 31): external (ITU-R P.372) and the receiver's."""
+    receiver_db = _floats(line_loss_db) + _floats(antenna_loss_db) + _floats(noise_figure_db)
+    factor = _ratio(external_noise_db) - 1 + _ratio(receiver_db)
+    return BOLTZMANN_J_K * T0_K * _floats(bandwidth_hz) * factor
+
+
+@np.errstate(all="ignore")
+def correlated_snr(
+    target_w: ArrayLike, disturbance_w: ArrayLike, time_bandwidth: ArrayLike
+) -> Floats:
+    """Signal-to-noise ratio after the correlator (eq 25): the echo disturbs itself, so BT caps it.
+
+    `disturbance_w` sums clutter, direct signal and noise before the correlator.
+    """
+    return _floats(time_bandwidth) / (1 + _floats(disturbance_w) / _floats(target_w))
+
+
+def passive_snr(
+    *,
+    erp_w: ArrayLike,
+    gain_rx_dbi: ArrayLike,
+    wavelength_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    integration_s: ArrayLike,
+    bandwidth_hz: ArrayLike,
+    range_tx_m: ArrayLike,
+    range_rx_m: ArrayLike,
+    baseline_m: ArrayLike,
+    loss_db: ArrayLike,
+    external_noise_db: ArrayLike,
+    sidelobe_db: ArrayLike,
+    cancellation_db: ArrayLike,
+    line_loss_db: ArrayLike = 0.5,
+    antenna_loss_db: ArrayLike = 0.5,
+    noise_figure_db: ArrayLike = 4.0,
+) -> Floats:
+    """Mean signal-to-noise ratio, linear, of a passive radar without clutter (eqs 24 to 31)."""
+    target_w = passive_target_power_w(
+        erp_w=erp_w,
+        gain_rx_dbi=gain_rx_dbi,
+        wavelength_m=wavelength_m,
+        rcs_m2=rcs_m2,
+        range_tx_m=range_tx_m,
+        range_rx_m=range_rx_m,
+        loss_db=loss_db,
+    )
+    direct_w = direct_signal_power_w(
+        erp_w=erp_w,
+        gain_rx_dbi=gain_rx_dbi,
+        sidelobe_db=sidelobe_db,
+        cancellation_db=cancellation_db,
+        wavelength_m=wavelength_m,
+        baseline_m=baseline_m,
+    )
+    noise_w = passive_noise_power_w(
+        bandwidth_hz, external_noise_db, line_loss_db, antenna_loss_db, noise_figure_db
+    )
+    time_bandwidth = _floats(integration_s) * _floats(bandwidth_hz)
+    return correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
+
+
+@np.errstate(all="ignore")
+def sound_absorption_db_per_m(
+    frequency_hz: ArrayLike,
+    temperature_c: ArrayLike,
+    humidity_pct: ArrayLike,
+    pressure_kpa: ArrayLike,
+) -> Floats:
+    """Absorption of a pure tone by air, dB per metre (ISO 9613-1:1993); humidity is relative."""
+    frequency = _floats(frequency_hz)
+    kelvin = _floats(temperature_c) + 273.15
+    warmth = kelvin / 293.15  # T/T0
+    pressure = _floats(pressure_kpa) / 101.325  # pa/pr
+    saturation = 10 ** (-6.8346 * (273.16 / kelvin) ** 1.261 + 4.6151)  # annex B, B.2 and B.3
+    h = _floats(humidity_pct) * saturation / pressure  # molar concentration, %; B.1
+    oxygen_hz = pressure * (24 + 4.04e4 * h * (0.02 + h) / (0.391 + h))  # eq 3
+    nitrogen_shift = np.exp(-4.170 * (warmth ** (-1 / 3) - 1))
+    nitrogen_hz = pressure / np.sqrt(warmth) * (9 + 280 * h * nitrogen_shift)  # eq 4
+    classical = 1.84e-11 / pressure * np.sqrt(warmth)
+    oxygen = 0.01275 * np.exp(-2239.1 / kelvin) / (oxygen_hz + frequency**2 / oxygen_hz)
+    nitrogen = 0.1068 * np.exp(-3352.0 / kelvin) / (nitrogen_hz + frequency**2 / nitrogen_hz)
+    return 8.686 * frequency**2 * (classical + warmth**-2.5 * (oxygen + nitrogen))  # eq 5
+
+
+@np.errstate(all="ignore")
+def sound_divergence_db(range_m: ArrayLike) -> Floats:
+    """Spreading over the sphere, from the sound *power* level (eq 40; ISO 9613-2, 7.1)."""
+    return 20 * np.log10(_floats(range_m)) + 11
+
+
+@np.errstate(all="ignore")
+def ground_attenuation_db(mean_height_m: ArrayLike, range_m: ArrayLike) -> Floats:
+    """Attenuation by the ground, never negative (eq 42; ISO 9613-2, 7.3.2).
+
+    `mean_height_m` is the mean height of the path above the ground, `range_m` its slant length.
+    """
+    distance = _floats(range_m)
+    lift = 2 * _floats(mean_height_m) / distance * (17 + 300 / distance)
+    return np.maximum(4.8 - lift, 0.0)
+
+
+@np.errstate(all="ignore")
+def solid_angle_index_db(
+    ground_range_m: ArrayLike, source_height_m: ArrayLike, receiver_height_m: ArrayLike
+) -> Floats:
+    """What the ground's reflection adds near the source, D_omega, dB (ISO 9613-2, 7.3.2, eq 11)."""
+    source, receiver = _floats(source_height_m), _floats(receiver_height_m)
+    ground_m2 = _floats(ground_range_m) ** 2
+    direct_m2, reflected_m2 = (
+        ground_m2 + (source - receiver) ** 2,
+        ground_m2 + (source + receiver) ** 2,
+    )
+    return 10 * np.log10(1 + direct_m2 / reflected_m2)
+
+
+@np.errstate(all="ignore")
+def sound_level_db(
+    power_level_db: ArrayLike, directivity_db: ArrayLike, attenuation_db: ArrayLike
+) -> Floats:
+    """Sound pressure level at the receiver (eq 37 in dB throughout; ISO 9613-2, eq 3)."""
+    return _floats(power_level_db) + _floats(directivity_db) - _floats(attenuation_db)
+
+
+def _versine(angle_deg: ArrayLike) -> Floats:
+    """One less the cosine, without the cancellation."""
+    return 2 * np.sin(np.radians(_floats(angle_deg)) / 2) ** 2
+
+
+def _ratio(level_db: ArrayLike) -> Floats:
+    return 10 ** (_floats(level_db) / 10)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return _floats(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return _floats(np.cross(a, b))
+
+
+def _norm(vector: Floats) -> Floats:
+    return _floats(np.sqrt(_dot(vector, vector)))
+
+
+def _floats(value: ArrayLike) -> Floats:
+    return np.asarray(value, dtype=np.float64)
