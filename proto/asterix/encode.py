@@ -1,0 +1,106 @@
+"""Values to octets, for one report profile: fixed items, fixed length, two paths, same octets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.proto.asterix.decode import HEADER_OCTETS
+from plotfeed.proto.asterix.layout import Category
+from plotfeed.proto.asterix.profile import profile
+from plotfeed.proto.asterix.scalar import compiled
+from plotfeed.proto.asterix.scaling import Rule, constant_bits
+from plotfeed.proto.asterix.vector import VectorEncoder
+from plotfeed.proto.errors import EncodeError
+
+CROSSOVER = 50
+"""Records from which on the vector path is the faster one; tests/benchmarks/bench_asterix.py."""
+
+UDP_OCTETS = 1400
+"""A data block of this length goes into one datagram on any common link."""
+
+MAX_OCTETS = 0xFFFF
+
+
+class Encoder:
+    """Encodes records of the items in `paths` (see profile()).
+
+    `constants` holds the parts that never change; all others are `columns`, in the order of the
+    record. `lsb` gives the LSB in the column's unit where that is not the layout's: an int for a
+    column of integers, such as nanoseconds, whose arithmetic is then exact.
+
+    A value is rounded half to even; outside the range it saturates, wraps or is refused as its
+    quantity says. What is not a finite number is refused: EncodeError names its path.
+    """
+
+    def __init__(
+        self,
+        category: Category,
+        paths: Iterable[str],
+        *,
+        constants: Mapping[str, float | str] | None = None,
+        lsb: Mapping[str, float] | None = None,
+    ) -> None:
+        constants, lsb = constants or {}, lsb or {}
+        drawn = profile(category, paths)
+        if unknown := {*constants, *lsb} - {slot.path for slot in drawn.slots}:
+            raise EncodeError("the profile has no such part", field=min(unknown))
+        template = drawn.template
+        rules: list[Rule] = []
+        for slot in drawn.slots:
+            if slot.path in constants:
+                template |= constant_bits(slot, constants[slot.path]) << slot.right
+            else:
+                rules.append(Rule.of(slot, lsb.get(slot.path)))
+        self.category = category.number
+        self.record_length = drawn.octets
+        self.columns = tuple(rule.path for rule in rules)
+        self.record, self._few = compiled(drawn.octets, template, rules)
+        """record(*values) is one record of one number a column, in the order of `columns`."""
+        self._many = VectorEncoder(drawn.octets, template, rules).records
+
+    def records(self, columns: Mapping[str, ArrayLike]) -> bytes:
+        """The records of columns by path; each (n,), or one number for all records."""
+        try:
+            values: list[Any] = [columns[path] for path in self.columns]
+        except KeyError as error:
+            raise EncodeError("a column is missing", field=error.args[0]) from None
+        try:
+            lengths = {len(column) for column in values}
+        except TypeError:  # a number for all records has no length
+            lengths = {len(column) for column in values if np.ndim(column)} or {1}
+        if len(lengths) > 1:
+            raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
+        n = lengths.pop() if lengths else 1
+        if n >= CROSSOVER:
+            return self._many(values, n)
+        return self._few([_listed(column, n) for column in values])
+
+
+def _listed(column: Any, n: int) -> list[Any]:
+    """A column as Python numbers, which cost less than NumPy's one by one."""
+    if isinstance(column, np.ndarray):
+        column = column.tolist()
+    if hasattr(column, "__len__"):
+        return [*column]
+    return [column] * n
+
+
+def blocks_of(
+    category: int, records: bytes, record_length: int, max_octets: int = UDP_OCTETS
+) -> list[bytes]:
+    """Data blocks of whole records, in their order, each no longer than `max_octets`."""
+    if not HEADER_OCTETS + record_length <= max_octets <= MAX_OCTETS:
+        raise EncodeError(
+            f"{max_octets} is not within {HEADER_OCTETS + record_length} to {MAX_OCTETS}",
+            field="max_octets",
+        )
+    step = (max_octets - HEADER_OCTETS) // record_length * record_length
+    return [
+        bytes([category]) + (HEADER_OCTETS + len(body)).to_bytes(2, "big") + body
+        for start in range(0, len(records), step)
+        for body in [records[start : start + step]]
+    ]
