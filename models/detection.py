@@ -87,8 +87,12 @@ def pd_noncoherent_cfar(
     Exact, CFAR loss included, for looks of equal SNR; `n_reference` counts the samples of all the
     looks together.
     """
-    share = _cfar_test_share(snr, pfa, n_looks, n_reference)
-    return _floats(betaincc(n_looks, n_reference, share))
+    test, reference = _cfar_shares(snr, pfa, n_looks, n_reference)
+    return np.where(
+        test < reference,
+        betaincc(n_looks, n_reference, test),
+        betainc(n_reference, n_looks, reference),
+    )
 
 
 @np.errstate(all="ignore")
@@ -96,8 +100,8 @@ def miss_noncoherent_cfar(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
     """One less `pd_noncoherent_cfar`."""
-    share = _cfar_test_share(snr, pfa, n_looks, n_reference)
-    return _floats(betainc(n_looks, n_reference, share))
+    test, _ = _cfar_shares(snr, pfa, n_looks, n_reference)
+    return _floats(betainc(n_looks, n_reference, test))
 
 
 def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
@@ -163,12 +167,15 @@ def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Fl
     return _floats(n * np.log1p(alpha / (1 + _power(snr))))
 
 
-def _cfar_test_share(
+def _cfar_shares(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
-) -> Floats:
-    """Test sum over test plus reference at the threshold, each sum over its own mean power."""
-    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference)
-    return _floats(ratio / (1 + _power(snr) + ratio))
+) -> tuple[Floats, Floats]:
+    """What the test and the reference sum have of both at the threshold, each over its own mean.
+
+    They add to one; both, because only the smaller keeps its digits.
+    """
+    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference) / (1 + _power(snr))
+    return 1 / (1 + 1 / ratio), 1 / (1 + ratio)
 
 
 @np.errstate(all="ignore")

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from plotfeed.models.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2, WGS84_F
 from plotfeed.models.state import Floats
 
-DIRECTION_LIMIT_M = 1e-8
-"""Closer than this there is no direction: float64 in ECEF resolves some 1e-9 m on the ground."""
+RESOLUTION_M = 5e-9
+"""Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
 
 MIN_GEOCENTRIC_M = 100e3
 """Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
@@ -104,10 +104,16 @@ class LocalFrame:
         )
 
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
-        """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out."""
+        """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out.
+
+        Straight above and below the place, east and north are exactly zero.
+        """
         with np.errstate(all="ignore"):
             offset_m = np.asarray(ecef_m, dtype=np.float64) - self.origin_ecef_m
-        return _rotate(self.rotation_from_ecef, offset_m)
+            enu_m = _rotate(self.rotation_from_ecef, offset_m)
+            vertical = np.hypot(enu_m[..., 0], enu_m[..., 1]) < RESOLUTION_M
+        enu_m[..., :2][vertical] = 0.0
+        return enu_m
 
     def to_ecef(self, enu_m: ArrayLike) -> Floats:
         """ECEF of east, north, up positions, metres; (..., 3) in, (..., 3) out."""
@@ -135,11 +141,13 @@ def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     east, north, up = np.moveaxis(np.asarray(enu_m, dtype=np.float64), -1, 0)
     ground_m = np.hypot(east, north)
     range_m = np.hypot(ground_m, up)
-    aside = ground_m >= DIRECTION_LIMIT_M
-    azimuth_deg = np.where(aside, wrap_360(np.degrees(np.arctan2(east, north))), np.nan)
-    elevation_deg = np.degrees(np.arctan2(up, np.where(aside, ground_m, 0.0)))
-    away = range_m >= DIRECTION_LIMIT_M
-    return azimuth_deg, np.where(away, elevation_deg, np.nan), range_m
+    azimuth_deg = wrap_360(np.degrees(np.arctan2(east, north)))
+    elevation_deg = np.degrees(np.arctan2(up, ground_m))
+    return (
+        np.where(ground_m > 0, azimuth_deg, np.nan),
+        np.where(range_m > 0, elevation_deg, np.nan),
+        range_m,
+    )
 
 
 @np.errstate(all="ignore")
