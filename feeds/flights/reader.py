@@ -1,0 +1,97 @@
+"""A flight from a file: which reader, within which size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from plotfeed.feeds.flights import dataflash, tlog
+from plotfeed.feeds.flights.flight import MAX_OCTETS, Flight, FlightOptions, GpsOrder, Log
+from plotfeed.feeds.flights.gpx import read_gpx
+from plotfeed.feeds.flights.srt import read_srt
+from plotfeed.feeds.flights.table import read_table
+from plotfeed.feeds.report import AltitudeReference
+from plotfeed.proto.errors import PlotfeedError
+
+Reader = Callable[[bytes, FlightOptions, Log], None]
+
+
+def _of_text(read_text: Callable[[str, FlightOptions, Log], None]) -> Reader:
+    """That reader, given octets; what is not UTF-8 is replaced and then no number."""
+    return lambda data, options, log: read_text(data.decode("utf-8-sig", "replace"), options, log)
+
+
+_BY_SUFFIX: Mapping[str, Reader] = {
+    ".srt": _of_text(read_srt),
+    ".csv": _of_text(read_table),
+    ".tsv": _of_text(read_table),
+    ".txt": _of_text(read_table),
+    ".bin": dataflash.read_dataflash,
+    ".tlog": tlog.read_tlog,
+    ".gpx": _of_text(read_gpx),
+}
+
+
+def read(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    altitude_reference: AltitudeReference | None = None,
+    gps_order: GpsOrder | None = None,
+    utc_offset_h: float = 0.0,
+    start_utc_ns: int | None = None,
+    max_octets: int = MAX_OCTETS,
+) -> Flight:
+    """The flight in a log: DJI SRT, CSV, ArduPilot .bin, MAVLink .tlog or GPX.
+
+    `columns` maps quantities to a table's column names; the other options say what the file does
+    not (see `FlightOptions`). Records that are damaged, out of order or implausible are listed in
+    `skipped`; raises `PlotfeedError` if nothing is left or the file cannot be understood.
+    """
+    options = FlightOptions(
+        columns=columns or {},
+        altitude_reference=altitude_reference,
+        gps_order=gps_order,
+        utc_offset_h=utc_offset_h,
+        start_utc_ns=start_utc_ns,
+    )
+    path = Path(path)
+    try:
+        if not abs(utc_offset_h) <= 24:
+            raise PlotfeedError(f"UTC offset is {utc_offset_h:g} h; expected -24 to 24")
+        data = _octets(path, max_octets)
+        log = Log()
+        _reader(path, data)(data, options, log)
+        return log.flight(path.stem)
+    except PlotfeedError as error:
+        raise PlotfeedError(f"{path}: {error}") from error
+
+
+def _octets(path: Path, max_octets: int) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(max_octets + 1)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else None
+        raise PlotfeedError(f"cannot be read: {why or error}") from error
+    if len(data) > max_octets:
+        raise PlotfeedError(f"larger than {max_octets} octets, the most that is read")
+    if not data.strip():
+        raise PlotfeedError("empty file")
+    return data
+
+
+def _reader(path: Path, data: bytes) -> Reader:
+    """By what the file begins with where that is unmistakable, else by its name."""
+    start = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start.startswith(dataflash.MAGIC):
+        return dataflash.read_dataflash
+    if start.startswith((b"<?xml", b"<gpx")):
+        return _BY_SUFFIX[".gpx"]
+    if b"-->" in start:
+        return _BY_SUFFIX[".srt"]
+    if (by_name := _BY_SUFFIX.get(path.suffix.lower())) is not None:
+        return by_name
+    if tlog.looks_like_tlog(data):
+        return tlog.read_tlog
+    raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(_BY_SUFFIX)}")
