@@ -88,11 +88,9 @@ def pd_noncoherent_cfar(
     looks together.
     """
     test, reference = _cfar_shares(snr, pfa, n_looks, n_reference)
-    return np.where(
-        test < reference,
-        betaincc(n_looks, n_reference, test),
-        betainc(n_reference, n_looks, reference),
-    )
+    by_test = betaincc(n_looks, n_reference, test)
+    by_reference = betainc(n_reference, n_looks, reference)
+    return _floats(np.where(test < reference, by_test, by_reference))
 
 
 @np.errstate(all="ignore")
@@ -202,7 +200,8 @@ def _unequal(snrs: ArrayLike, pfa: ArrayLike) -> tuple[Floats, Floats]:
         phase = phase * goes_on
         phase[..., 1:] += leaving[..., :-1]
         finished = finished + leaving[..., -1]
-    return pd, miss
+    # The smaller of the two has all its digits; from it the larger one, which may not pass one.
+    return np.where(miss < pd, 1 - miss, pd), np.where(pd < miss, 1 - pd, miss)
 
 
 def _poisson_terms(mean: Floats) -> int:

@@ -1,0 +1,305 @@
+"""Detection against closed forms of 60 digits, signal-level Monte Carlo, and plain properties."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from shared_files import reference, shared
+
+from plotfeed.models import detection
+
+snr_dbs = st.floats(-60, 60)
+pfas = st.floats(-15, -0.1).map(lambda exponent: 10.0**exponent)
+looks = st.integers(1, 8)
+references = st.integers(2, 256)
+
+
+def linear(decibels):
+    return 10 ** (np.asarray(decibels) / 10)
+
+
+def test_cfar_swerling1_agrees_with_the_reference():
+    table = reference("pd_cacfar_sw1.csv")
+    case = (linear(table["snr_db"]), table["pfa"], table["n_ref"])
+    alpha = detection.cfar_multiplier(*case[1:])
+    np.testing.assert_allclose(alpha, table["alpha"], rtol=1e-14)
+    np.testing.assert_allclose(detection.pd_cfar_swerling1(*case), table["pd"], rtol=1e-13)
+    miss = detection.miss_cfar_swerling1(*case)
+    np.testing.assert_allclose(miss, table["one_minus_pd"], rtol=1e-14)
+
+
+def test_one_look_in_known_noise_agrees_with_the_reference():
+    table = reference("pd_known_noise_sw1.csv")
+    case = (linear(table["snr_db"]), table["pfa"], 1)
+    pd = detection.pd_noncoherent_swerling2(*case)
+    np.testing.assert_allclose(pd, table["pd"], rtol=1e-13)
+    miss = detection.miss_noncoherent_swerling2(*case)
+    np.testing.assert_allclose(miss, table["one_minus_pd"], rtol=1e-13)
+
+
+def test_noncoherent_threshold_agrees_with_the_reference():
+    table = reference("nci_threshold.csv")
+    threshold = detection.threshold_noncoherent(table["pfa"], table["n_integrated"])
+    np.testing.assert_allclose(threshold, table["yb_sum"], rtol=5e-14)
+    np.testing.assert_allclose(threshold / table["n_integrated"], table["yb_mean"], rtol=5e-14)
+
+
+def test_noncoherent_swerling2_agrees_with_the_reference():
+    table = reference("nci_pd_sw2.csv")
+    case = (linear(table["snr_db"]), table["pfa"], table["n_integrated"])
+    pd = detection.pd_noncoherent_swerling2(*case)
+    np.testing.assert_allclose(pd, table["pd"], rtol=1e-13)
+    miss = detection.miss_noncoherent_swerling2(*case)
+    np.testing.assert_allclose(miss, table["one_minus_pd"], rtol=1e-13)
+
+
+def test_equal_looks_are_a_case_of_unequal_ones():
+    table = reference("nci_pd_sw2.csv")
+    for n_looks in np.unique(table["n_integrated"]):
+        row = table["n_integrated"] == n_looks
+        snrs = np.repeat(linear(table["snr_db"][row])[:, None], int(n_looks), axis=1)
+        pd = detection.pd_noncoherent_unequal(snrs, table["pfa"][row])
+        np.testing.assert_allclose(pd, table["pd"][row], rtol=1e-13)
+        miss = detection.miss_noncoherent_unequal(snrs, table["pfa"][row])
+        np.testing.assert_allclose(miss, table["one_minus_pd"][row], rtol=1e-13)
+
+
+def test_noncoherent_cfar_agrees_with_the_reference():
+    table = reference("nci_cacfar_pd_sw2.csv")
+    design = (table["pfa"], table["n_integrated"], table["n_ref_samples"])
+    ratio = detection.threshold_noncoherent_cfar(*design)
+    np.testing.assert_allclose(ratio, table["threshold_ratio"], rtol=1e-13)
+    snr = linear(table["snr_db"])
+    pd = detection.pd_noncoherent_cfar(snr, *design)
+    np.testing.assert_allclose(pd, table["pd"], rtol=1e-12)
+    miss = detection.miss_noncoherent_cfar(snr, *design)
+    np.testing.assert_allclose(miss, table["one_minus_pd"], rtol=1e-12)
+
+
+def test_unequal_looks_agree_with_the_reference():
+    table = reference("nci_pd_unequal_snr.csv")
+    snrs = linear(np.stack([table[f"snr{i}_db"] for i in (1, 2, 3)], axis=-1))
+    pd = detection.pd_noncoherent_unequal(snrs, table["pfa"])
+    np.testing.assert_allclose(pd, table["pd_exact"], rtol=1e-13)
+    mean_form = detection.pd_noncoherent_swerling2(snrs.mean(axis=-1), table["pfa"], 3)
+    np.testing.assert_allclose(mean_form, table["pd_mean_snr_eq18"], rtol=1e-12)
+
+
+def test_logistic_agrees_with_the_reference():
+    table = reference("logistic.csv")
+    margin_db = table["snr_minus_sens_db"]
+    np.testing.assert_allclose(detection.pd_logistic(margin_db, 0.0), table["pd"], rtol=1e-14)
+    miss = detection.miss_logistic(margin_db + 32, 32.0)
+    np.testing.assert_allclose(miss, table["one_minus_pd"], rtol=1e-12)
+
+
+def test_logistic_slope_and_middle():
+    assert detection.pd_logistic(32.0, 32.0) == 0.5
+    assert detection.pd_logistic(34.0, 32.0, 3.0) == detection.pd_logistic(6.0, 0.0)
+
+
+def test_signal_level_monte_carlo_agrees():
+    """Independent trials of the whole detector: every row plausible, and all of them together."""
+    table = reference("mc_cacfar.csv")
+    assert "snr_db" not in table  # some rows are noise alone, and say so in words
+    two_sided = []
+    for row in zip(*(table[k] for k in ("trials", "hits", "closed_form")), strict=True):
+        trials, hits, pd = int(row[0]), int(row[1]), row[2]
+        two_sided.append(stats.binomtest(hits, trials, pd).pvalue)
+    assert min(two_sided) > 1e-3 / len(two_sided)
+    assert stats.combine_pvalues(two_sided).pvalue > 1e-3
+
+
+def test_monte_carlo_closed_forms_are_ours():
+    lines = shared("reference/mc_cacfar.csv").read_text().split()[1:]
+    for n_looks, n_cells, pfa, snr_db, *_, closed, _ in (line.split(",") for line in lines):
+        snr = 0.0 if snr_db == "noise_only" else linear(float(snr_db))
+        k, n, p = int(n_looks), int(n_cells), float(pfa)
+        pd = detection.pd_noncoherent_cfar(snr, p, k, n * k)
+        assert pd == pytest.approx(float(closed), rel=1e-10)
+        if k == 1:
+            assert detection.pd_cfar_swerling1(snr, p, n) == pytest.approx(float(closed), rel=1e-10)
+
+
+PAIRS = [
+    (detection.pd_cfar_swerling1, detection.miss_cfar_swerling1, (16,)),
+    (detection.pd_noncoherent_swerling2, detection.miss_noncoherent_swerling2, (3,)),
+    (detection.pd_noncoherent_cfar, detection.miss_noncoherent_cfar, (3, 48)),
+]
+DETECTORS = [(pd, *design) for pd, _, design in PAIRS]
+
+
+@pytest.mark.parametrize(("pd", "miss", "design"), PAIRS)
+@given(snr_db=snr_dbs, pfa=pfas)
+def test_hit_and_miss_make_one(pd, miss, design, snr_db, pfa):
+    case = (linear(snr_db), pfa, *design)
+    assert pd(*case) + miss(*case) == pytest.approx(1, abs=1e-13)
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@given(snr_db=snr_dbs, more_db=st.floats(0.01, 60), pfa=pfas)
+def test_pd_grows_with_snr(detector, snr_db, more_db, pfa):
+    pd, *design = detector
+    weak, strong = pd(linear([snr_db, snr_db + more_db]), pfa, *design)
+    assert weak <= strong <= 1
+    assert weak < strong or weak > 1 - 1e-15 or snr_db < -40
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@given(snr_db=snr_dbs, pfa=pfas, factor=st.floats(0.01, 0.99))
+def test_pd_grows_with_pfa(detector, snr_db, pfa, factor):
+    pd, *design = detector
+    strict, lax = pd(linear(snr_db), np.array([pfa * factor, pfa]), *design)
+    assert strict <= lax
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@given(pfa=pfas)
+def test_noise_alone_alarms_at_the_stated_rate(detector, pfa):
+    pd, *design = detector
+    assert pd(0.0, pfa, *design) == pytest.approx(pfa, rel=1e-12)
+
+
+@given(snrs_db=st.lists(snr_dbs, min_size=1, max_size=5), pfa=pfas)
+def test_unequal_looks_lie_between_their_worst_and_their_best(snrs_db, pfa):
+    snrs = linear(snrs_db)
+    pd = detection.pd_noncoherent_unequal(snrs, pfa)
+    miss = detection.miss_noncoherent_unequal(snrs, pfa)
+    worst, best = detection.pd_noncoherent_swerling2([snrs.min(), snrs.max()], pfa, len(snrs))
+    assert worst * (1 - 1e-12) <= pd <= best * (1 + 1e-12)
+    assert pd + miss == pytest.approx(1, abs=1e-13)
+    shuffled = detection.pd_noncoherent_unequal(snrs[::-1], pfa)
+    assert shuffled == pytest.approx(float(pd), rel=1e-12)
+
+
+@given(snrs_db=st.lists(st.sampled_from([-20.0, 0.0, 3.0, 10.0, 25.0]), min_size=2, max_size=4))
+def test_unequal_looks_follow_the_hypoexponential_tail(snrs_db):
+    """Against partial fractions, which hold where all means differ."""
+    means = 1 + linear(sorted(set(snrs_db)))
+    threshold = detection.threshold_noncoherent(1e-4, len(means))
+    others = [np.delete(means, i) for i in range(len(means))]
+    shares = [np.prod(m / (m - o)) for m, o in zip(means, others, strict=True)]
+    tail = np.sum(shares * np.exp(-threshold / means))
+    assert detection.pd_noncoherent_unequal(means - 1, 1e-4) == pytest.approx(tail, rel=1e-9)
+
+
+@pytest.mark.parametrize("tie_db", [0.0, 1e-12, 1e-9, 1e-6])
+def test_near_ties_are_as_good_as_ties(tie_db):
+    snrs = linear([10.0 - tie_db, 10.0, 10.0 + tie_db])
+    expected = detection.pd_noncoherent_swerling2(10.0, 1e-10, 3)
+    assert detection.pd_noncoherent_unequal(snrs, 1e-10) == pytest.approx(expected, rel=1e-8)
+
+
+def test_a_look_of_noise_alone_and_one_beyond_all_measure():
+    assert detection.pd_noncoherent_unequal([0.0, 0.0], 1e-6) == pytest.approx(1e-6, rel=1e-13)
+    assert detection.pd_noncoherent_unequal([0.0, np.inf], 1e-6) == 1
+    assert detection.miss_noncoherent_unequal([0.0, np.inf], 1e-6) == 0
+
+
+@given(pfa=pfas, n_looks=looks)
+def test_many_reference_samples_come_to_known_noise(pfa, n_looks):
+    known = detection.pd_noncoherent_swerling2(10.0, pfa, n_looks)
+    estimated = detection.pd_noncoherent_cfar(10.0, pfa, n_looks, 10**9)
+    assert estimated == pytest.approx(known, rel=1e-4)
+    assert estimated <= known * (1 + 1e-9)
+
+
+@given(snr_db=snr_dbs, pfa=pfas, n_reference=references)
+def test_one_look_against_a_sum_is_the_cell_averaging_cfar(snr_db, pfa, n_reference):
+    case = linear(snr_db), pfa
+    one = detection.pd_noncoherent_cfar(*case, 1, n_reference)
+    assert one == pytest.approx(detection.pd_cfar_swerling1(*case, n_reference), rel=1e-12)
+    alpha = detection.cfar_multiplier(pfa, n_reference)
+    ratio = detection.threshold_noncoherent_cfar(pfa, 1, n_reference)
+    assert ratio == pytest.approx(alpha, rel=1e-12)
+
+
+def test_multiplier_of_a_trillion_cells_keeps_its_digits():
+    assert detection.cfar_multiplier(1e-6, 1e12) == pytest.approx(13.815510557964274e-12, rel=1e-11)
+
+
+@pytest.mark.parametrize(("pd", "miss", "design"), PAIRS)
+def test_limits_of_the_snr(pd, miss, design):
+    np.testing.assert_array_equal(pd([np.inf, np.nan, -0.1], 1e-15, *design), [1, np.nan, np.nan])
+    np.testing.assert_array_equal(miss([np.inf, np.nan, -2], 1e-15, *design), [0, np.nan, np.nan])
+    assert pd(0.0, 1.0, *design) == 1
+
+
+@pytest.mark.parametrize("pfa", [0.0, -0.1, 1.1, np.nan, np.inf])
+def test_no_pd_without_a_probability_of_false_alarm(pfa):
+    for detector, *design in DETECTORS:
+        assert np.isnan(detector(10.0, pfa, *design))
+    assert np.isnan(detection.pd_noncoherent_unequal([1.0, 2.0], pfa))
+    assert np.isnan(detection.cfar_multiplier(pfa, 16))
+    assert np.isnan(detection.threshold_noncoherent(pfa, 3))
+
+
+def test_shapes_broadcast():
+    snr, pfa = np.ones((4, 1)), np.full(5, 1e-6)
+    for detector, *design in DETECTORS:
+        assert detector(snr, pfa, *design).shape == (4, 5)
+        assert detector(1.0, 1e-6, *design).shape == ()
+    assert detection.pd_noncoherent_unequal(np.ones((4, 1, 3)), pfa).shape == (4, 5)
+    assert detection.pd_noncoherent_unequal(np.ones((0, 3)), 1e-6).shape == (0,)
+    assert detection.pd_logistic(snr, np.zeros(5)).shape == (4, 5)
+    rng = np.random.default_rng(0)
+    power, threshold = detection.draw_detected_snr_swerling1(snr, pfa, 16, rng)
+    assert power.shape == threshold.shape == (4, 5)
+    assert detection.draw_detected_snr_swerling1(np.ones(0), 1e-6, 16, rng)[0].shape == (0,)
+
+
+def test_hits_come_at_their_probability():
+    rng = np.random.default_rng(20)
+    pd = np.array([0.0, 1e-3, 0.3, 0.965, 1.0, np.nan])
+    hits = detection.draw_hits(np.broadcast_to(pd, (200_000, 6)), rng).sum(axis=0)
+    assert hits[0] == hits[5] == 0
+    assert hits[4] == 200_000
+    for count, p in zip(hits[1:4], pd[1:4], strict=True):
+        assert stats.binomtest(int(count), 200_000, p).pvalue > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("snr", "pfa", "n_reference", "trials"),
+    [(10.0, 1e-4, 16, 200_000), (0.0, 1e-2, 16, 1_500_000), (1000.0, 1e-6, 8, 60_000)],
+)
+def test_detected_powers_follow_the_raw_process(snr, pfa, n_reference, trials):
+    """Cells and reference cells drawn one by one, those above their threshold kept."""
+    rng = np.random.default_rng(7)
+    alpha = float(detection.cfar_multiplier(pfa, n_reference))
+    noise = sum(rng.standard_exponential(trials) for _ in range(n_reference))
+    cell = (1 + snr) * rng.standard_exponential(trials)
+    hit = cell > alpha * noise
+    pd = float(detection.pd_cfar_swerling1(snr, pfa, n_reference))
+    assert stats.binomtest(int(hit.sum()), trials, pd).pvalue > 1e-3
+
+    power, threshold = detection.draw_detected_snr_swerling1(
+        np.full(hit.sum(), snr), pfa, n_reference, rng
+    )
+    assert (power > threshold).all()
+    for drawn, kept in (
+        (power, cell[hit]),
+        (threshold, alpha * noise[hit]),
+        (power / threshold, cell[hit] / (alpha * noise[hit])),
+    ):
+        assert stats.ks_2samp(drawn, kept).pvalue > 1e-3
+
+
+def test_detected_powers_give_the_reference_accuracy():
+    """Root mean square of 1/sqrt(power), which errors are proportional to, where N is large."""
+    table = reference("fluctuating_rms_given_detection.csv")
+    rng = np.random.default_rng(11)
+    names = ("pfa", "mean_snr_db", "rms_inv_sqrt_inst_snr")
+    for pfa, snr_db, rms in zip(*(table[name] for name in names), strict=True):
+        snr = np.full(400_000, linear(snr_db))
+        power, _ = detection.draw_detected_snr_swerling1(snr, pfa, 1e12, rng)
+        z = (np.mean(1 / power) - rms**2) / (np.std(1 / power) / len(power) ** 0.5)
+        assert abs(z) < 4
+
+
+def test_draws_of_undefined_and_infinite_targets():
+    rng = np.random.default_rng(0)
+    power, _ = detection.draw_detected_snr_swerling1([np.nan, np.inf], 1e-6, 16, rng)
+    np.testing.assert_array_equal(power, [np.nan, np.inf])

@@ -1,0 +1,223 @@
+"""Frames against reference values of 60 digits, and the properties that hold everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shared_files import reference
+
+from plotfeed.models.constants import WGS84_A_M, WGS84_B_M
+from plotfeed.models.frames import (
+    LocalFrame,
+    aer_to_enu,
+    ecef_to_geodetic,
+    enu_to_aer,
+    geodetic_to_ecef,
+    wrap_180,
+    wrap_360,
+)
+
+latitudes = st.floats(-90, 90)
+longitudes = st.floats(-180, 180)
+heights = st.floats(-500, 20_000)
+angles = st.floats(-1e6, 1e6)
+
+
+def rows(table, *names):
+    return zip(*(table[name] for name in names), strict=True)
+
+
+def test_local_coordinates_agree_with_the_reference():
+    table = reference("geodesy_local.csv")
+    targets = geodetic_to_ecef(table["target_lat"], table["target_lon"], table["target_h"])
+    sites = rows(table, "sensor_lat", "sensor_lon", "sensor_h")
+    enu = np.array([LocalFrame(*s).from_ecef(t) for s, t in zip(sites, targets, strict=True)])
+    expected = np.stack([table["east_m"], table["north_m"], table["up_m"]], axis=-1)
+    assert np.abs(enu - expected).max() < 1e-8
+
+    azimuth, elevation, slant = enu_to_aer(enu)
+    np.testing.assert_allclose(slant, table["slant_range_m"], rtol=0, atol=1e-8)
+    far = np.hypot(table["east_m"], table["north_m"]) >= 100
+    assert far.sum() > 100
+    assert np.abs(wrap_180(azimuth - table["azimuth_deg"]))[far].max() < 1e-9
+    assert np.abs(elevation - table["elevation_deg"])[table["slant_range_m"] >= 100].max() < 1e-9
+
+
+def test_directions_from_exact_offsets_agree_with_the_reference():
+    table = reference("geodesy_local.csv")
+    enu = np.stack([table["east_m"], table["north_m"], table["up_m"]], axis=-1)
+    azimuth, elevation, slant = enu_to_aer(enu)
+    np.testing.assert_array_equal(np.isnan(azimuth), np.isnan(table["azimuth_deg"]))
+    assert np.nanmax(np.abs(wrap_180(azimuth - table["azimuth_deg"]))) < 1e-12
+    np.testing.assert_allclose(elevation, table["elevation_deg"], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(slant, table["slant_range_m"], rtol=1e-15)
+
+
+def test_positions_from_measurements_agree_with_the_reference():
+    table = reference("geodesy_inverse.csv")
+    enu = aer_to_enu(table["azimuth_deg"], table["elevation_deg"], table["slant_range_m"])
+    sites = rows(table, "sensor_lat", "sensor_lon", "sensor_h")
+    found = np.array([LocalFrame(*s).to_geodetic(e) for s, e in zip(sites, enu, strict=True)]).T
+    expected = np.array([table["lat_deg"], table["lon_deg"], table["h_m"]])
+    miss = geodetic_to_ecef(*found) - geodetic_to_ecef(*expected)
+    assert np.linalg.norm(miss, axis=-1).max() < 1e-8
+    assert np.abs(found[2] - expected[2]).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("geodetic", "ecef"),
+    [
+        ((0, 0, 0), (WGS84_A_M, 0, 0)),
+        ((0, 90, 0), (0, WGS84_A_M, 0)),
+        ((0, 180, 0), (-WGS84_A_M, 0, 0)),
+        ((0, -180, 0), (-WGS84_A_M, 0, 0)),
+        ((90, 123, 5), (0, 0, WGS84_B_M + 5)),
+        ((-90, -45, 0), (0, 0, -WGS84_B_M)),
+    ],
+)
+def test_axes_are_exact(geodetic, ecef):
+    np.testing.assert_allclose(geodetic_to_ecef(*geodetic), ecef, rtol=2e-16, atol=0)
+
+
+@given(latitudes, longitudes, st.floats(-10_000, 1e6))
+def test_geodetic_round_trip(latitude, longitude, height):
+    ecef = geodetic_to_ecef(latitude, longitude, height)
+    found = ecef_to_geodetic(ecef)
+    assert np.linalg.norm(geodetic_to_ecef(*found) - ecef) < 1e-8
+    assert abs(found[0] - latitude) < 1e-13
+    assert abs(found[2] - height) < 1e-8
+
+
+@pytest.mark.parametrize("latitude", [90.0, -90.0])
+def test_poles_have_latitude_height_and_longitude_zero(latitude):
+    found = ecef_to_geodetic(geodetic_to_ecef(latitude, 77.0, 123.0))
+    np.testing.assert_allclose(found, (latitude, 0.0, 123.0), rtol=0, atol=2e-9)
+
+
+@pytest.mark.parametrize("centre", [(0, 0, 0), (40e3, 0, 0), (np.nan, 0, 0), (np.inf, 0, 0)])
+def test_no_geodetic_position_near_the_centre_or_nowhere(centre):
+    assert np.isnan(ecef_to_geodetic(centre)).any()
+
+
+@given(latitudes, longitudes, heights, st.tuples(*[st.floats(-30e3, 30e3)] * 3))
+def test_local_round_trip(latitude, longitude, height, enu):
+    frame = LocalFrame(latitude, longitude, height)
+    np.testing.assert_allclose(frame.from_ecef(frame.to_ecef(enu)), enu, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        geodetic_to_ecef(*frame.to_geodetic(enu)), frame.to_ecef(enu), rtol=0, atol=1e-8
+    )
+
+
+@given(latitudes, longitudes)
+def test_rotation_is_orthonormal_and_right_handed(latitude, longitude):
+    rotation = LocalFrame(latitude, longitude, 0.0).rotation_from_ecef
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=4e-16)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_velocities_turn_but_do_not_shift():
+    frame = LocalFrame(40.0, -3.0, 650.0)
+    north = frame.rotate_to_ecef([0.0, 20.0, 0.0])
+    assert np.linalg.norm(north) == pytest.approx(20, rel=1e-15)
+    np.testing.assert_allclose(frame.rotate_from_ecef(north), [0, 20, 0], atol=1e-14)
+    ahead = geodetic_to_ecef(40.0001, -3.0, 650.0) - geodetic_to_ecef(40.0, -3.0, 650.0)
+    assert ahead @ north / np.linalg.norm(ahead) == pytest.approx(20, rel=1e-9)
+
+
+@pytest.mark.parametrize("site", [(40.4168, -3.7038), (90.0, 0.0), (-89.99, 12.0), (7.0, 180.0)])
+def test_straight_above_has_no_azimuth(site):
+    frame = LocalFrame(*site, 100.0)
+    azimuth, elevation, slant = enu_to_aer(frame.from_ecef(geodetic_to_ecef(*site, 620.0)))
+    assert np.isnan(azimuth)
+    assert elevation == 90.0
+    assert slant == pytest.approx(520, abs=1e-8)
+
+
+def test_at_the_sensor_there_is_no_direction():
+    azimuth, elevation, slant = enu_to_aer([0.0, 0.0, 0.0])
+    assert np.isnan(azimuth)
+    assert np.isnan(elevation)
+    assert slant == 0
+
+
+def test_the_antimeridian_is_no_seam():
+    west = LocalFrame(10.0, 180.0, 0.0).from_ecef(geodetic_to_ecef(10.0, -179.999, 0.0))
+    plain = LocalFrame(10.0, 30.0, 0.0).from_ecef(geodetic_to_ecef(10.0, 30.001, 0.0))
+    np.testing.assert_allclose(west, plain, atol=1e-8)
+    np.testing.assert_allclose(
+        LocalFrame(10.0, 180.0, 0.0).origin_ecef_m,
+        LocalFrame(10.0, -180.0, 0.0).origin_ecef_m,
+        rtol=0,
+        atol=0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "direction"),
+    [(0, (0, 1, 0)), (90, (1, 0, 0)), (180, (0, -1, 0)), (270, (-1, 0, 0)), (360, (0, 1, 0))],
+)
+def test_compass_points_are_exact(azimuth, direction):
+    np.testing.assert_array_equal(aer_to_enu(azimuth, 0, 1), direction)
+    assert enu_to_aer(direction)[0] == azimuth % 360
+
+
+@given(st.floats(0, 359.999), st.floats(-89.9, 89.9), st.floats(0.1, 1e5))
+def test_polar_round_trip(azimuth, elevation, slant):
+    found = enu_to_aer(aer_to_enu(azimuth, elevation, slant))
+    assert abs(wrap_180(found[0] - azimuth)) < 1e-12
+    assert abs(found[1] - elevation) < 1e-12
+    assert found[2] == pytest.approx(slant, rel=1e-15)
+
+
+@given(angles)
+def test_wrapped_angles_lie_in_their_interval_and_are_the_same_angle(angle):
+    half, full = wrap_180(angle), wrap_360(angle)
+    assert -180 <= half < 180
+    assert 0 <= full < 360
+    for wrapped in (half, full):
+        turns = (angle - wrapped) / 360
+        assert abs(turns - np.round(turns)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [(-1e-17, -1e-17), (180, -180), (-180, -180), (359.998, -0.002), (540, -180), (-190, 170)],
+)
+def test_wrap_180(angle, expected):
+    assert wrap_180(angle) == pytest.approx(expected, rel=1e-10, abs=0)
+
+
+@pytest.mark.parametrize("angle", [-1e-17, 0.0, -0.0, 360.0, 720.0, -360.0])
+def test_360_is_0(angle):
+    folded = wrap_360(angle)
+    assert folded == 0
+    assert not np.signbit(folded)
+
+
+def test_undefined_angles_stay_undefined():
+    for wrap in (wrap_180, wrap_360):
+        assert np.isnan(wrap([np.nan, np.inf, -np.inf])).all()
+    assert np.isnan(aer_to_enu(np.nan, 0, 1)[:2]).all()
+    nowhere = LocalFrame(1, 2, 3).from_ecef([[np.nan, 0, 0], [np.inf, 0, 0]])
+    assert not np.isfinite(nowhere).any()
+
+
+def test_shapes_broadcast():
+    ecef = geodetic_to_ecef(np.zeros((4, 1)), np.zeros(5), 0.0)
+    assert ecef.shape == (4, 5, 3)
+    frame = LocalFrame(1.0, 2.0, 3.0)
+    assert frame.from_ecef(ecef).shape == frame.to_ecef(ecef).shape == (4, 5, 3)
+    assert [part.shape for part in enu_to_aer(ecef)] == [(4, 5)] * 3
+    assert [part.shape for part in ecef_to_geodetic(ecef)] == [(4, 5)] * 3
+    assert aer_to_enu(np.zeros(6), 0.0, np.ones((2, 1))).shape == (2, 6, 3)
+    assert frame.from_ecef(np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_a_position_rounds_the_same_in_any_company():
+    frame = LocalFrame(40.4, -3.7, 650.0)
+    points = frame.to_ecef(np.random.default_rng(1).normal(0, 5e3, (1001, 3)))
+    together = frame.from_ecef(points)
+    alone = np.array([frame.from_ecef(point) for point in points])
+    np.testing.assert_array_equal(together, alone)

@@ -1,0 +1,240 @@
+"""Propagation against reference values of 60 digits, and where its formulas end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shared_files import reference
+
+from plotfeed.models import propagation
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.frames import enu_to_aer, wrap_180
+
+metres = st.floats(-50e3, 50e3)
+points = st.tuples(metres, metres, metres)
+
+
+def triples(table, prefix):
+    return np.stack([table[f"{prefix}_{axis}"] for axis in "enu"], axis=-1)
+
+
+def test_radar_equation_agrees_with_the_reference():
+    table = reference("radar_equation.csv")
+    snr = propagation.radar_snr(
+        table["p_av_w"],
+        table["gt_dbi"],
+        table["gr_dbi"],
+        C_M_S / table["freq_hz"],
+        table["rcs_m2"],
+        table["t_int_s"],
+        table["r_tx_m"],
+        table["r_rx_m"],
+        table["loss_db"],
+        table["noise_fig_db"],
+    )
+    np.testing.assert_allclose(snr, table["snr"], rtol=1e-14)
+
+
+def test_radar_equation_limits_and_shape():
+    case = (500.0, 20.0, 35.4, 0.03, 0.01, 0.06)
+    snr = propagation.radar_snr(*case, [0.0, 1e3, np.inf], [0.0, 1e3, np.inf], 4.0, 5.0)
+    assert snr[0] == np.inf
+    assert snr[2] == 0
+    ranges = np.full((4, 1), 7e3)
+    assert propagation.radar_snr(*case, ranges, np.full(3, 5e3), 4.0, 5.0).shape == (4, 3)
+    twice = propagation.radar_snr(*case, 2e3, 2e3, 4.0, 5.0)
+    assert snr[1] / twice == pytest.approx(16, rel=1e-14)
+
+
+def test_thermal_noise_is_minus_174_dbm_per_hertz():
+    density = propagation.noise_density_w_hz(0.0)
+    assert density == pytest.approx(1.380649e-23 * 290, rel=1e-15)
+    assert 10 * np.log10(density) + 30 == pytest.approx(-173.975, abs=1e-3)
+
+
+def test_beam_gain():
+    assert propagation.beam_gain_dbi(2.0, 6.0) == pytest.approx(35.36, abs=5e-3)
+    half = propagation.beam_gain_dbi([2.0, 3.0], 6.0, 0.5)
+    np.testing.assert_allclose(half, propagation.beam_gain_dbi([4.0, 6.0], 6.0), rtol=1e-15)
+
+
+def test_bistatic_range_agrees_with_the_reference():
+    table = reference("bistatic.csv")
+    found = propagation.bistatic_range(triples(table, "t"), triples(table, "tx"))
+    np.testing.assert_allclose(found, table["bistatic_range"], rtol=1e-12, atol=0)
+
+
+def test_range_from_bistatic_agrees_with_the_reference():
+    table = reference("bistatic.csv")
+    case = (table["bistatic_range"], table["rb"], table["beta_rx_deg"])
+    found = propagation.range_from_bistatic(*case)
+    np.testing.assert_allclose(found, table["r_rx_from_range_and_beta"], rtol=1e-12)
+    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
+    np.testing.assert_allclose(by_range, table["drrx_dsum"], rtol=1e-12)
+    # Straight behind the receiver the slope vanishes, and rounding of 180 degrees is all there is.
+    np.testing.assert_allclose(by_angle, table["drrx_dbeta_m_per_rad"], rtol=1e-12, atol=1e-11)
+
+
+def test_directions_of_the_bistatic_cases_agree_with_the_reference():
+    table = reference("bistatic.csv")
+    azimuth, _, slant = enu_to_aer(triples(table, "t"))
+    np.testing.assert_array_equal(np.isnan(azimuth), np.isnan(table["azimuth_deg"]))
+    assert np.nanmax(np.abs(wrap_180(azimuth - table["azimuth_deg"]))) < 1e-12
+    np.testing.assert_allclose(slant, table["r_rx"], rtol=1e-15)
+
+
+@given(points, points)
+def test_bistatic_range_is_the_detour(target, transmitter):
+    t, b = np.array(target), np.array(transmitter)
+    plain = np.linalg.norm(t - b) + np.linalg.norm(t) - np.linalg.norm(b)
+    found = propagation.bistatic_range(t, b)
+    assert found >= 0
+    assert found == pytest.approx(plain, abs=1e-9)
+
+
+@given(points, points)
+def test_range_comes_back_from_bistatic_range_and_angle(target, transmitter):
+    t, b = np.array(target), np.array(transmitter)
+    distance, baseline = np.linalg.norm(t), np.linalg.norm(b)
+    if min(distance, baseline) < 1:
+        return
+    apart = np.linalg.norm(t / distance - b / baseline)
+    angle_deg = np.degrees(2 * np.arcsin(min(apart / 2, 1)))
+    if angle_deg < 0.1:
+        return
+    excess = propagation.bistatic_range(t, b)
+    found = propagation.range_from_bistatic(excess, baseline, angle_deg)
+    assert found == pytest.approx(distance, rel=1e-8)
+
+
+@pytest.mark.parametrize("range_m", [100.0, 3e3, 30e3])
+@pytest.mark.parametrize("angle_deg", [5.0, 45.0, 90.0, 179.0])
+def test_bistatic_slopes_are_derivatives(range_m, angle_deg):
+    baseline, step = 20e3, 1e-3
+    by_range, by_angle = propagation.range_from_bistatic_slopes(range_m, baseline, angle_deg)
+    low, high = propagation.range_from_bistatic(
+        range_m + np.array([-step, step]), baseline, angle_deg
+    )
+    assert by_range == pytest.approx((high - low) / (2 * step), rel=1e-5)
+    low, high = propagation.range_from_bistatic(
+        range_m, baseline, angle_deg + np.array([-step, step])
+    )
+    assert by_angle == pytest.approx((high - low) / np.radians(2 * step), rel=1e-5)
+
+
+def test_bistatic_special_places():
+    transmitter = np.array([20e3, 0.0, 100.0])
+    for target in (0 * transmitter, transmitter):
+        assert propagation.bistatic_range(target, transmitter) == 0
+    beyond = propagation.bistatic_range(1.5 * transmitter, transmitter)
+    assert beyond == pytest.approx(np.linalg.norm(transmitter), rel=1e-15)
+    behind = propagation.bistatic_range(-0.1 * transmitter, transmitter)
+    assert behind == pytest.approx(0.2 * np.linalg.norm(transmitter), rel=1e-15)
+    assert propagation.bistatic_range([3.0, 4.0, 0.0], [0.0, 0.0, 0.0]) == 10
+    assert propagation.bistatic_range([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]) == 0
+    assert np.isnan(propagation.bistatic_range([np.nan, 0.0, 0.0], transmitter))
+
+
+def test_tenth_of_a_millimetre_off_the_baseline_is_resolved():
+    found = propagation.bistatic_range([10e3, 1e-4, 0.0], [20e3, 0.0, 0.0])
+    assert found == pytest.approx(1e-8 / 10e3, rel=1e-12)
+
+
+def test_range_from_bistatic_where_it_ends():
+    assert np.isnan(propagation.range_from_bistatic(0.0, 20e3, 0.0))
+    assert propagation.range_from_bistatic(0.0, 20e3, 30.0) == 0
+    assert propagation.range_from_bistatic(10.0, 0.0, 77.0) == pytest.approx(5)
+
+
+def passive_case(table):
+    return {
+        "erp_w": table["erp_w"],
+        "gain_rx_dbi": table["gr_dbi"],
+        "wavelength_m": C_M_S / 600e6,
+    }
+
+
+def test_passive_radar_agrees_with_the_reference():
+    """The table leaves out 600 MHz and 0.01 m2."""
+    table = reference("passive_snr.csv")
+    case = passive_case(table)
+    echo = {
+        "rcs_m2": 0.01,
+        "range_tx_m": table["r_tx_m"],
+        "range_rx_m": table["r_rx_m"],
+        "loss_db": table["loss_db"],
+    }
+    direct = {
+        "sidelobe_db": table["sidelobe_db"],
+        "cancellation_db": table["cancel_db"],
+        "baseline_m": table["baseline_m"],
+    }
+    target_w = propagation.passive_target_power_w(**case, **echo)
+    np.testing.assert_allclose(target_w, table["p_target_w"], rtol=1e-13)
+    direct_w = propagation.direct_signal_power_w(**case, **direct)
+    np.testing.assert_allclose(direct_w, table["p_direct_w"], rtol=1e-13)
+    noise_w = propagation.passive_noise_power_w(table["bandwidth_hz"], table["fa_db"])
+    np.testing.assert_allclose(noise_w, table["p_noise_w"], rtol=1e-13)
+    snr = propagation.passive_snr(
+        **case,
+        **echo,
+        **direct,
+        integration_s=table["t_int_s"],
+        bandwidth_hz=table["bandwidth_hz"],
+        external_noise_db=table["fa_db"],
+    )
+    np.testing.assert_allclose(snr, table["snr"], rtol=1e-13)
+
+
+def test_correlator_gain_is_capped_by_time_and_bandwidth():
+    snr = propagation.correlated_snr([0.0, 1e-20, np.inf], 1e-14, 1e6)
+    np.testing.assert_allclose(snr, [0.0, 1.0, 1e6], rtol=1e-5)
+
+
+def test_passive_noise_of_a_silent_world_is_the_receiver_less_itself():
+    factor = propagation.passive_noise_power_w(1.0, 0.0) / propagation.noise_density_w_hz(5.0)
+    assert factor == pytest.approx(1, rel=1e-14)
+
+
+def test_sound_absorption_agrees_with_the_reference():
+    table = reference("iso9613_1_alpha.csv")
+    alpha = propagation.sound_absorption_db_per_m(
+        table["freq_hz"], table["temp_c"], table["rh_pct"], table["pressure_kpa"]
+    )
+    np.testing.assert_allclose(alpha, table["alpha_db_per_m"], rtol=1e-13)
+
+
+def test_sound_absorption_of_the_standard_day_and_shape():
+    alpha = propagation.sound_absorption_db_per_m(1000.0, 20.0, 70.0, 101.325)
+    assert alpha * 1e3 == pytest.approx(4.98, abs=0.01)  # ISO 9613-1, table 1, rounded
+    many = propagation.sound_absorption_db_per_m(np.ones((4, 1)) * 500, np.zeros(3), 50, 101.325)
+    assert many.shape == (4, 3)
+
+
+def test_sound_level_agrees_with_the_reference():
+    table = reference("iso9613_2_level.csv")
+    slant, source, receiver = table["slant_m"], table["h_source_m"], table["h_receiver_m"]
+    divergence = propagation.sound_divergence_db(slant)
+    np.testing.assert_allclose(divergence, table["a_div_db"], rtol=1e-13)
+    absorption = propagation.sound_absorption_db_per_m(1e3, 15, 70, 101.325) * slant
+    np.testing.assert_allclose(absorption, table["a_atm_db_15C_70pct_1kHz"], rtol=1e-12)
+    ground = propagation.ground_attenuation_db((source + receiver) / 2, slant)
+    np.testing.assert_allclose(ground, table["a_gr_db"], rtol=1e-12)
+    index = propagation.solid_angle_index_db(table["ground_m"], source, receiver)
+    np.testing.assert_allclose(index, table["d_omega_db"], rtol=1e-12)
+    level = propagation.sound_level_db(
+        table["lw_db"], table["dc_db"], divergence + absorption + ground + 6
+    )
+    np.testing.assert_allclose(level, table["level_db_with_abar3_amisc3"], rtol=1e-12)
+
+
+@given(st.floats(0, 200), st.floats(0.01, 1e5))
+def test_ground_attenuation_lies_between_nothing_and_its_limit(height, distance):
+    assert 0 <= propagation.ground_attenuation_db(height, distance) <= 4.8
+
+
+def test_sound_at_no_distance():
+    assert propagation.ground_attenuation_db(10.0, 0.0) == 0
+    assert propagation.sound_divergence_db(0.0) == -np.inf
