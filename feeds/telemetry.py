@@ -123,7 +123,7 @@ def _from_json(payload: bytes) -> pb.Telemetry:
         raise Refused(Reason.UNDECODABLE, "payload is JSON but not an object")
     try:
         return json_format.ParseDict(fields, pb.Telemetry())
-    except (json_format.ParseError, ValueError, RecursionError) as error:
+    except Exception as error:  # ParseError mostly, but OverflowError and others slip through
         detail = f"payload is not a Telemetry object: {str(error).partition('Available')[0]}"
         raise Refused(Reason.UNDECODABLE, detail) from error
 
@@ -138,6 +138,8 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     fields = dict(pairs)
     if len(fields) < len(pairs):
         raise ValueError("a key occurs twice")
+    if any(isinstance(value, bool) for value in fields.values()):
+        raise ValueError("true or false where no field takes it")
     return fields
 
 

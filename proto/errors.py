@@ -6,6 +6,9 @@ from __future__ import annotations
 class PlotfeedError(Exception):
     """Something that a user can mend: its text is one line that names what was wrong."""
 
+    exit_code = 2
+    """Of the command: 2 for wrong use or bad input, 1 for what failed all the same."""
+
 
 class DecodeError(PlotfeedError):
     """Bytes that are not what they should be. `at_octet` counts from 0; None if it is the whole."""

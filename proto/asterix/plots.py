@@ -18,6 +18,7 @@ from plotfeed.proto.errors import EncodeError
 
 NM_M = 1852.0  # m, exact; BIPM, The International System of Units
 FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
+RHO_LSB_M = NM_M / 256  # I048/040
 TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s
 PRIMARY = 1  # I048/020/TYP: single primary detection
 NORTH_MARKER, SECTOR_CROSSING = 1, 2  # I034/000
@@ -93,7 +94,7 @@ class PlotEncoder048:
                     *(OPTIONAL[name] for name in measured),
                 ),
                 constants=self._constants,
-                lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": NM_M / 256}
+                lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": RHO_LSB_M}
                 | ({"I048/110": 25 * FOOT_M} if "height_m" in measured else {}),
             )
         return self._encoders[measured]

@@ -122,7 +122,8 @@ class _Drawing:
             if sub and f"{item.name}/{sub.name}" in self.chosen
         }
         if not subfields:
-            raise EncodeError("which of its subfields?", field=item.name)
+            asked = min(path for path in self.chosen if path.startswith(item.name))
+            raise EncodeError("name a subfield that it has", field=asked)
         self.flags(list(subfields))
         for sub in subfields.values():
             path = f"{item.name}/{sub.name}"

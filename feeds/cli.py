@@ -1,0 +1,227 @@
+"""The command: plotfeed demo | run | inject | check | show | schema."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from plotfeed.feeds.flights import FlightOptions
+
+DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
+INTERRUPTED = 130
+
+# What a command needs is imported inside it, so that --help does not wait for NumPy.
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("plotfeed"), prog_name="plotfeed")
+def cli() -> None:
+    """Drone telemetry in; what counter-UAS sensors would have reported out, in real time."""
+
+
+def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that `run` and `demo` share."""
+    for option in reversed(
+        [
+            click.option(
+                "--broker",
+                metavar="URL",
+                help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
+            ),
+            click.option(
+                "--duration", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS"
+            ),
+            click.option(
+                "--speed",
+                default="1",
+                metavar="FACTOR",
+                help="Times real time, or 'max' for as fast as possible.",
+            ),
+            click.option(
+                "--write",
+                type=click.Path(dir_okay=False, path_type=Path),
+                metavar="FILE",
+                help="Also write the ASTERIX data blocks to a raw file.",
+            ),
+            click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+@cli.command()
+@session_options
+def demo(**options: Any) -> int:
+    """Run the paper's section 4: a drone comes straight at a radar."""
+    from plotfeed.feeds.live import run_in_terminal
+    from plotfeed.feeds.scene import example
+
+    return run_in_terminal(example("section-4"), **options)
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@session_options
+def run(scene: Path, **options: Any) -> int:
+    """Run SCENE, a TOML file."""
+    from plotfeed.feeds.live import run_in_terminal
+    from plotfeed.feeds.scene import load
+
+    return run_in_terminal(load(scene), **options)
+
+
+def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that say what a flight file does not."""
+    for option in reversed(
+        [
+            click.option(
+                "--column",
+                "columns",
+                multiple=True,
+                metavar="OURS=THEIRS",
+                help="A CSV's own name for one of our columns, such as latitude_deg=lat.",
+            ),
+            click.option(
+                "--altitude-reference",
+                type=click.Choice(["ellipsoid", "mean_sea_level", "above_takeoff"]),
+                help="What altitudes are above, where the file does not say.",
+            ),
+            click.option(
+                "--gps-order",
+                type=click.Choice(["lat-lon", "lon-lat"]),
+                help="Order of an SRT's GPS(...) values, where the file does not show it.",
+            ),
+            click.option(
+                "--utc-offset-h",
+                type=click.FloatRange(-14, 14),
+                default=0.0,
+                help="Of the file's local time.",
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+@cli.command()
+@click.argument("flight", type=click.Path(path_type=Path))
+@click.option("--drone", metavar="ID", help="Last level of the topic; the file's name without it.")
+@click.option("--broker", default=DEFAULT_BROKER, show_default=True, metavar="URL")
+@click.option("--prefix", default="plotfeed", show_default=True)
+@click.option("--speed", type=click.FloatRange(min=0.01, max=1000), default=1.0, show_default=True)
+@click.option("--now", "shift", is_flag=True, help="Shift the flight's time to start now.")
+@click.option("--encoding", type=click.Choice(["protobuf", "json"]), default="protobuf")
+@click.option("--raw", is_flag=True, help="Send positions as recorded, without smoothing.")
+@click.option("--takeoff-height-m", type=float, help="Above the ellipsoid; makes altitudes that.")
+@click.option("--geoid-undulation-m", type=float, help="Above the ellipsoid; makes altitudes that.")
+@click.option("--rcs-m2", type=click.FloatRange(min=0, min_open=True))
+@flight_options
+def inject(flight: Path, **options: Any) -> int:
+    """Publish FLIGHT, a recorded file, as live telemetry."""
+    from plotfeed.feeds.publish_flight import FlightFeed, publish_flight
+
+    names = ("columns", "altitude_reference", "gps_order", "utc_offset_h")
+    how_to_read = _flight_options(**{name: options.pop(name) for name in names})
+    return publish_flight(flight, how_to_read, FlightFeed(**options))
+
+
+def _flight_options(columns: tuple[str, ...], **others: Any) -> FlightOptions:
+    from plotfeed.feeds.flights import FlightOptions
+    from plotfeed.feeds.report import AltitudeReference
+
+    pairs = [column.partition("=") for column in columns]
+    if any(not (ours and equals and theirs) for ours, equals, theirs in pairs):
+        raise click.BadParameter("expected OURS=THEIRS", param_hint="--column")
+    reference = others.pop("altitude_reference")
+    return FlightOptions(
+        columns={ours: theirs for ours, _, theirs in pairs},
+        altitude_reference=reference and AltitudeReference(reference),
+        **others,
+    )
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option(
+    "--rcs-m2", type=click.FloatRange(min=0, min_open=True), help="Instead of the scene's."
+)
+@click.option("--json", "as_json", is_flag=True)
+def check(scene: Path, rcs_m2: float | None, *, as_json: bool) -> int:
+    """Validate SCENE; print the Pd and errors that its sensors have against range."""
+    from plotfeed.feeds.check import print_check
+    from plotfeed.feeds.scene import load
+
+    print_check(load(scene), rcs_m2, as_json=as_json)
+    return 0
+
+
+@cli.command()
+@click.argument("source", metavar="FILE-or-URL")
+@click.option("--count", type=click.IntRange(min=1), help="End after so many lines.")
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+def show(source: str, count: int | None, duration: float | None, *, as_json: bool) -> int:
+    """Print decoded messages, one a line.
+
+    From a raw ASTERIX file, or from a broker: mqtt://HOST:PORT/TOPIC-FILTER, where the filter is
+    plotfeed/# if it is left out.
+    """
+    from plotfeed.feeds.show import show_source
+
+    return show_source(source, count=count, duration_s=duration, as_json=as_json)
+
+
+@cli.command()
+@click.argument("what", type=click.Choice(["scene", "messages"]), default="scene")
+def schema(what: str) -> int:
+    """Print the JSON schema of the scene file, or the protobuf schema of our messages."""
+    from plotfeed.feeds.schema import text_of
+
+    click.echo(text_of(what))
+    return 0
+
+
+def main() -> None:
+    """Entry point: errors are one line each, and the exit code says which kind."""
+    sys.exit(_run())
+
+
+def _run() -> int:
+    try:
+        code = cli.main(standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    except PlotfeedError as error:
+        return _failed(str(error), error.exit_code)
+    except BrokenPipeError:  # `plotfeed show ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _failed(f"{where}{error.strerror or error}", 1)
+    return code if isinstance(code, int) else 0
+
+
+def _failed(text: str, code: int) -> int:
+    for line in text.splitlines():
+        click.echo(f"plotfeed: {line}", err=True)
+    return code
+
+
+if __name__ == "__main__":
+    main()

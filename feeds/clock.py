@@ -1,0 +1,76 @@
+"""The clocks that a session can run by. All of them count nanoseconds of UTC since 1970."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Protocol
+
+from plotfeed.feeds.timer import PreciseTimer
+
+
+class Clock(Protocol):
+    """Tells the session's time, and waits for it. One waiter at a time."""
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Return when it is that time, at once if it is past."""
+
+    def close(self) -> None:
+        """Give back what the clock holds."""
+
+
+class WallClock:
+    """Real time, at `speed` times its pace, from `start_utc_ns` or from now.
+
+    It runs on the monotonic clock: a step of the system's UTC moves no deadline.
+    """
+
+    def __init__(self, start_utc_ns: int | None = None, *, speed: float = 1.0) -> None:
+        self._zero_monotonic_ns = time.monotonic_ns()
+        self._zero_utc_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+        self._speed = speed
+        self._timer: PreciseTimer | None = None
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+        passed_ns = time.monotonic_ns() - self._zero_monotonic_ns
+        if self._speed == 1:
+            return self._zero_utc_ns + passed_ns
+        return self._zero_utc_ns + round(passed_ns * self._speed)
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Return when it is that time; late by some tens of microseconds on Linux."""
+        if self._timer is None:
+            self._timer = PreciseTimer()
+        until_ns = t_utc_ns - self._zero_utc_ns
+        if self._speed != 1:
+            until_ns = -round(-until_ns / self._speed // 1)
+        await self._timer.wait_until(self._zero_monotonic_ns + until_ns)
+
+    def close(self) -> None:
+        """Close the timer."""
+        if self._timer is not None:
+            self._timer.__exit__(None, None, None)
+            self._timer = None
+
+
+class InstantClock:
+    """Simulated time that stands still until somebody waits, and is then there at once."""
+
+    def __init__(self, start_utc_ns: int | None = None) -> None:
+        self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+        return self._now_ns
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Be there; whatever else waits in the loop has its turn first."""
+        await asyncio.sleep(0)
+        self._now_ns = max(self._now_ns, t_utc_ns)
+
+    def close(self) -> None:
+        """Nothing is held."""

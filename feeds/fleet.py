@@ -1,0 +1,108 @@
+"""The drones that a scene flies by itself: along waypoints, or as a file recorded them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from plotfeed.feeds.altitude import AltitudeDatum
+from plotfeed.feeds.intake import add_report
+from plotfeed.feeds.scene import Drone, FlightFile, Scene, Site, Waypoint
+from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+from plotfeed.models.state import Floats
+from plotfeed.models.truth import NS, Trajectories
+
+MAX_LEG_M = 500.0
+"""A straight line this long leaves the curve of constant height by 5 mm."""
+
+
+def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
+    """Put the scene's own drones on their way; raises `PlotfeedError` for a flight without use."""
+    for drone in scene.drone:
+        begin_ns = start_utc_ns + round(drone.start_s * NS)
+        rcs_m2 = scene.telemetry.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2
+        if drone.flight is not None:
+            _fly_recorded(scene, drone, drone.flight, trajectories, begin_ns, rcs_m2)
+            continue
+        times_s, positions = knots(scene.scene.site, drone)
+        trajectories.add_path(
+            drone.id,
+            [begin_ns + round(t * NS) for t in times_s],
+            positions,
+            rcs_m2=rcs_m2,
+            repeat=drone.repeat,
+        )
+
+
+def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
+    """Times from the start of a path, and ECEF positions (k, 3), on the curved Earth."""
+    places = [_geodetic(site, waypoint) for waypoint in drone.path]
+    speeds = [w.speed_m_s or drone.speed_m_s or 0.0 for w in drone.path]
+    if drone.repeat:
+        places.append(places[0])
+        speeds.append(drone.speed_m_s or speeds[-1])
+    times_s, positions = [0.0], [geodetic_to_ecef(*places[0])]
+    for (a, b), speed_m_s in zip(pairwise(places), speeds[1:], strict=True):
+        for place in _along(a, b):
+            positions.append(geodetic_to_ecef(*place))
+            leg_m = float(np.linalg.norm(positions[-1] - positions[-2]))
+            times_s.append(times_s[-1] + max(leg_m / speed_m_s, 1e-6))
+    return times_s, np.array(positions)
+
+
+def _geodetic(site: Site, waypoint: Waypoint) -> Floats:
+    """Latitude, longitude, height of a waypoint."""
+    if waypoint.latitude_deg is not None:
+        return np.array([waypoint.latitude_deg, waypoint.longitude_deg, waypoint.height_m])
+    frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.height_m)
+    east_m, north_m, above_m = waypoint.east_m, waypoint.north_m, waypoint.above_site_m
+    latitude_deg, longitude_deg, _ = frame.to_geodetic(np.array([east_m, north_m, 0.0]))
+    return np.array([latitude_deg, longitude_deg, site.height_m + (above_m or 0.0)])
+
+
+def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
+    """The places between two, short legs apart, without the first; the short way in longitude.
+
+    Interpolated in latitude, longitude and height: over the legs that drones fly this is straight.
+    """
+    change = end - start
+    change[1] = (change[1] + 180.0) % 360.0 - 180.0
+    distance_m = float(np.linalg.norm(geodetic_to_ecef(*end) - geodetic_to_ecef(*start)))
+    legs = max(1, int(np.ceil(distance_m / MAX_LEG_M)))
+    for share in np.linspace(0, 1, legs + 1)[1:]:
+        yield start + share * change
+
+
+def _fly_recorded(
+    scene: Scene,
+    drone: Drone,
+    recorded: FlightFile,
+    trajectories: Trajectories,
+    begin_ns: int,
+    rcs_m2: float,
+) -> None:
+    from plotfeed.feeds.flights import FlightOptions, read, smoothed  # noqa: PLC0415 - scipy.interpolate
+
+    options = FlightOptions(
+        columns=recorded.columns,
+        altitude_reference=recorded.altitude_reference,
+        gps_order=recorded.gps_order,
+        utc_offset_h=recorded.utc_offset_h,
+    )
+    flight = smoothed(read(scene.folder / recorded.file, options))
+    datum = AltitudeDatum(
+        _first_known(recorded.takeoff_height_m, scene.telemetry.takeoff_height_m),
+        _first_known(recorded.geoid_undulation_m, scene.telemetry.geoid_undulation_m),
+    )
+    shift_ns = begin_ns - flight.reports[0].t_utc_ns
+    for report in flight.reports:
+        shifted = replace(report, t_utc_ns=report.t_utc_ns + shift_ns)
+        height_m = datum.height_m(report)
+        add_report(trajectories, drone.id, shifted, height_m, rcs_m2, keep_history=True)
+
+
+def _first_known(*values: float | None) -> float | None:
+    return next((v for v in values if v is not None), None)

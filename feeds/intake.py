@@ -1,0 +1,129 @@
+"""Telemetry messages in, trajectories out; what is not taken comes back as a refusal to publish.
+
+Pure: the session hears the messages, tells the time and publishes the refusals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+from google.protobuf import json_format
+
+from plotfeed.feeds.altitude import AltitudeDatum
+from plotfeed.feeds.gate import Gate
+from plotfeed.feeds.message import JSON, Message
+from plotfeed.feeds.report import Reason, Refused, Report
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.telemetry import decode
+from plotfeed.feeds.times import NS
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto import plotfeed_pb2 as pb
+
+MAX_REFUSALS_PER_S = 50
+"""Published; every one is counted. Whoever floods the telemetry shall not flood the errors."""
+
+
+class Intake:
+    """Takes telemetry for a session."""
+
+    def __init__(self, scene: Scene, trajectories: Trajectories) -> None:
+        settings = scene.telemetry
+        self.gate = Gate(
+            max_ahead_s=settings.max_ahead_s,
+            max_age_s=settings.max_age_s,
+            max_drones=settings.max_drones,
+        )
+        self.taken = 0
+        self.last_refusal = ""
+        self._prefix = scene.mqtt.prefix
+        self._datum = AltitudeDatum(settings.takeoff_height_m, settings.geoid_undulation_m)
+        self._rcs_m2 = settings.rcs_m2
+        self._scripted: Container[str] = frozenset(d.id for d in scene.drone)
+        self._trajectories = trajectories
+        self._published_in_second = (0, 0)
+
+    @property
+    def topic(self) -> str:
+        """The topic filter under which telemetry comes."""
+        return f"{self._prefix}/telemetry/+"
+
+    @property
+    def refused(self) -> int:
+        """How many messages were refused so far."""
+        return self.gate.refused.total()
+
+    def take(
+        self, topic: str, payload: bytes, content_type: str | None, now_utc_ns: int
+    ) -> Message | None:
+        """One telemetry message; the refusal to publish if it was not taken and there is room."""
+        drone = topic.rpartition("/")[2]
+        try:
+            self._admit(drone, decode(payload, content_type), now_utc_ns)
+        except Refused as refused:
+            count = self.gate.refuse(refused)
+            self.last_refusal = f"{topic}: {refused.detail}"
+            return self._refusal(topic, drone, refused, count, now_utc_ns)
+        self.taken += 1
+        return None
+
+    def _admit(self, drone: str, report: Report, now_utc_ns: int) -> None:
+        if drone in self._scripted:
+            raise Refused(Reason.NAME, f"drone {drone!r} is flown by the scene itself")
+        height_m = self._datum.height_m(report)
+        self.gate.admit(drone, report, now_utc_ns)
+        add_report(self._trajectories, drone, report, height_m, self._rcs_m2)
+
+    def _refusal(
+        self, topic: str, drone: str, refused: Refused, count: int, now_utc_ns: int
+    ) -> Message | None:
+        second, published = now_utc_ns // NS, 0
+        if second == self._published_in_second[0]:
+            published = self._published_in_second[1]
+        if published >= MAX_REFUSALS_PER_S:
+            return None
+        self._published_in_second = (second, published + 1)
+        refusal = pb.Refusal(
+            topic=topic, drone=drone, reason=refused.reason, detail=refused.detail, count=count
+        )
+        refusal.time_utc.FromNanoseconds(now_utc_ns)
+        return Message(
+            topic=f"{self._prefix}/errors",
+            payload=to_json(refusal),
+            content_type=JSON,
+            due_utc_ns=now_utc_ns,
+        )
+
+
+def add_report(
+    trajectories: Trajectories,
+    drone: str,
+    report: Report,
+    height_m: float,
+    rcs_m2: float,
+    *,
+    keep_history: bool = False,
+) -> None:
+    """Put a report into the trajectories; `rcs_m2` stands in where it states none."""
+    accuracies = (report.horizontal_accuracy_m, report.vertical_accuracy_m)
+    trajectories.add_sample(
+        drone,
+        report.t_utc_ns,
+        latitude_deg=report.latitude_deg,
+        longitude_deg=report.longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=report.velocity_enu_m_s,
+        sigma_m=max((a for a in accuracies if a is not None), default=None),
+        rcs_m2=rcs_m2 if report.rcs_m2 is None else report.rcs_m2,
+        keep_history=keep_history,
+    )
+
+
+def to_json(message: pb.Refusal | pb.SensorStatus) -> bytes:
+    """Protobuf's JSON mapping with the schema's own names, zeros included, in one line."""
+    text = json_format.MessageToJson(
+        message,
+        preserving_proto_field_name=True,
+        always_print_fields_with_no_presence=True,
+        indent=None,
+    )
+    return text.encode()

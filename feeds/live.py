@@ -1,0 +1,155 @@
+"""A session in a terminal: where to connect, a line of counts that lives, and a clean end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import signal
+import sys
+from pathlib import Path
+
+import click
+
+from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.desk import Totals
+from plotfeed.feeds.outbox import lateness_us
+from plotfeed.feeds.rawfile import RawFile
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.session import run
+from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+
+TERMINAL_EVERY_S = 0.5
+LOG_EVERY_S = 10.0
+FAILED = 1
+
+
+def run_in_terminal(
+    scene: Scene,
+    *,
+    broker: str | None,
+    duration: float | None,
+    speed: str,
+    write: Path | None,
+    as_json: bool,
+) -> int:
+    """Run until it ends or is stopped; the exit code."""
+    clock = _clock(scene, speed)
+    logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
+    with contextlib.ExitStack() as files:
+        raw = files.enter_context(RawFile(write)) if write else None
+        code, totals = asyncio.run(_run(scene, clock, broker, duration, raw, quiet=as_json))
+    if as_json:
+        click.echo(json.dumps(_summary(totals)))
+    else:
+        click.echo(f"\r\033[K{_line(totals)}" if sys.stdout.isatty() else _line(totals))
+    if raw and raw.failure:
+        click.echo(f"plotfeed: {raw.failure}", err=True)
+        return FAILED
+    return code
+
+
+def _clock(scene: Scene, speed: str) -> Clock:
+    if speed == "max":
+        return InstantClock(scene.scene.start_utc_ns)
+    try:
+        factor = float(speed)
+    except ValueError:
+        factor = 0.0
+    if not 0.001 <= factor <= 10_000:
+        raise click.BadParameter("expected 0.001 to 10000, or max", param_hint="--speed")
+    return WallClock(scene.scene.start_utc_ns, speed=factor)
+
+
+async def _run(
+    scene: Scene,
+    clock: Clock,
+    broker: str | None,
+    duration_s: float | None,
+    raw: RawFile | None,
+    *,
+    quiet: bool,
+) -> tuple[int, Totals]:
+    stop = asyncio.Event()
+    asyncio.get_running_loop().set_exception_handler(_stray_error)
+    teller: asyncio.Task[None] | None = None
+
+    def ready(urls: dict[str, str], totals: Totals) -> None:
+        nonlocal teller
+        if not quiet:
+            _introduce(scene, urls)
+            teller = asyncio.create_task(_tell(totals), name="tell")
+
+    with stopped_by_signals(stop.set) as signals:
+        totals = await run(
+            scene,
+            clock=clock,
+            broker=broker,
+            duration_s=duration_s,
+            stop=stop,
+            tap=raw.tap if raw else None,
+            on_ready=ready,
+        )
+    if teller is not None:
+        teller.cancel()
+    return (INTERRUPTED if signal.SIGINT in signals else 0), totals
+
+
+def _introduce(scene: Scene, urls: dict[str, str]) -> None:
+    prefix = scene.mqtt.prefix
+    click.echo(f"scene {scene.scene.name}")
+    for protocol, url in urls.items():
+        click.echo(f"  {protocol:<12}{url}")
+    for sensor in scene.sensor:
+        if "asterix-048" in sensor.report:
+            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/asterix/048 and /034")
+        if "plots" in sensor.report:
+            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/plots (protobuf)")
+    click.echo(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
+    if scene.mqtt.truth:
+        click.echo(f"  truth       {prefix}/truth, not for the tracker")
+    if urls:
+        example = next(iter(urls.values()))
+        click.echo(f"look at it: plotfeed show {example}; stop: Ctrl-C")
+    sys.stdout.flush()
+
+
+async def _tell(totals: Totals) -> None:
+    """The line of counts: over itself in a terminal, now and then in a log."""
+    in_terminal = sys.stdout.isatty()
+    while True:
+        await asyncio.sleep(TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S)
+        end = "" if in_terminal else "\n"
+        sys.stdout.write(("\r\033[K" if in_terminal else "") + _line(totals) + end)
+        sys.stdout.flush()
+
+
+def _line(totals: Totals) -> str:
+    p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
+    text = (
+        f"drones {totals.drones}  plots {totals.plots} (false {totals.false_alarms})  "
+        f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
+    )
+    if totals.telemetry or totals.refused:
+        text += f"  telemetry {totals.telemetry} refused {totals.refused}"
+    if totals.undelivered:
+        text += f"  undelivered {totals.undelivered}"
+    if totals.missed_scans:
+        text += f"  missed scans {totals.missed_scans}"
+    return text
+
+
+def _summary(totals: Totals) -> dict[str, float | int | str]:
+    p50, p99, p999 = lateness_us(totals.lateness_ns, 50, 99, 99.9)
+    counts = {
+        name: getattr(totals, name) for name in totals.__slots__ if name not in {"lateness_ns"}
+    }
+    return {**counts, "lateness_p50_us": p50, "lateness_p99_us": p99, "lateness_p999_us": p999}
+
+
+def _stray_error(_loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
+    """What a library's own task died of: a line, not a traceback."""
+    logging.getLogger("plotfeed").warning(
+        "%s: %s", context.get("message"), context.get("exception", "no more is known")
+    )

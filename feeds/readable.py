@@ -1,0 +1,151 @@
+"""A message's content as text: one line for each record, plot or look in it, or JSON objects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from google.protobuf import json_format
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+from google.protobuf.message import Message as ProtobufMessage
+
+from plotfeed.feeds.times import iso_utc
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.decode import Record, decode_lenient
+from plotfeed.proto.errors import DecodeError
+
+MAX_TEXT = 2000
+
+
+def asterix_lines(data: bytes, *, as_json: bool) -> tuple[list[str], list[DecodeError]]:
+    """A line for each record of raw ASTERIX, and what could not be read."""
+    records, errors = decode_lenient(data)
+    return [_record_json(r) if as_json else _record_line(r) for r in records], errors
+
+
+def message_lines(
+    topic: str, payload: bytes, content_type: str | None, *, as_json: bool
+) -> Iterator[str]:
+    """The lines of one MQTT message. What cannot be decoded says so in its line."""
+    kind = _kind(topic, content_type)
+    try:
+        if kind == "asterix":
+            yield from _asterix(topic, payload, as_json=as_json)
+        elif isinstance(kind, str):
+            yield from _json(topic, payload, as_json=as_json)
+        else:
+            message = kind.FromString(payload)
+            yield from _protobuf(topic, message, as_json=as_json)
+    except (ValueError, RecursionError, ProtobufDecodeError) as error:
+        text = f"{len(payload)} octets that are not what the topic says: {error}"
+        yield _object(topic, {"error": text}) if as_json else f"{topic}  {text}"
+
+
+def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
+    """By content type, or by topic where MQTT 3.1.1 carries none."""
+    levels = topic.split("/")
+    if (content_type or "").startswith("application/x-asterix") or "asterix" in levels[-2:]:
+        return "asterix"
+    if (content_type or "").startswith("application/json") or levels[-1] in ("errors", "status"):
+        return "json"
+    if levels[-2:-1] == ["telemetry"]:
+        return pb.Telemetry
+    kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
+    return kinds.get(levels[-1], "json")
+
+
+def _asterix(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+    records, errors = decode_lenient(payload)
+    for record in records:
+        if as_json:
+            yield _object(topic, {"category": record.category, "items": _plain(record.items)})
+        else:
+            yield f"{topic}  {_record_line(record)}"
+    for error in errors:
+        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+
+
+def _record_line(record: Record) -> str:
+    """Time of day, then every item but the source's own name for the category."""
+    items = dict(record.items)
+    if not items:
+        return f"CAT{record.category:03d}  {record.octets.hex()}"
+    time_of_day = items.pop(f"I{record.category:03d}/{_TIME_ITEM.get(record.category, '')}", None)
+    when = _clock(time_of_day) if isinstance(time_of_day, float) else "            "
+    parts = "  ".join(f"{name.partition('/')[2]} {_short(value)}" for name, value in items.items())
+    return f"CAT{record.category:03d}  {when}  {parts}"
+
+
+_TIME_ITEM = {34: "030", 48: "140"}
+
+
+def _clock(time_of_day_s: float) -> str:
+    minutes, seconds = divmod(time_of_day_s, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours:02d}:{minutes:02d}:{seconds:06.3f}"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return " ".join(f"{name}={_short(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        return "[" + ", ".join(_short(part) for part in value) + "]"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value.hex() if isinstance(value, bytes) else str(value)
+
+
+def _record_json(record: Record) -> str:
+    found: dict[str, Any] = {"category": record.category, "items": _plain(record.items)}
+    if not record.items:
+        found["octets"] = record.octets.hex()
+    return json.dumps(found)
+
+
+def _plain(value: Any) -> Any:
+    """With octets as hexadecimal text, as JSON needs them."""
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def _protobuf(topic: str, message: ProtobufMessage, *, as_json: bool) -> Iterator[str]:
+    if as_json:
+        fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
+        yield _object(topic, {type(message).__name__: fields})
+        return
+    if isinstance(message, pb.PlotBatch):
+        place = f"{topic}  scan {message.scan} sector {message.sector}"
+        for plot in message.plots:
+            yield f"{place}  {iso_utc(plot.time_utc_ns)}  {_fields(plot, 'time_utc_ns')}"
+        return
+    if isinstance(message, pb.Ledger):
+        place = f"{topic}  {message.sensor} scan {message.scan} sector {message.sector}"
+        for look in message.looks:
+            yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look, 'time_utc_ns')}"
+        for truth in message.plots:
+            whose = truth.drone or "false alarm"
+            yield f"{place}  plot {iso_utc(truth.time_utc_ns)}  of {whose}"
+        return
+    text = json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)
+    yield f"{topic}  {text}"
+
+
+def _fields(message: ProtobufMessage, *left_out: str) -> str:
+    return "  ".join(
+        f"{field.name} {_short(value)}"
+        for field, value in message.ListFields()
+        if field.name not in left_out
+    )
+
+
+def _json(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+    value = json.loads(payload)
+    yield _object(topic, value) if as_json else f"{topic}  {json.dumps(value)[:MAX_TEXT]}"
+
+
+def _object(topic: str, value: Any) -> str:
+    return json.dumps({"topic": topic, "message": value})

@@ -1,0 +1,238 @@
+"""Puts a scene together and runs it: the one place that knows everybody."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+
+from plotfeed.feeds.agenda import Agenda
+from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
+from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.desk import Desk, Totals, status_message
+from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.intake import Intake
+from plotfeed.feeds.message import PROTOBUF, Message
+from plotfeed.feeds.mqtt import BrokerAddress, MqttError, MqttLink
+from plotfeed.feeds.outbox import Outbox, Tap
+from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.station import SectorReport, Station
+from plotfeed.models.truth import NS, Trajectories
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.batch import ledger
+
+FIRST_CONNECTION_S = 5.0
+FAREWELL_S = 1.0
+DRAIN_EVERY_NS = 20 * NS
+"""A simulated clock lets the sockets catch up this often."""
+NO_BROKER = "none"
+
+
+async def run(
+    scene: Scene,
+    *,
+    clock: Clock | None = None,
+    broker: str | None = None,
+    duration_s: float | None = None,
+    stop: asyncio.Event | None = None,
+    tap: Tap | None = None,
+    on_ready: Callable[[dict[str, str], Totals], None] | None = None,
+) -> Totals:
+    """Run a scene until its duration is over or `stop` is set; raises `PlotfeedError`.
+
+    `broker` is an mqtt:// address, "none" for no MQTT at all, and None for what the scene says.
+    `tap` sees every message as it leaves; `on_ready` is told where to connect once everything
+    stands, and is given the totals that grow from then on.
+    """
+    clock = clock or WallClock(scene.scene.start_utc_ns)
+    totals = Totals()
+    try:
+        async with _brokers(scene, broker) as (addresses, urls):
+            session = Session(scene, clock, addresses, totals, tap)
+            await session.run(
+                scene.scene.duration_s if duration_s is None else duration_s,
+                stop,
+                lambda: on_ready and on_ready(urls, totals),
+            )
+    finally:
+        clock.close()
+    return totals
+
+
+@contextlib.asynccontextmanager
+async def _brokers(
+    scene: Scene, broker: str | None
+) -> AsyncIterator[tuple[list[BrokerAddress], dict[str, str]]]:
+    """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
+    url = broker or scene.mqtt.broker
+    if url == NO_BROKER:
+        yield [], {}
+        return
+    if url is not None:
+        address = BrokerAddress.parse(url)
+        yield [address], {"MQTT": str(address)}
+        return
+    embedded = await EmbeddedBroker.start(scene.mqtt.port)
+    try:
+        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,))
+        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,))
+        yield [mqtt5, mqtt3], embedded.ports.urls()
+    finally:
+        embedded.stop()
+
+
+class Session:
+    """A scene at work: a desk for each sensor, an office for telemetry and truth, one agenda."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        clock: Clock,
+        addresses: Sequence[BrokerAddress],
+        totals: Totals,
+        tap: Tap | None,
+    ) -> None:
+        self._scene = scene
+        self._clock = clock
+        self._totals = totals
+        self._agenda = Agenda()
+        self._start_ns = clock.now_ns()
+        self._trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+        self._intake = Intake(scene, self._trajectories)
+        launch(scene, self._trajectories, self._start_ns)
+        self._links: list[MqttLink] = []
+        self._office = Outbox(clock, self._office_links(addresses), tap)
+        self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
+
+    async def run(
+        self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
+    ) -> None:
+        """Connect, work until the end, say goodbye."""
+        async with asyncio.TaskGroup() as tasks:
+            links = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
+            try:
+                await self._wait_for_connections()
+                on_ready()
+                await _first_of(self._work(duration_s), stop)
+                await self._farewell()
+            finally:
+                for link in links:
+                    link.cancel()
+
+    def _office_links(self, addresses: Sequence[BrokerAddress]) -> list[MqttLink]:
+        links = [
+            MqttLink(
+                address,
+                "plotfeed-session",
+                subscribe=[self._intake.topic],
+                on_message=self._telemetry_came,
+            )
+            for address in addresses
+        ]
+        self._links.extend(links)
+        return links
+
+    def _desk(self, sensor: Sensor, addresses: Sequence[BrokerAddress], tap: Tap | None) -> Desk:
+        """A sensor is a client of its own: its last will is that it is offline."""
+        prefix = self._scene.mqtt.prefix
+        offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
+        will = status_message(prefix, offline, self._start_ns)
+        links = [MqttLink(address, f"plotfeed-{sensor.id}", will=will) for address in addresses]
+        self._links.extend(links)
+        return Desk(
+            Station(self._scene, sensor, self._trajectories),
+            Outbox(self._clock, links, tap),
+            prefix=prefix,
+            clock=self._clock,
+            agenda=self._agenda,
+            totals=self._totals,
+            keep_ledger=self._keep_ledger,
+        )
+
+    def _telemetry_came(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        refusal = self._intake.take(topic, payload, content_type, self._clock.now_ns())
+        self._totals.telemetry = self._intake.taken
+        self._totals.refused = self._intake.refused
+        self._totals.last_refusal = self._intake.last_refusal
+        self._totals.drones = len(self._trajectories.names)
+        if refusal is not None:
+            self._office.send(refusal)
+
+    def _keep_ledger(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """Put what is true on the truth topic, unless the scene keeps it back."""
+        if not self._scene.mqtt.truth:
+            return
+        entry = ledger(
+            report.sensor,
+            report.sector.scan,
+            report.sector.index,
+            looks=report.looks,
+            plots=report.plots,
+            drones=self._trajectories.names,
+            sent=sent,
+        )
+        self._office.send(
+            Message(
+                topic=f"{self._scene.mqtt.prefix}/truth",
+                payload=entry,
+                content_type=f"{PROTOBUF}; messageType=plotfeed.v1.Ledger",
+                due_utc_ns=report.sector.end_ns,
+            )
+        )
+
+    async def _wait_for_connections(self) -> None:
+        try:
+            async with asyncio.timeout(FIRST_CONNECTION_S):
+                for link in self._links:
+                    await link.wait_until_up()
+        except TimeoutError:
+            down = next(link for link in self._links if not link.is_up)
+            raise MqttError(
+                f"no MQTT broker answers at {down.address}: start one there, give another with "
+                "--broker, or leave it out for the embedded one"
+            ) from None
+
+    async def _work(self, duration_s: float | None) -> None:
+        """Do everything on the agenda, each thing at its time."""
+        end_ns = None if duration_s is None else self._start_ns + round(duration_s * NS)
+        self._totals.drones = len(self._trajectories.names)
+        for desk in self._desks:
+            desk.open(self._start_ns)
+        drain_ns = self._start_ns
+        while (due_ns := self._agenda.next_due_ns()) is not None:
+            if end_ns is not None and due_ns > end_ns:
+                await self._clock.sleep_until(end_ns)
+                return
+            await self._clock.sleep_until(due_ns)
+            for action in self._agenda.due_by(self._clock.now_ns()):
+                action()
+            if isinstance(self._clock, InstantClock) and due_ns >= drain_ns:
+                await self._drain()
+                drain_ns = due_ns + DRAIN_EVERY_NS
+
+    async def _farewell(self) -> None:
+        """Mark every sensor offline and let the sockets empty."""
+        for desk in self._desks:
+            desk.close()
+        await self._drain()
+        if self._links:
+            await asyncio.sleep(0.05)  # the broker's acknowledgements of the last statuses
+
+    async def _drain(self) -> None:
+        for outbox in (self._office, *(desk.outbox for desk in self._desks)):
+            await outbox.drain(FAREWELL_S)
+
+
+async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event | None) -> None:
+    """Wait for the end of the work, or end it when asked to stop."""
+    working = asyncio.create_task(work, name="work")
+    stopping = asyncio.create_task((stop or asyncio.Event()).wait(), name="stop")
+    try:
+        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        if working.done():
+            working.result()
+    finally:
+        for task in (working, stopping):
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task

@@ -1,0 +1,95 @@
+"""Messages made readable: from a broker as they come, or from a file."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from pathlib import Path
+
+import click
+
+from plotfeed.feeds.mqtt import AddressError, BrokerAddress, MqttError, MqttLink
+from plotfeed.feeds.readable import asterix_lines, message_lines
+from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.proto.errors import PlotfeedError
+
+DEFAULT_FILTER = "plotfeed/#"
+CONNECT_S = 5.0
+MAX_FILE_OCTETS = 1 << 30
+MAX_WAITING_LINES = 100_000
+
+
+def show_source(source: str, *, count: int | None, duration_s: float | None, as_json: bool) -> int:
+    """Print the messages of a broker or a file; the exit code. Raises `PlotfeedError`."""
+    if "://" in source:
+        return asyncio.run(_show_broker(source, count, duration_s, as_json=as_json))
+    return _show_file(Path(source), count, as_json=as_json)
+
+
+def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
+    if path.stat().st_size > MAX_FILE_OCTETS:
+        raise PlotfeedError(f"{path}: larger than {MAX_FILE_OCTETS} octets")
+    lines, errors = asterix_lines(path.read_bytes(), as_json=as_json)
+    for i, line in enumerate(lines):
+        if count is not None and i >= count:
+            return 0
+        click.echo(line)
+    for error in errors:
+        click.echo(f"plotfeed: {path}: {error}", err=True)
+    return 2 if errors else 0
+
+
+async def _show_broker(
+    url: str, count: int | None, duration_s: float | None, *, as_json: bool
+) -> int:
+    address, topic_filter = _split(url)
+    lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
+    dropped = 0
+
+    def heard(topic: str, payload: bytes, content_type: str | None) -> None:
+        nonlocal dropped
+        for line in message_lines(topic, payload, content_type, as_json=as_json):
+            if lines.full():
+                dropped += 1
+            else:
+                lines.put_nowait(line)
+
+    link = MqttLink(address, "plotfeed-show", subscribe=[topic_filter], on_message=heard)
+    running = asyncio.create_task(link.run(), name="link[show]")
+    try:
+        await _connected(link)
+        printing = asyncio.create_task(_print(lines, count), name="print")
+        with stopped_by_signals(printing.cancel) as signals:
+            await asyncio.wait({printing}, timeout=duration_s)
+        printing.cancel()
+        await asyncio.gather(printing, return_exceptions=True)
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+    if dropped:
+        click.echo(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
+    return INTERRUPTED if signal.SIGINT in signals else 0
+
+
+async def _connected(link: MqttLink) -> None:
+    try:
+        async with asyncio.timeout(CONNECT_S):
+            await link.wait_until_up()
+    except TimeoutError:
+        raise MqttError(f"no MQTT broker answers at {link.address}") from None
+
+
+async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
+    printed = 0
+    while count is None or printed < count:
+        click.echo(await lines.get())
+        printed += 1
+
+
+def _split(url: str) -> tuple[BrokerAddress, str]:
+    """Address and topic filter of mqtt://HOST:PORT/FILTER, where the filter may hold # and +."""
+    scheme, _, rest = url.partition("://")
+    place, _, topic_filter = rest.partition("/")
+    if scheme != "mqtt":
+        raise AddressError(f"{url!r}: expected a file or mqtt://HOST:PORT/TOPIC-FILTER")
+    return BrokerAddress.parse(f"mqtt://{place}"), topic_filter or DEFAULT_FILTER

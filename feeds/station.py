@@ -1,0 +1,125 @@
+"""One sensor of a scene at its place: a sector of time in, its looks, plots and messages out.
+
+Nothing here waits or sends: a station can be asked for any sector, in any order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plotfeed.feeds.formats import Format, formats_of
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.scene import RotatingScan, Scene, Sensor
+from plotfeed.feeds.sensors import active_radar
+from plotfeed.models.active_radar import draw_false_alarms, observe
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
+from plotfeed.models.scan import (
+    Sector,
+    beam_is_late_by,
+    beam_passes,
+    next_sector,
+    sector_at,
+    time_after_share_ns,
+)
+from plotfeed.models.state import Floats, Looks, Plots, TruthState
+from plotfeed.models.truth import NS, Trajectories
+
+
+@dataclass(frozen=True, slots=True)
+class SectorReport:
+    """What became of one sector: its plots are in the order of time, as they are sent."""
+
+    sensor: str
+    sector: Sector
+    looks: Looks
+    plots: Plots
+    messages: list[Message]
+
+
+class Station:
+    """A sensor, where it stands and what it reports."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
+        self.sensor = sensor
+        self.radar = active_radar(sensor)
+        self.frame = station_frame(scene, sensor)
+        self.period_ns = round(sensor.scan.period_s * NS)
+        self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
+        self._trajectories = trajectories
+        self._chance = Chance(scene.scene.seed, sensor.id)
+        self._formats: list[Format] = formats_of(scene, sensor)
+        self._edge: tuple[int, int, Floats] | None = None
+
+    def sector_at(self, t_utc_ns: int) -> Sector:
+        """The sector under way at a time."""
+        return sector_at(t_utc_ns, self.period_ns, self.sectors)
+
+    def next_sector(self, sector: Sector) -> Sector:
+        """The one after it."""
+        return next_sector(sector, self.period_ns, self.sectors)
+
+    def report(self, sector: Sector) -> SectorReport:
+        """Look at every drone when the beam is there, and say what was measured."""
+        truth = self._illuminated(sector)
+        azimuth_deg, elevation_deg, range_m = self._geometry(truth)
+        looks, detections = observe(
+            self.radar,
+            drone=truth.drone,
+            t_utc_ns=truth.t_utc_ns,
+            range_m=range_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            rcs_m2=truth.rcs_m2,
+            rng=self._chance.rng(Purpose.DETECTION, sector.scan, sector.index),
+        )
+        alarms = draw_false_alarms(
+            self.radar, sector, self._chance.rng(Purpose.FALSE_ALARMS, sector.scan, sector.index)
+        )
+        plots = self._with_heights(Plots.joined([detections, alarms]).in_order_of_time())
+        messages = [m for f in self._formats for m in f.messages(sector, plots)]
+        return SectorReport(self.sensor.id, sector, looks, plots, messages)
+
+    def _illuminated(self, sector: Sector) -> TruthState:
+        """The drones that the sensor looks at in a sector, each when it does."""
+        if self.sectors == 1:
+            return self._trajectories.state_at(sector.end_ns)
+        passed, share = beam_passes(
+            sector, self._azimuths_at(sector.start_ns), self._azimuths_at(sector.end_ns)
+        )
+        drones = np.flatnonzero(passed)
+        share = share[drones]
+        state = self._trajectories.state_at(time_after_share_ns(sector, share), drones)
+        if len(state) < len(drones):  # gone before the beam came
+            share = share[np.isin(drones, state.drone)]
+        share = share + beam_is_late_by(sector, share, self._geometry(state)[0])
+        state = self._trajectories.state_at(time_after_share_ns(sector, share), state.drone)
+        return state.rows(np.argsort(state.t_utc_ns, kind="stable"))
+
+    def _azimuths_at(self, t_utc_ns: int) -> Floats:
+        """Azimuth of every drone there ever was, NaN where it is not there; kept for one time."""
+        key = (t_utc_ns, self._trajectories.version)
+        if self._edge is None or self._edge[:2] != key:
+            state = self._trajectories.state_at(t_utc_ns)
+            azimuth_deg = np.full(len(self._trajectories.names), np.nan)
+            azimuth_deg[state.drone] = self._geometry(state)[0]
+            self._edge = (*key, azimuth_deg)
+        return self._edge[2]
+
+    def _geometry(self, state: TruthState) -> tuple[Floats, Floats, Floats]:
+        return enu_to_aer(self.frame.from_ecef(state.position_ecef_m))
+
+    def _with_heights(self, plots: Plots) -> Plots:
+        if not self.radar.measures_elevation or not len(plots):
+            return plots
+        measured_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+        return replace(plots, height_m=self.frame.to_geodetic(measured_enu_m)[2])
+
+
+def station_frame(scene: Scene, sensor: Sensor) -> LocalFrame:
+    """East-north-up at a sensor's antenna."""
+    site = scene.scene.site
+    at_site = LocalFrame(site.latitude_deg, site.longitude_deg, site.height_m)
+    return LocalFrame(*(float(x) for x in at_site.to_geodetic(np.array(sensor.position_enu_m))))

@@ -1,0 +1,83 @@
+"""When a beam is where: scans, their sectors, and the instant at which it passes a target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.models.state import Bools, Floats, Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Sector:
+    """A stretch of a scan that is reported at once: a sector, or the whole scan of a staring one.
+
+    The scan's number is floor(time / period), so it does not depend on when anything started.
+    """
+
+    scan: int
+    index: int
+    start_ns: int
+    end_ns: int
+    start_deg: float
+    end_deg: float
+
+
+def sector_at(t_utc_ns: int, period_ns: int, sectors: int) -> Sector:
+    """The sector that is being scanned at a time; the first of a scan starts at true north."""
+    scan, into_ns = divmod(t_utc_ns, period_ns)
+    index = into_ns * sectors // period_ns
+    return nth_sector(scan, index, period_ns, sectors)
+
+
+def nth_sector(scan: int, index: int, period_ns: int, sectors: int) -> Sector:
+    """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond."""
+    start_ns = scan * period_ns - (-index * period_ns // sectors)
+    end_ns = scan * period_ns - (-(index + 1) * period_ns // sectors)
+    width_deg = 360.0 / sectors
+    return Sector(scan, index, start_ns, end_ns, index * width_deg, (index + 1) * width_deg)
+
+
+def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
+    """The one that follows."""
+    carry, index = divmod(sector.index + 1, sectors)
+    return nth_sector(sector.scan + carry, index, period_ns, sectors)
+
+
+def beam_passes(
+    sector: Sector, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
+) -> tuple[Bools, Floats]:
+    """Which targets a clockwise beam passes within a sector, and after what share of it.
+
+    A target is passed when it was ahead of the beam at the start and is behind it at the end. The
+    two instants are shared with the neighbouring sectors, so that nobody falls between two of them
+    and nobody is seen in both. NaN azimuths, at the zenith, are never passed.
+    """
+    ahead_deg = wrap_180(azimuth_at_start_deg - sector.start_deg)
+    still_ahead_deg = wrap_180(azimuth_at_end_deg - sector.end_deg)
+    passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = ahead_deg / (ahead_deg - still_ahead_deg)
+    return passed, share
+
+
+def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:
+    """When a rotating beam is at those azimuths within its sector; the end of a staring scan."""
+    if sector.end_deg - sector.start_deg >= 360.0:
+        return np.full(len(azimuth_deg), sector.end_ns, np.int64)
+    share = wrap_360(azimuth_deg - sector.start_deg) / (sector.end_deg - sector.start_deg)
+    return time_after_share_ns(sector, share)
+
+
+def time_after_share_ns(sector: Sector, share: Floats) -> Ints:
+    """The time after a share of a sector, kept within it."""
+    into_ns = np.rint(share * (sector.end_ns - sector.start_ns)).astype(np.int64)
+    return sector.start_ns + np.clip(into_ns, 0, sector.end_ns - sector.start_ns - 1)
+
+
+def beam_is_late_by(sector: Sector, share: Floats, azimuth_deg: Floats) -> Floats:
+    """The share of a sector by which the beam has yet to turn to reach those azimuths."""
+    width_deg = sector.end_deg - sector.start_deg
+    return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg

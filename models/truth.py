@@ -1,0 +1,250 @@
+"""Samples of telemetry and scripted paths in, the state of every drone at any time out.
+
+Between two samples a drone follows the cubic with their positions and velocities (Hermite); past
+the last it keeps its velocity until it is stale, and then it is gone. Everything is in ECEF, so
+that one flight can be seen from any number of sites.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.state import Floats, Ints, TruthState
+
+NS = 1_000_000_000
+FOREVER_NS = 1 << 62
+
+SIGMA_VELOCITY_M_S = 1.0
+"""An unknown velocity is fitted over as many samples as it takes to know it this well."""
+MAX_FIT_SAMPLES = 20
+MAX_FIT_S = 6.0
+"""Longer than this a drone does not fly straight."""
+DEFAULT_SIGMA_M = 0.5
+"""Taken for the position accuracy of telemetry that states none."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """One drone's samples, in the order of time."""
+
+    max_gap_ns: int
+    """A longer gap between samples is not bridged: the drone was gone meanwhile."""
+    tail_ns: int
+    """How long the drone lives on past its last sample."""
+    period_ns: int = 0
+    """The path starts again after this; 0 for never."""
+    t_utc_ns: list[int] = field(default_factory=list)
+    position_ecef_m: list[Floats] = field(default_factory=list)
+    velocity_ecef_m_s: list[Floats] = field(default_factory=list)
+
+    def append(self, t_utc_ns: int, position_ecef_m: Floats, velocity_ecef_m_s: Floats) -> None:
+        self.t_utc_ns.append(t_utc_ns)
+        self.position_ecef_m.append(position_ecef_m)
+        self.velocity_ecef_m_s.append(velocity_ecef_m_s)
+
+    def forget_before(self, t_utc_ns: int) -> None:
+        """Drop samples that no state at or after that time needs."""
+        first = bisect_right(self.t_utc_ns, t_utc_ns) - 1
+        if first > 64:  # in blocks, so that the lists are not shifted at every sample
+            del self.t_utc_ns[:first]
+            del self.position_ecef_m[:first]
+            del self.velocity_ecef_m_s[:first]
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    """A stretch of time in which a drone's position is one cubic in the time since its start."""
+
+    start_ns: int
+    end_ns: int
+    alive: bool
+    coefficients: Floats  # (4, 3): metres, m/s, m/s2, m/s3
+
+
+_NOWHERE = np.zeros((4, 3))
+
+
+class Trajectories:
+    """Every drone's samples. Drones are numbered in the order in which they first appeared."""
+
+    def __init__(self, *, stale_after_s: float, history_s: float = 60.0) -> None:
+        self.stale_after_ns = round(stale_after_s * NS)
+        self.history_ns = round(history_s * NS)
+        self.names: list[str] = []
+        self.version = 0
+        """Changes with every sample: states computed under another version may be out of date."""
+        self._index: dict[str, int] = {}
+        self._tracks: list[_Track] = []
+        self._start_ns: Ints = np.zeros(0, np.int64)
+        self._end_ns: Ints = np.zeros(0, np.int64)
+        self._alive: NDArray[np.bool_] = np.zeros(0, np.bool_)
+        self._coefficients: Floats = np.zeros((0, 4, 3))
+        self._rcs_m2: Floats = np.zeros(0)
+
+    def add_sample(
+        self,
+        drone: str,
+        t_utc_ns: int,
+        *,
+        latitude_deg: float,
+        longitude_deg: float,
+        height_m: float,
+        velocity_enu_m_s: Sequence[float] | None,
+        sigma_m: float | None,
+        rcs_m2: float,
+        keep_history: bool = False,
+    ) -> None:
+        """One sample later than the drone's last; height above the ellipsoid.
+
+        Velocity components that are NaN or absent are fitted to the latest positions; `sigma_m`,
+        the positions' standard deviation, says over how many. Samples that no sensor can ask for
+        any more are forgotten unless `keep_history`.
+        """
+        row = self._row(drone, _Track(self.stale_after_ns, self.stale_after_ns))
+        track = self._tracks[row]
+        frame = LocalFrame(latitude_deg, longitude_deg, height_m)
+        position = frame.to_ecef(np.zeros(3))
+        velocity = np.full(3, np.nan)
+        if velocity_enu_m_s is not None:
+            velocity = np.asarray(velocity_enu_m_s, dtype=np.float64)
+        if np.isnan(velocity).any():
+            fitted = fit_velocity(
+                [*track.t_utc_ns[-MAX_FIT_SAMPLES + 1 :], t_utc_ns],
+                [*track.position_ecef_m[-MAX_FIT_SAMPLES + 1 :], position],
+                DEFAULT_SIGMA_M if sigma_m is None else sigma_m,
+            )
+            velocity = np.where(np.isnan(velocity), frame.rotate_from_ecef(fitted), velocity)
+        track.append(t_utc_ns, position, frame.rotate_to_ecef(velocity))
+        if not keep_history:
+            track.forget_before(t_utc_ns - self.history_ns)
+        self._changed(row, rcs_m2)
+
+    def add_path(
+        self,
+        drone: str,
+        t_utc_ns: Sequence[int],
+        position_ecef_m: ArrayLike,
+        *,
+        rcs_m2: float,
+        repeat: bool = False,
+    ) -> None:
+        """A scripted path: constant velocity between knots (k, 3), gone after the last one."""
+        track = _Track(FOREVER_NS, 0)
+        positions = np.asarray(position_ecef_m, dtype=np.float64)
+        for (t0, p0), (t1, p1) in pairwise(zip(t_utc_ns, positions, strict=True)):
+            velocity = (p1 - p0) / ((t1 - t0) / NS)
+            track.append(t0, p0, velocity)
+            track.append(t1, p1, velocity)
+        if repeat:
+            track.period_ns = t_utc_ns[-1] - t_utc_ns[0]
+        self._changed(self._row(drone, track), rcs_m2)
+
+    def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
+        """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
+        rows = np.arange(len(self.names)) if drones is None else drones
+        t = np.broadcast_to(np.asarray(t_utc_ns, dtype=np.int64), rows.shape)
+        self._bring_up_to(t, rows)
+        there = self._alive[rows]
+        rows, t = rows[there], t[there]
+        c0, c1, c2, c3 = np.moveaxis(self._coefficients[rows], 1, 0)
+        tau_s = ((t - self._start_ns[rows]) / NS)[:, None]
+        return TruthState(
+            drone=rows,
+            t_utc_ns=t,
+            position_ecef_m=c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3)),
+            velocity_ecef_m_s=c1 + tau_s * (2 * c2 + 3 * tau_s * c3),
+            rcs_m2=self._rcs_m2[rows],
+        )
+
+    def _row(self, drone: str, new_track: _Track) -> int:
+        row = self._index.get(drone)
+        if row is not None:
+            return row
+        row = self._index[drone] = len(self.names)
+        self.names.append(drone)
+        self._tracks.append(new_track)
+        if row >= len(self._rcs_m2):
+            self._grow(max(16, 2 * row))
+        return row
+
+    def _grow(self, capacity: int) -> None:
+        more = capacity - len(self._rcs_m2)
+        self._start_ns = np.concatenate([self._start_ns, np.zeros(more, np.int64)])
+        self._end_ns = np.concatenate([self._end_ns, np.zeros(more, np.int64)])
+        self._alive = np.concatenate([self._alive, np.zeros(more, np.bool_)])
+        self._coefficients = np.concatenate([self._coefficients, np.zeros((more, 4, 3))])
+        self._rcs_m2 = np.concatenate([self._rcs_m2, np.zeros(more)])
+
+    def _changed(self, row: int, rcs_m2: float) -> None:
+        self._rcs_m2[row] = rcs_m2
+        self._end_ns[row] = self._start_ns[row]  # an empty stretch: looked up when next asked for
+        self.version += 1
+
+    def _bring_up_to(self, t_utc_ns: Ints, rows: Ints) -> None:
+        """Look up the segments of the drones whose time has left the one at hand."""
+        outside = (t_utc_ns < self._start_ns[rows]) | (t_utc_ns >= self._end_ns[rows])
+        for i in np.flatnonzero(outside):
+            row = rows[i]
+            segment = _segment(self._tracks[row], int(t_utc_ns[i]))
+            self._start_ns[row], self._end_ns[row] = segment.start_ns, segment.end_ns
+            self._alive[row] = segment.alive
+            self._coefficients[row] = segment.coefficients
+
+
+def _segment(track: _Track, t_utc_ns: int) -> _Segment:
+    """The stretch of a track that holds a time."""
+    times = track.t_utc_ns
+    shift_ns = 0
+    if track.period_ns and t_utc_ns >= times[0]:
+        shift_ns = (t_utc_ns - times[0]) // track.period_ns * track.period_ns
+    k = bisect_right(times, t_utc_ns - shift_ns) - 1
+    if k < 0:
+        return _Segment(-FOREVER_NS, times[0], False, _NOWHERE)
+    start_ns, last = times[k], k == len(times) - 1
+    if not last and times[k + 1] - start_ns <= track.max_gap_ns:
+        return _Segment(start_ns + shift_ns, times[k + 1] + shift_ns, True, _hermite(track, k))
+    next_ns = FOREVER_NS if last else times[k + 1]
+    gone_ns = min(start_ns + track.tail_ns, next_ns)
+    if t_utc_ns >= gone_ns:
+        return _Segment(gone_ns, next_ns, False, _NOWHERE)
+    straight = np.stack([track.position_ecef_m[k], track.velocity_ecef_m_s[k], *_NOWHERE[:2]])
+    return _Segment(start_ns, gone_ns, True, straight)
+
+
+def _hermite(track: _Track, k: int) -> Floats:
+    """The cubic through samples k and k+1 with their velocities, in the time since k; (4, 3)."""
+    duration_s = (track.t_utc_ns[k + 1] - track.t_utc_ns[k]) / NS
+    p0, p1 = track.position_ecef_m[k : k + 2]
+    v0, v1 = track.velocity_ecef_m_s[k : k + 2]
+    mean_velocity = (p1 - p0) / duration_s
+    c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
+    c3 = (v0 + v1 - 2 * mean_velocity) / duration_s**2
+    return np.stack([p0, v0, c2, c3])
+
+
+def fit_velocity(t_utc_ns: Sequence[int], position_m: Sequence[Floats], sigma_m: float) -> Floats:
+    """Slope of the straight line through the latest positions, m/s; zero for a single one.
+
+    It reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
+    t)^2), under `SIGMA_VELOCITY_M_S`: two where positions are fine, many where they are coarse, so
+    that the steps of a quantised position are not taken for speed.
+    """
+    t_s = (np.asarray(t_utc_ns, dtype=np.int64) - t_utc_ns[-1]) / NS
+    positions = np.asarray(position_m)
+    slope = np.zeros(positions.shape[-1])
+    for n in range(2, len(t_s) + 1):
+        if t_s[-n] < -MAX_FIT_S and n > 2:
+            break
+        t = t_s[-n:] - t_s[-n:].mean()
+        spread_s2 = float(t @ t)
+        slope = t @ positions[-n:] / spread_s2
+        if sigma_m <= SIGMA_VELOCITY_M_S * spread_s2**0.5:
+            break
+    return slope

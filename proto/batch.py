@@ -1,0 +1,86 @@
+"""plotfeed's own messages from the structures of arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from plotfeed.models.state import FALSE_ALARM, Floats, Looks, Plots
+from plotfeed.proto import plotfeed_pb2 as pb
+
+_PLOT_COLUMNS = (
+    "range_m",
+    "azimuth_deg",
+    "elevation_deg",
+    "height_m",
+    "amplitude_dbm",
+    "sigma_range_m",
+    "sigma_azimuth_deg",
+    "sigma_elevation_deg",
+)
+
+
+def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:
+    """A serialised PlotBatch; what is NaN is left out."""
+    batch = pb.PlotBatch(sensor=sensor, scan=scan, sector=sector)
+    columns = [(name, getattr(plots, name).tolist()) for name in _PLOT_COLUMNS]
+    columns.append(("snr_db", decibels(plots.snr).tolist()))
+    for i, t_utc_ns in enumerate(plots.t_utc_ns.tolist()):
+        known = {name: values[i] for name, values in columns if not math.isnan(values[i])}
+        batch.plots.add(time_utc_ns=t_utc_ns, **known)
+    return batch.SerializeToString()
+
+
+def ledger(
+    sensor: str,
+    scan: int,
+    sector: int,
+    *,
+    looks: Looks,
+    plots: Plots,
+    drones: Sequence[str],
+    sent: Sequence[pb.Sent],
+) -> bytes:
+    """A serialised Ledger; `drones` names the drones by index."""
+    entry = pb.Ledger(sensor=sensor, scan=scan, sector=sector, messages=sent)
+    entry.looks.extend(_looks(looks, drones))
+    entry.plots.extend(_plot_truths(plots, drones))
+    return entry.SerializeToString()
+
+
+def _looks(looks: Looks, drones: Sequence[str]) -> Iterator[pb.Look]:
+    snr_db = decibels(looks.snr)
+    for i, drone in enumerate(looks.drone.tolist()):
+        yield pb.Look(
+            drone=drones[drone],
+            time_utc_ns=int(looks.t_utc_ns[i]),
+            range_m=looks.range_m[i],
+            azimuth_deg=looks.azimuth_deg[i],
+            elevation_deg=looks.elevation_deg[i],
+            snr_db=snr_db[i],
+            pd=looks.pd[i],
+            detected=bool(looks.detected[i]),
+        )
+
+
+def _plot_truths(plots: Plots, drones: Sequence[str]) -> Iterator[pb.PlotTruth]:
+    for i, drone in enumerate(plots.drone.tolist()):
+        t_utc_ns = int(plots.t_utc_ns[i])
+        if drone == FALSE_ALARM:
+            yield pb.PlotTruth(time_utc_ns=t_utc_ns)
+            continue
+        yield pb.PlotTruth(
+            drone=drones[drone],
+            time_utc_ns=t_utc_ns,
+            range_m=plots.true_range_m[i],
+            azimuth_deg=plots.true_azimuth_deg[i],
+            elevation_deg=plots.true_elevation_deg[i],
+        )
+
+
+def decibels(ratio: Floats) -> Floats:
+    """10 log10; zero is minus infinity, without a warning."""
+    with np.errstate(divide="ignore"):
+        return 10.0 * np.log10(ratio)

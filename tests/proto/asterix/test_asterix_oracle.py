@@ -1,0 +1,166 @@
+"""Against asterix-decoder: it reads what we send, and we read what it reads of real radars."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
+from asterix_oracle import items_of, read_blocks, values_of
+from shared_files import shared
+
+from plotfeed.proto.asterix.cat034 import CAT034
+from plotfeed.proto.asterix.cat048 import CAT048
+from plotfeed.proto.asterix.decode import FURTHER, Record, Value, blocks, decode
+from plotfeed.proto.asterix.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.layout import Category, Quantity, Raw
+from plotfeed.proto.asterix.plots import FOOT_M, NM_M, PlotEncoder048, ServiceEncoder034
+
+RECORDING = "recordings/croatia_cat_034_048.pcap"
+
+REGISTERS = "I048/250"
+"""Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers."""
+
+ADVISORY = "I048/260"
+"""A register again, without its number."""
+
+HEIGHT_OF_STATION = "I034/120"
+"""asterix-decoder takes a height below 0 for one above."""
+
+
+def ours(value: Value) -> list[Any]:
+    """The values of an item from left to right."""
+    return list(_ours(value))
+
+
+def _ours(value: Value) -> Iterator[Any]:
+    if isinstance(value, dict):
+        for name, member in value.items():
+            assert name != FURTHER
+            yield from _ours(member)
+    elif isinstance(value, list):
+        for member in value:
+            yield from _ours(member)
+    else:
+        yield value
+
+
+def assert_agree(records: list[Record], theirs: list[dict[str, Any]], but: set[str]) -> int:
+    """Both have the same items in the same records, with the same values; how many values."""
+    assert len(records) == len(theirs)
+    compared = 0
+    for record, other in zip(records, theirs, strict=True):
+        items = items_of(other)
+        assert record.category == other["category"]
+        assert set(record.items) == set(items) != set()
+        for name in set(items) - but:
+            mine, its = ours(record.items[name]), values_of(items[name])
+            if name == REGISTERS:
+                mine = [f"{one:X}{two:X}" for one, two in zip(mine[1::3], mine[2::3], strict=True)]
+                its = [register["BDS"]["val"] for register in items[name]]
+            if name == "I048/240":  # it shows a character that does not exist as a blank
+                mine = [text.replace("?", " ") for text in mine]
+            assert mine == [_comparable(value) for value in its], name
+            compared += len(mine)
+    return compared
+
+
+def _comparable(value: Any) -> Any:
+    return pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value
+
+
+def test_a_recording_of_real_radars_reads_the_same() -> None:
+    payloads = udp_payloads(shared(RECORDING))
+    records = [record for payload in payloads for record in decode(payload)]
+    assert [sum(r.category == c for r in records) for c in (48, 34)] == [128, 34]
+    theirs = [record for payload in read_blocks(payloads) for record in payload]
+    assert assert_agree(records, theirs, {ADVISORY}) > 4000
+
+
+def test_real_radars_send_a_sector_message_after_its_plots() -> None:
+    payloads = udp_payloads(shared(RECORDING))
+    mixed = 0
+    for payload in payloads:
+        records = decode(payload)
+        categories = [block.category for block in blocks(payload)]
+        assert categories in ([48], [34], [48, 34])
+        if len(categories) == 2:
+            mixed += 1
+            assert records[-1].get("I034/000") == 2
+            sector = records[-1].get("I034/020")
+            thetas = [r.get("I048/040/THETA") for r in records[:-1]]
+            assert all(isinstance(theta, float) for theta in thetas if theta is not None)
+            assert isinstance(sector, float)
+            assert all(0 <= sector - t <= 11.25 for t in thetas if isinstance(t, float))
+    assert mixed >= 20
+
+
+@pytest.mark.parametrize("category", [CAT034, CAT048], ids=lambda c: f"{c.number:03}")
+def test_it_reads_every_item_that_we_can_send(category: Category) -> None:
+    rng = np.random.default_rng(7)
+    # It knows the first two octets of I048/020, not those of later editions.
+    paths = [path for path in every_path(category) if path != "I048/020/IRMXPREP"]
+    encoder = Encoder(category, paths, constants=text_constants(category))
+    columns: dict[str, list[float]] = {}
+    for slot in numeric_slots(category):
+        assert isinstance(slot.part, Raw | Quantity)
+        low, high = slot.part.limits
+        if isinstance(slot.part, Quantity):
+            high = (slot.part.modulus or high + 1) - 1
+            drawn = rng.integers(low, high, 200, endpoint=True) * float(slot.part.lsb)
+            columns[slot.path] = drawn.tolist()
+        else:
+            columns[slot.path] = rng.integers(low, high, 200, endpoint=True).tolist()
+    sent = blocks_of(category.number, encoder.records(columns), encoder.record_length)
+    records = [record for block in sent for record in decode(block)]
+    theirs = [record for block in read_blocks(sent) for record in block]
+    assert assert_agree(records, theirs, {ADVISORY, HEIGHT_OF_STATION}) > 200 * 20
+
+
+def test_it_reads_plots_to_half_an_lsb() -> None:
+    n = 500
+    rng = np.random.default_rng(3)
+    measured = plots(
+        t_utc_ns=rng.integers(0, 2**60, n),
+        range_m=rng.uniform(0, 255 * NM_M, n),
+        azimuth_deg=rng.uniform(0, 360, n),
+        run_length_deg=rng.uniform(0, 11, n),
+        amplitude_dbm=rng.uniform(-127, 127, n),
+        height_m=rng.uniform(-500, 10_000, n),
+    )
+    records = [r for b in read_blocks(PlotEncoder048(25, 3).blocks(measured)) for r in b]
+    assert len(records) == n
+    items = [{name: values_of(item) for name, item in items_of(r).items()} for r in records]
+    assert {tuple(sorted(i)) for i in items} == {
+        ("I048/010", "I048/020", "I048/040", "I048/110", "I048/130", "I048/140")
+    }
+    assert {tuple(i["I048/010"]) for i in items} == {(25, 3)}
+    assert {tuple(i["I048/020"]) for i in items} == {(1, 1, 0, 0, 0)}
+    rho, theta = np.array([i["I048/040"] for i in items]).T
+    prl, pam = np.array([i["I048/130"] for i in items]).T
+    (height,) = np.array([i["I048/110"] for i in items]).T
+    (seconds,) = np.array([i["I048/140"] for i in items]).T
+    turned = (theta - measured.azimuth_deg + 180) % 360 - 180
+    late = (seconds - measured.t_utc_ns % (86_400 * 10**9) / 1e9 + 43_200) % 86_400 - 43_200
+    for error, half_lsb in (
+        (rho - measured.range_m / NM_M, 0.5 / 256),
+        (turned, 180 / 65536),
+        (prl - measured.run_length_deg, 180 / 8192),
+        (pam - measured.amplitude_dbm, 0.5),
+        (height - measured.height_m / FOOT_M, 12.5),
+        (late, 0.5 / 128),
+    ):
+        assert np.abs(error).max() <= half_lsb * (1 + 1e-6)
+
+
+def test_it_reads_service_messages() -> None:
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=2.5)
+    north, sector = (
+        {name: values_of(item) for name, item in items_of(record).items()}
+        for block in read_blocks([encoder.north_marker(10**9), encoder.sector_crossing(0, 45.0)])
+        for record in block
+    )
+    assert north == {"I034/010": [25, 3], "I034/000": [1], "I034/030": [1.0], "I034/041": [2.5]}
+    assert sector == {"I034/010": [25, 3], "I034/000": [2], "I034/030": [0.0], "I034/020": [45.0]}

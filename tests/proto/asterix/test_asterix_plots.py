@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix_input import plots
+
+from plotfeed.proto.asterix.decode import Record, decode
+from plotfeed.proto.asterix.plots import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.errors import EncodeError
+
+MIDNIGHT_NS = 1_700_006_400 * 10**9
+THREE_D = {"height_m": 700.0, "run_length_deg": 1.4, "amplitude_dbm": -71.6}
+
+
+def one_plot(encoder: PlotEncoder048 | None = None, **columns: Any) -> Record:
+    (block,) = (encoder or PlotEncoder048(25, 3)).blocks(plots(**columns))
+    (record,) = decode(block)
+    return record
+
+
+def test_a_plot_of_a_3d_radar_has_all_its_items() -> None:
+    record = one_plot(
+        t_utc_ns=MIDNIGHT_NS + 1_500_000_000, range_m=18520.0, azimuth_deg=90, **THREE_D
+    )
+    assert record.items == {
+        "I048/010": {"SAC": 25, "SIC": 3},
+        "I048/140": 1.5,
+        "I048/020": {"TYP": 1, "SIM": 1, "RDP": 0, "SPI": 0, "RAB": 0},
+        "I048/040": {"RHO": 10.0, "THETA": 90.0},
+        "I048/130": {"PRL": 32 * 360 / 8192, "PAM": -72.0},
+        "I048/110": 2300.0,
+    }
+
+
+def test_a_live_sensor_is_not_simulated() -> None:
+    assert one_plot(PlotEncoder048(1, 2, simulated=False), range_m=1.0).get("I048/020/SIM") == 0
+
+
+@pytest.mark.parametrize(
+    ("columns", "items"),
+    [
+        ({}, set()),
+        ({"height_m": 1.0}, {"I048/110"}),
+        ({"amplitude_dbm": 1.0}, {"I048/130/PAM"}),
+        ({"run_length_deg": 1.0}, {"I048/130/PRL"}),
+    ],
+)
+def test_what_is_not_measured_is_not_sent(columns: dict[str, float], items: set[str]) -> None:
+    record = one_plot(range_m=1.0, **columns)
+    optional = {"I048/110", "I048/130/PAM", "I048/130/PRL"}
+    assert {path for path in optional if record.get(path) is not None} == items
+
+
+@pytest.mark.parametrize("name", ["height_m", "amplitude_dbm", "run_length_deg"])
+@pytest.mark.parametrize("values", [[1.0, math.nan], [math.nan, 1.0]])
+@pytest.mark.parametrize("repeats", [1, 100])
+def test_a_column_that_is_measured_now_and_then_is_refused(
+    name: str, values: list[float], repeats: int
+) -> None:
+    with pytest.raises(EncodeError):
+        PlotEncoder048(1, 1).blocks(plots(**{name: np.repeat(values, repeats)}))
+
+
+def test_heights_are_above_the_geoid() -> None:
+    encoder = PlotEncoder048(1, 1, geoid_undulation_m=52.0)
+    assert one_plot(encoder, height_m=52.0 + 762.0).get("I048/110") == 2500.0
+    assert one_plot(encoder, height_m=0.0).get("I048/110") == -175.0
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "path", "expected"),
+    [
+        ("range_m", 500_000.0, "I048/040/RHO", 65535 / 256),
+        ("range_m", -5.0, "I048/040/RHO", 0.0),
+        ("azimuth_deg", 359.999, "I048/040/THETA", 0.0),
+        ("amplitude_dbm", -300.0, "I048/130/PAM", -128.0),
+        ("amplitude_dbm", 300.0, "I048/130/PAM", 127.0),
+        ("run_length_deg", 20.0, "I048/130/PRL", 255 * 360 / 8192),
+        ("height_m", 1e6, "I048/110", 8191 * 25.0),
+        ("height_m", -1e6, "I048/110", -8192 * 25.0),
+        ("t_utc_ns", MIDNIGHT_NS - 3_906_251, "I048/140", 86_399.9921875),
+        ("t_utc_ns", MIDNIGHT_NS - 3_906_250, "I048/140", 0.0),
+        ("t_utc_ns", MIDNIGHT_NS, "I048/140", 0.0),
+    ],
+)
+def test_edges(column: str, value: float, path: str, expected: float) -> None:
+    assert one_plot(**{column: value}).get(path) == expected
+
+
+def test_what_is_always_measured_must_be_a_number() -> None:
+    with pytest.raises(EncodeError, match="I048/040/RHO: nan"):
+        one_plot(range_m=math.nan)
+
+
+def test_no_plots_make_no_blocks() -> None:
+    assert PlotEncoder048(1, 1).blocks(plots(range_m=np.empty(0))) == []
+
+
+def test_blocks_fit_a_datagram_and_keep_the_order() -> None:
+    azimuth_deg = np.linspace(0, 359, 500)
+    blocks = PlotEncoder048(1, 1, max_octets=300).blocks(plots(azimuth_deg=azimuth_deg, **THREE_D))
+    assert max(map(len, blocks)) <= 300
+    records = [record for block in blocks for record in decode(block)]
+    back = np.array([record.get("I048/040/THETA") for record in records], dtype=float)
+    np.testing.assert_allclose(back, azimuth_deg, atol=180 / 65536)
+
+
+@pytest.mark.parametrize("arguments", [(256, 0), (0, -1)])
+def test_a_bad_source_is_refused_at_once(arguments: tuple[int, int]) -> None:
+    with pytest.raises(EncodeError, match="I048/010"):
+        PlotEncoder048(*arguments)
+    with pytest.raises(EncodeError, match="I034/010"):
+        ServiceEncoder034(*arguments, antenna_period_s=1)
+
+
+@pytest.mark.parametrize("octets", [20, 70_000])
+def test_a_bad_block_length_is_refused_at_once(octets: int) -> None:
+    with pytest.raises(EncodeError, match="max_octets"):
+        PlotEncoder048(1, 1, max_octets=octets)
+
+
+def test_service_messages() -> None:
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
+    north, sector = decode(
+        encoder.north_marker(MIDNIGHT_NS + 10**9) + encoder.sector_crossing(MIDNIGHT_NS - 1, 348.75)
+    )
+    source = {"SAC": 25, "SIC": 3}
+    assert north.items == {"I034/010": source, "I034/000": 1, "I034/030": 1.0, "I034/041": 4.0}
+    assert sector.items == {"I034/010": source, "I034/000": 2, "I034/030": 0.0, "I034/020": 348.75}
+
+
+def test_the_sector_at_north_is_0() -> None:
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
+    assert decode(encoder.sector_crossing(0, 360.0))[0].get("I034/020") == 0.0
+
+
+@pytest.mark.parametrize("period_s", [512.0, -1.0, math.nan])
+def test_an_impossible_rotation_period_is_refused(period_s: float) -> None:
+    with pytest.raises(EncodeError, match="I034/041"):
+        ServiceEncoder034(1, 1, antenna_period_s=period_s)
