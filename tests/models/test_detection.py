@@ -139,13 +139,14 @@ def test_hit_and_miss_make_one(pd, miss, design, snr_db, pfa):
     assert pd(*case) + miss(*case) == pytest.approx(1, abs=1e-13)
 
 
-@pytest.mark.parametrize("detector", DETECTORS)
-@given(snr_db=snr_dbs, more_db=st.floats(0.01, 60), pfa=pfas)
-def test_pd_grows_with_snr(detector, snr_db, more_db, pfa):
-    pd, *design = detector
-    weak, strong = pd(linear([snr_db, snr_db + more_db]), pfa, *design)
-    assert weak <= strong <= 1
-    assert weak < strong or weak > 1 - 1e-15 or snr_db < -40
+@pytest.mark.parametrize(("pd", "miss", "design"), PAIRS)
+@given(steps_db=st.tuples(st.floats(-40, 60), st.floats(0.01, 60)), pfa=pfas)
+def test_pd_grows_with_snr(pd, miss, design, steps_db, pfa):
+    snr = linear(np.cumsum(steps_db))
+    weak, strong = pd(snr, pfa, *design)
+    missed_weak, missed_strong = miss(snr, pfa, *design)
+    assert strong > weak or weak > 0.5
+    assert missed_strong < missed_weak or missed_weak > 0.5
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
@@ -153,7 +154,7 @@ def test_pd_grows_with_snr(detector, snr_db, more_db, pfa):
 def test_pd_grows_with_pfa(detector, snr_db, pfa, factor):
     pd, *design = detector
     strict, lax = pd(linear(snr_db), np.array([pfa * factor, pfa]), *design)
-    assert strict <= lax
+    assert strict < lax or strict > 1 - 1e-13
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
@@ -202,9 +203,8 @@ def test_a_look_of_noise_alone_and_one_beyond_all_measure():
 @given(pfa=pfas, n_looks=looks)
 def test_many_reference_samples_come_to_known_noise(pfa, n_looks):
     known = detection.pd_noncoherent_swerling2(10.0, pfa, n_looks)
-    estimated = detection.pd_noncoherent_cfar(10.0, pfa, n_looks, 10**9)
-    assert estimated == pytest.approx(known, rel=1e-4)
-    assert estimated <= known * (1 + 1e-9)
+    estimated = detection.pd_noncoherent_cfar(10.0, pfa, n_looks, 10**7)
+    assert estimated == pytest.approx(known, rel=1e-5)
 
 
 @given(snr_db=snr_dbs, pfa=pfas, n_reference=references)
