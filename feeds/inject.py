@@ -39,6 +39,8 @@ def _shifted(
 
 def _hastened(report: Report, speed: float) -> Report:
     """The report of a drone that flies that many times as fast."""
+    if speed == 1:
+        return report
     velocity, accuracy = report.velocity_enu_m_s, report.velocity_accuracy_m_s
     if velocity is not None:
         east, north, up = velocity

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -107,17 +108,41 @@ class Log:
         )
 
     def _in_order(self) -> list[tuple[str, Report]]:
-        """The records later than all before them."""
-        in_order = self.found[:1]
-        for where, report in self.found[1:]:
-            behind_s = (in_order[-1][1].t_utc_ns - report.t_utc_ns) / NS
-            if behind_s < 0:
-                in_order.append((where, report))
-            elif behind_s == 0:
-                self.skip(where, "same time as the record before")
-            else:
-                self.skip(where, f"{behind_s:.3f} s before the record before")
-        return in_order
+        """The most records that can be had in strictly increasing time; others are skipped.
+
+        A single wrong clock reading, early or late, so costs no more than its own record.
+        """
+        kept = longest_increasing([report.t_utc_ns for _, report in self.found])
+        times = {self.found[i][1].t_utc_ns for i in kept}
+        for i in sorted(set(range(len(self.found))).difference(kept)):
+            where, report = self.found[i]
+            again = report.t_utc_ns in times
+            self.skip(where, "same time as another" if again else "out of the order of time")
+        return [self.found[i] for i in kept]
+
+
+def longest_increasing(times: Sequence[int]) -> list[int]:
+    """Indices of a longest strictly increasing subsequence; of equal times the first.
+
+    Patience sorting: `ends[k]` is the index of the smallest time that can end k + 1 of them.
+    """
+    ends: list[int] = []
+    end_times: list[int] = []
+    before = [-1] * len(times)
+    for i, time in enumerate(times):
+        k = bisect_left(end_times, time)
+        before[i] = ends[k - 1] if k else -1
+        if k == len(ends):
+            ends.append(i)
+            end_times.append(time)
+        elif time < end_times[k]:
+            ends[k], end_times[k] = i, time
+    chosen: list[int] = []
+    i = ends[-1] if ends else -1
+    while i >= 0:
+        chosen.append(i)
+        i = before[i]
+    return chosen[::-1]
 
 
 def utc_ns(when: datetime, utc_offset_h: float) -> int:

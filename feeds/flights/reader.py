@@ -64,7 +64,7 @@ def read(
         _reader(path, data)(data, options, log)
         return log.flight(path.stem)
     except PlotfeedError as error:
-        raise PlotfeedError(f"{path}: {error}") from error
+        raise PlotfeedError(" ".join(f"{path}: {error}".split())) from error
 
 
 def _octets(path: Path, max_octets: int) -> bytes:

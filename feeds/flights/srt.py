@@ -12,22 +12,22 @@ from plotfeed.feeds.report import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 _NUMBER = r"([-+]?\d{1,12}(?:\.\d{1,20})?)"
-_SEPARATOR = r"\s{0,9},\s{0,9}"
+_SPACE = r"[ \t]{0,9}"
+_SEPARATOR = rf"{_SPACE},{_SPACE}"
 _GPS = re.compile(
-    rf"\bGPS\s{{0,9}}\(\s{{0,9}}{_NUMBER}{_SEPARATOR}{_NUMBER}(?:{_SEPARATOR}{_NUMBER}\s?(M?))?\s*\)"
+    rf"\bGPS{_SPACE}\({_SPACE}{_NUMBER}{_SEPARATOR}{_NUMBER}"
+    rf"(?:{_SEPARATOR}{_NUMBER}{_SPACE}(M?))?{_SPACE}\)"
 )
 # Some models spell it "longtitude".
-_NAMED = re.compile(
-    rf"\b(latitude|longt?itude|rel_alt|abs_alt|altitude)\s{{0,9}}:\s{{0,9}}{_NUMBER}"
-)
-_BAROMETER = re.compile(rf"\bBAROMETER\s{{0,9}}:\s{{0,9}}{_NUMBER}|,\s{{0,9}}H {_NUMBER}m\b")
-_CAMERA_LINE = re.compile(r"\bF/[\d.]{1,6},\s{0,9}SS ")
-_HOME = re.compile(r"\bHOME\s{0,9}\(")
+_NAMED = re.compile(rf"\b(latitude|longt?itude|rel_alt|abs_alt|altitude){_SPACE}:{_SPACE}{_NUMBER}")
+_BAROMETER = re.compile(rf"\bBAROMETER{_SPACE}:{_SPACE}{_NUMBER}|,{_SPACE}H {_NUMBER}m\b")
+_CAMERA_LINE = re.compile(r"\bF/[\d.]{1,6},[ \t]{0,9}SS ")
+_HOME = re.compile(r"\bHOME[ \t]{0,9}\(")
 _DATE = re.compile(
     r"\b(\d{4})[.-](\d{1,2})[.-](\d{1,2})[ T](\d{1,2}):(\d\d):(\d\d)"
     r"(?:[.,](\d{3}))?(?:[.,]?(\d{3}))?"
 )
-_FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})\s{0,9}-->")
+_FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})[ \t]{0,9}-->")
 
 
 @dataclass(slots=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,10 @@ _SIGNED = 0x01
 _SIGNATURE_OCTETS = 13
 _GLOBAL_POSITION_INT = 33
 
+_MAGIC = re.compile(b"[\xfd\xfe]")
+
 Sender = tuple[int, int]
+Decode = Callable[[bytes], Any | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +47,18 @@ class _Frame:
 def read_tlog(data: bytes, options: FlightOptions, log: Log) -> None:
     """Take every GLOBAL_POSITION_INT of the vehicle that sent most of them."""
     reference = options.altitude_reference or AltitudeReference.MEAN_SEA_LEVEL
-    decoder = _decoder()
-    frames = [f for f in _frames(data, log) if f.message_id == _GLOBAL_POSITION_INT]
+    decode = _decoder()
+    frames = [f for f in _frames(data, decode, log) if f.message_id == _GLOBAL_POSITION_INT]
     senders = Counter(frame.sender for frame in frames)
     vehicle = senders.most_common(1)[0][0] if senders else None
     for frame in frames:
         where = f"offset {frame.offset}"
         if frame.sender != vehicle:
             log.skip(where, f"from system {frame.sender[0]}, not the one with most positions")
-            continue
-        try:
-            message = decoder.decode(bytearray(frame.octets))
-        except Exception as error:  # noqa: BLE001 - pymavlink's error type is not exported steadily
-            log.skip(where, f"damaged: {error}")
-            continue
-        _take(where, frame.t_utc_ns, message, reference, log)
+        elif (message := decode(frame.octets)) is None:
+            log.skip(where, "damaged: its checksum is wrong")
+        else:
+            _take(where, frame.t_utc_ns, message, reference, log)
 
 
 def _take(where: str, t_utc_ns: int, message: Any, reference: AltitudeReference, log: Log) -> None:
@@ -76,30 +77,50 @@ def _take(where: str, t_utc_ns: int, message: Any, reference: AltitudeReference,
     )
 
 
-def _decoder() -> Any:
+def _decoder() -> Decode:
+    """A function from a frame to its message, or to None where no checksum proves it one."""
     try:
         from pymavlink.dialects.v20 import common  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise PlotfeedError("tlog needs pymavlink: pip install 'plotfeed[mavlink]'") from error
-    return common.MAVLink(None)
+    mavlink = common.MAVLink(None)
+
+    def decode(frame: bytes) -> Any | None:
+        try:
+            message = mavlink.decode(bytearray(frame))
+        except Exception:  # noqa: BLE001 - pymavlink raises what it likes at damaged frames
+            return None
+        return None if isinstance(message, common.MAVLink_unknown) else message
+
+    return decode
 
 
-def _frames(data: bytes, log: Log) -> Iterator[_Frame]:
+def _frames(data: bytes, decode: Decode, log: Log) -> Iterator[_Frame]:
     """Every stamped frame; octets between them that are none are passed over and told."""
-    offset = bad_from = 0
-    while offset + STAMP_OCTETS < len(data):
-        octets = _frame_octets(data, offset + STAMP_OCTETS)
-        if octets is None:
-            offset += 1
+    bad_from = search_from = 0
+    while (found := _MAGIC.search(data, search_from + STAMP_OCTETS)) is not None:
+        offset = found.start() - STAMP_OCTETS
+        octets = _frame_octets(data, found.start())
+        frame = data[found.start() : found.start() + (octets or 0)]
+        # Where the last frame ended the next is expected; elsewhere only a checksum tells.
+        expected = octets and offset == bad_from and _followed(data, found.start() + octets)
+        if octets is None or not (expected or decode(frame)):
+            search_from = offset + 1
             continue
         if offset > bad_from:
             log.skip(f"offset {bad_from}", f"{offset - bad_from} octets that are no frame")
-        stamp_us = int.from_bytes(data[offset : offset + STAMP_OCTETS], "big")
-        frame = data[offset + STAMP_OCTETS : offset + STAMP_OCTETS + octets]
+        stamp_us = int.from_bytes(data[offset : found.start()], "big")
         yield _Frame(offset, stamp_us * 1000, frame)
-        offset = bad_from = offset + STAMP_OCTETS + octets
+        search_from = bad_from = found.start() + octets
     if len(data) > bad_from:
         log.skip(f"offset {bad_from}", f"{len(data) - bad_from} octets that are no frame")
+
+
+def _followed(data: bytes, end: int) -> bool:
+    """Whether another stamped frame seems to begin there, or the file ends."""
+    if end + STAMP_OCTETS >= len(data):
+        return end == len(data)
+    return data[end + STAMP_OCTETS] in (MAGIC_V1, MAGIC_V2)
 
 
 def _frame_octets(data: bytes, start: int) -> int | None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -53,9 +54,8 @@ BRACKETS = [
 @pytest.mark.parametrize("lines", [MATRICE, MAVIC_PRO, MINI, BRACKETS])
 def test_every_dialect_gives_the_same_flight(lines: list[str]) -> None:
     flight = flown(subtitles(lines))
-    assert positions(flight) == [(36.61 + i / 1e4, -6.112, i + 0.5) for i in range(3)] or [
-        pytest.approx((36.61 + i / 1e4, -6.112, i + 0.5)) for i in range(3)
-    ] == positions(flight)
+    expected = [pytest.approx((36.61 + i / 1e4, -6.112, i + 0.5)) for i in range(3)]
+    assert positions(flight) == expected
     assert [r.t_utc_ns for r in flight.reports] == [START + i * S for i in range(3)]
     assert flight.reports[0].altitude_reference is AltitudeReference.ABOVE_TAKEOFF
     assert flight.skipped == ()
@@ -137,19 +137,14 @@ def test_a_file_cut_or_damaged_anywhere_gives_what_is_whole(data: st.DataObject)
     text = subtitles(data.draw(st.sampled_from([MATRICE, MAVIC_PRO, MINI, BRACKETS])))
     at = data.draw(st.integers(0, len(text)))
     text = text[:at] + data.draw(st.sampled_from(["", "\x00", "9" * 400, ")(-->", "\n\n\n"]))
-    try:
-        flight = flown(text)
-    except PlotfeedError:
-        return
-    assert 1 <= len(flight.reports) <= 3
+    with suppress(PlotfeedError):
+        assert 1 <= len(flown(text).reports) <= 3
 
 
 @given(st.text(alphabet="GPS(1.0,)-->\n: BAROMETERM", max_size=300))
 def test_arbitrary_text_gives_a_flight_or_a_clear_error(text: str) -> None:
-    try:
-        flown(text)
-    except PlotfeedError as error:
-        assert "\n" not in str(error)
+    with suppress(PlotfeedError):
+        assert flown(text).reports
 
 
 def test_the_matrice_flight() -> None:
