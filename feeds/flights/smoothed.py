@@ -17,8 +17,11 @@ from plotfeed.models.state import Floats
 MAX_GAP_S = 5.0
 """What happened in a longer gap is not guessed, unless the whole log is that sparse."""
 SPARSE_FACTOR = 3.0
-DEGREE_DECIMALS = range(3, 10)
+DEGREE_DECIMALS = range(4, 10)
 METRE_DECIMALS = range(4)
+"""Numbers of decimals in which logs write degrees and metres, the coarsest first."""
+WRITTEN_SHARE = 0.97
+"""Of the values; the others may be damaged."""
 MIN_SIGMA_M = 1e-4
 WGS84_A_M = 6_378_137.0
 WGS84_E2 = 6.694379990141317e-3
@@ -40,13 +43,15 @@ def smoothed(flight: Flight) -> Flight:
 def quantum(values: Floats, decimals: range) -> float:
     """The step in which values (n,) are written; 0 if none shows.
 
-    The coarsest power of ten that all are multiples of; else their smallest difference, if all
+    The coarsest power of ten that they are multiples of; else their smallest difference, if all
     differences are multiples of it and most values come again.
     """
+    distinct = np.unique(values)
     for k in decimals:
-        if np.all(np.abs(values * 10**k - np.round(values * 10**k)) < 1e-4):
+        in_steps = distinct * 10**k
+        if np.mean(np.abs(in_steps - np.round(in_steps)) < 1e-4) >= WRITTEN_SHARE:
             return float(10.0**-k)
-    steps = np.diff(np.unique(values))
+    steps = np.diff(distinct)
     steps = steps[steps > 10.0 ** (-decimals[-1] - 1)]
     if len(steps) == 0 or 2 * (len(steps) + 1) > len(values):
         return 0.0

@@ -53,6 +53,8 @@ class _Block:
 def read_srt(text: str, options: FlightOptions, log: Log) -> None:
     """Take every block of a DJI subtitle file that has a position and a time."""
     blocks = list(_blocks(text))
+    if not any(block.gps or "latitude" in block.named for block in blocks):
+        raise PlotfeedError("no positions: expected GPS(...) or [latitude: ...] in the subtitles")
     order = _gps_order(blocks, options, log)
     heights = _height_source(blocks, options)
     dated = any(_DATE.search(block.text) for block in blocks)

@@ -124,6 +124,12 @@ def test_the_step_in_which_degrees_are_written(values: list[float], expected: fl
     assert quantum(np.array(values), DEGREE_DECIMALS) == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_damaged_value_does_not_hide_the_step() -> None:
+    values = np.round(50 + np.arange(60) * 1e-4, 4)
+    values[7] += 1.23e-6
+    assert quantum(values, DEGREE_DECIMALS) == 1e-4
+
+
 def test_the_step_in_which_heights_are_written() -> None:
     assert quantum(np.array([0.3, 87.9, -0.1]), METRE_DECIMALS) == 0.1
     assert quantum(np.array([5.0, 7.0, 5.0]), METRE_DECIMALS) == 1.0

@@ -125,6 +125,11 @@ def test_without_dates_a_start_is_asked_for() -> None:
     assert [r.t_utc_ns for r in flight.reports] == [START + i * S for i in range(3)]
 
 
+def test_subtitles_of_something_else_are_refused() -> None:
+    with pytest.raises(PlotfeedError, match="no positions"):
+        flown(subtitles(["Good evening."]))
+
+
 def test_records_that_cannot_be_read_are_told_by_line() -> None:
     lines = [MATRICE[0], "GPS(n/a) BAROMETER:1.0M", "GPS(0.0,0.0,0.0M) BAROMETER:1.0M", MATRICE[2]]
     flight = flown(subtitles(lines))
