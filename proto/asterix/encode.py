@@ -16,7 +16,7 @@ from plotfeed.proto.asterix.scaling import Rule, constant_bits
 from plotfeed.proto.asterix.vector import VectorEncoder
 from plotfeed.proto.errors import EncodeError
 
-CROSSOVER = 50
+CROSSOVER = 80
 """Records from which on the vector path is the faster one; tests/benchmarks/bench_asterix.py."""
 
 UDP_OCTETS = 1400
@@ -69,24 +69,18 @@ class Encoder:
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
         try:
-            lengths = {len(column) for column in values}
+            lengths = set(map(len, values))
         except TypeError:  # a number for all records has no length
             lengths = {len(column) for column in values if np.ndim(column)} or {1}
+            n = max(lengths)
+            values = [c if np.ndim(c) else np.broadcast_to(np.asarray(c), n) for c in values]
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
         n = lengths.pop() if lengths else 1
         if n >= CROSSOVER:
             return self._many(values, n)
-        return self._few([_listed(column, n) for column in values])
-
-
-def _listed(column: Any, n: int) -> list[Any]:
-    """A column as Python numbers, which cost less than NumPy's one by one."""
-    if isinstance(column, np.ndarray):
-        column = column.tolist()
-    if hasattr(column, "__len__"):
-        return [*column]
-    return [column] * n
+        # Python's own numbers cost less than NumPy's one by one.
+        return self._few([c.tolist() if isinstance(c, np.ndarray) else c for c in values])
 
 
 def blocks_of(

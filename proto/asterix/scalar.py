@@ -27,6 +27,7 @@ def compiled(octets: int, template: int, rules: Sequence[Rule]) -> tuple[One, Ma
     packer = struct.Struct(">" + "".join(CODES[word.size] for word in words))
     names = {
         "pack": packer.pack,
+        "rounded": float.__round__,  # half to even, in less than half the time of round()
         "blame": _blame(rules),
         "faults": (TypeError, ValueError, OverflowError, struct.error),
     }
@@ -75,7 +76,7 @@ def _integer(column: int, rule: Rule) -> list[str]:
     """Lines that make the integer `r<column>` of the value `v<column>`."""
     r, v = f"r{column}", f"v{column}"
     if not isinstance(rule.lsb, int):
-        lines = [f"{r} = round({v} / {rule.lsb!r})"]
+        lines = [f"{r} = rounded({v} / {rule.lsb!r})"]
     elif rule.lsb == 1:
         lines = [f"{r} = {v}"]
     elif rule.lsb % 2:

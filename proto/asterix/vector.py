@@ -15,6 +15,8 @@ from plotfeed.proto.errors import EncodeError
 
 Integers = NDArray[np.int64]
 
+INT64_SAFE = 2.0**62
+
 
 class VectorEncoder:
     """Encodes columns of numbers; its octets are those of the scalar path."""
@@ -53,7 +55,7 @@ def _integers(rule: Rule, column: ArrayLike) -> NDArray[np.uint64]:
     raw = _rounded(rule, column)
     match rule.overflow:
         case Overflow.WRAP:
-            raw = np.mod(raw, rule.modulus)
+            raw = _wrapped(raw, rule.modulus)
         case Overflow.SATURATE:
             raw = np.clip(raw, rule.low, rule.high)
         case Overflow.REFUSE:
@@ -64,6 +66,19 @@ def _integers(rule: Rule, column: ArrayLike) -> NDArray[np.uint64]:
     if rule.low < 0:
         whole = whole & ((1 << rule.bits) - 1)
     return whole.view(np.uint64)
+
+
+def _wrapped(raw: NDArray[Any], modulus: int) -> NDArray[Any]:
+    """Whole numbers modulo another, without the remainder of floats where integers will do."""
+    if raw.dtype.kind == "f" and np.abs(raw).max(initial=0) >= INT64_SAFE:
+        remainder: NDArray[np.float64] = np.mod(raw, modulus)
+        return remainder
+    whole: Integers = raw.astype(np.int64, copy=False)
+    if modulus & modulus - 1:
+        whole = whole - whole // modulus * modulus
+    else:
+        whole = whole & modulus - 1
+    return whole
 
 
 def _rounded(rule: Rule, column: ArrayLike) -> NDArray[Any]:

@@ -30,6 +30,7 @@ SIZES_OF_LIBASTERIX = (1, 10, 40, 1000)
 REPEATS = 9
 SECONDS_A_REPEAT = 0.05
 SAC, SIC = 25, 3
+ITEMS = tuple(f"I048/{item}" for item in ("010", "140", "020", "040", "130/PRL", "130/PAM", "110"))
 
 
 def us_per_call(call: Callable[[], object], seconds: float) -> float:

@@ -134,6 +134,7 @@ def test_heights_come_back_to_half_an_lsb_or_saturate(height_ft: float) -> None:
         (THETA, 359.999, 0.0),
         (THETA, 360.0, 0.0),
         (THETA, -90.0, 270.0),
+        (THETA, 1e300, 0.0),
         (TIME, 86_399.998, 0.0),
         (TIME, 86_399.99, 86_399.9921875),
         (TIME, 86_400.0, 0.0),
