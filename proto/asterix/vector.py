@@ -74,11 +74,8 @@ def _wrapped(raw: NDArray[Any], modulus: int) -> NDArray[Any]:
         remainder: NDArray[np.float64] = np.mod(raw, modulus)
         return remainder
     whole: Integers = raw.astype(np.int64, copy=False)
-    if modulus & modulus - 1:
-        whole = whole - whole // modulus * modulus
-    else:
-        whole = whole & modulus - 1
-    return whole
+    power_of_two = not modulus & modulus - 1
+    return whole & modulus - 1 if power_of_two else whole - whole // modulus * modulus
 
 
 def _rounded(rule: Rule, column: ArrayLike) -> NDArray[Any]:
