@@ -6,8 +6,7 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from plotfeed.feeds.flights.plausibility import implausible
 from plotfeed.feeds.report import NS, AltitudeReference, Refused, Report, check
@@ -19,11 +18,8 @@ MAX_SKIPPED = 10_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-class GpsOrder(StrEnum):
-    """Which coordinate `GPS(…)` in a DJI subtitle names first."""
-
-    LAT_LON = "lat-lon"
-    LON_LAT = "lon-lat"
+GpsOrder = Literal["lat-lon", "lon-lat"]
+"""Which coordinate `GPS(...)` in a DJI subtitle names first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from plotfeed.feeds.flights import dataflash, tlog
-from plotfeed.feeds.flights.flight import MAX_OCTETS, Flight, FlightOptions, GpsOrder, Log
+from plotfeed.feeds.flights.flight import MAX_OCTETS, Flight, FlightOptions, Log
 from plotfeed.feeds.flights.gpx import read_gpx
 from plotfeed.feeds.flights.srt import read_srt
 from plotfeed.feeds.flights.table import read_table
-from plotfeed.feeds.report import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 Reader = Callable[[bytes, FlightOptions, Log], None]
@@ -33,32 +32,19 @@ _BY_SUFFIX: Mapping[str, Reader] = {
 
 
 def read(
-    path: str | Path,
-    *,
-    columns: Mapping[str, str] | None = None,
-    altitude_reference: AltitudeReference | None = None,
-    gps_order: GpsOrder | None = None,
-    utc_offset_h: float = 0.0,
-    start_utc_ns: int | None = None,
-    max_octets: int = MAX_OCTETS,
+    path: str | Path, options: FlightOptions | None = None, *, max_octets: int = MAX_OCTETS
 ) -> Flight:
     """The flight in a log: DJI SRT, CSV, ArduPilot .bin, MAVLink .tlog or GPX.
 
-    `columns` maps quantities to a table's column names; the other options say what the file does
-    not (see `FlightOptions`). Records that are damaged, out of order or implausible are listed in
-    `skipped`; raises `PlotfeedError` if nothing is left or the file cannot be understood.
+    The options say what the file does not. Records that are damaged, out of order or implausible
+    are listed in `skipped`; raises `PlotfeedError` if nothing is left or the file cannot be
+    understood.
     """
-    options = FlightOptions(
-        columns=columns or {},
-        altitude_reference=altitude_reference,
-        gps_order=gps_order,
-        utc_offset_h=utc_offset_h,
-        start_utc_ns=start_utc_ns,
-    )
+    options = options or FlightOptions()
     path = Path(path)
     try:
-        if not abs(utc_offset_h) <= 24:
-            raise PlotfeedError(f"UTC offset is {utc_offset_h:g} h; expected -24 to 24")
+        if not abs(options.utc_offset_h) <= 24:
+            raise PlotfeedError(f"UTC offset is {options.utc_offset_h:g} h; expected -24 to 24")
         data = _octets(path, max_octets)
         log = Log()
         _reader(path, data)(data, options, log)

@@ -59,9 +59,11 @@ def read_srt(text: str, options: FlightOptions, log: Log) -> None:
     heights = _height_source(blocks, options)
     dated = any(_DATE.search(block.text) for block in blocks)
     if not dated and options.start_utc_ns is None:
-        raise PlotfeedError("no date lines: give the time of the first frame with --start-utc")
+        raise PlotfeedError(
+            "no date lines: the time of the first frame must be given (start_utc_ns)"
+        )
     if dated:
-        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset)")
+        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset-h)")
     for block in blocks:
         where = f"line {block.line}"
         t_utc_ns = _date_ns(block, options) if dated else _frame_ns(block, options)
@@ -114,7 +116,7 @@ def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrd
     first_over = any(abs(float(gps[1])) > 90 for _, gps in pairs)
     second_over = any(abs(float(gps[2])) > 90 for _, gps in pairs)
     if first_over != second_over:
-        return GpsOrder.LON_LAT if first_over else GpsOrder.LAT_LON
+        return "lon-lat" if first_over else "lat-lon"
     order = _dialect(pairs[0][0].text, pairs[0][1], has_home=_has_home(blocks))
     if order is None:
         raise PlotfeedError(
@@ -132,9 +134,9 @@ def _has_home(blocks: list[_Block]) -> bool:
 def _dialect(text: str, gps: re.Match[str], *, has_home: bool) -> GpsOrder | None:
     """The order by the way in which models write: Matrice 300, Mavic Pro, Mavic Mini and kin."""
     if gps[4] == "M":
-        return GpsOrder.LAT_LON
+        return "lat-lon"
     if has_home or _CAMERA_LINE.search(text):
-        return GpsOrder.LON_LAT
+        return "lon-lat"
     return None
 
 
@@ -146,7 +148,7 @@ def _position(block: _Block, order: GpsOrder | None) -> tuple[float, float] | No
     if (gps := block.gps) is None:
         return None
     first, second = float(gps[1]), float(gps[2])
-    return (first, second) if order is GpsOrder.LAT_LON else (second, first)
+    return (first, second) if order == "lat-lon" else (second, first)
 
 
 @dataclass(frozen=True, slots=True)

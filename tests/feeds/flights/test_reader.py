@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plotfeed.feeds.flights import Flight, read
+from plotfeed.feeds.flights import Flight, FlightOptions, read
 from plotfeed.feeds.flights.flight import MAX_SKIPPED, Log, longest_increasing
 from plotfeed.feeds.telemetry import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
@@ -18,7 +18,7 @@ SEA = AltitudeReference.MEAN_SEA_LEVEL
 
 def flight_or_why(path: Path) -> Flight | str:
     try:
-        return read(path, altitude_reference=SEA)
+        return read(path, FlightOptions(altitude_reference=SEA))
     except PlotfeedError as error:
         return str(error)
 
@@ -73,7 +73,7 @@ def test_empty_unknown_and_huge_files_are_refused(tmp_path: Path) -> None:
 
 def test_an_offset_that_no_zone_has_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PlotfeedError, match="UTC offset"):
-        read(tmp_path / "a.csv", utc_offset_h=float("nan"))
+        read(tmp_path / "a.csv", FlightOptions(utc_offset_h=float("nan")))
 
 
 def test_the_list_of_what_was_skipped_is_bounded() -> None:

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from shared_files import shared
 
-from plotfeed.feeds.flights import Flight, read, smoothed
+from plotfeed.feeds.flights import Flight, FlightOptions, read, smoothed
 from plotfeed.feeds.flights.plausibility import distance_m
 from plotfeed.feeds.flights.smoothed import (
     DEGREE_DECIMALS,
@@ -166,8 +166,8 @@ def test_the_pixhawk_flight_is_untouched_and_its_own_velocity_agrees() -> None:
 def test_the_rotary_flight_is_untouched_and_its_own_velocity_agrees() -> None:
     columns = {"velocity_east_m_s": "Vx m/s", "velocity_north_m_s": "Vy m/s"}
     path = shared("flights/UAV_Rot.csv")
-    recorded = read(path, altitude_reference=SEA)
-    own = read(path, altitude_reference=SEA, columns=columns)
+    recorded = read(path, FlightOptions(altitude_reference=SEA))
+    own = read(path, FlightOptions(altitude_reference=SEA, columns=columns))
     assert moved_m(recorded, smoothed(recorded)) < 0.02
     fitted = np.array([r.velocity_enu_m_s for r in smoothed(recorded).reports])[:, :2]
     told = np.array([r.velocity_enu_m_s for r in own.reports])[:, :2]

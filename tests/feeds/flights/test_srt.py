@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shared_files import shared
 
-from plotfeed.feeds.flights import Flight, FlightOptions, GpsOrder, read
+from plotfeed.feeds.flights import Flight, FlightOptions, read
 from plotfeed.feeds.flights.flight import Log
 from plotfeed.feeds.flights.srt import read_srt
 from plotfeed.feeds.telemetry import AltitudeReference
@@ -92,12 +92,12 @@ def test_an_ambiguous_order_is_asked_for() -> None:
     text = subtitles(["GPS(36.6,-6.1,16) BAROMETER:1.0"])
     with pytest.raises(PlotfeedError, match="--gps-order"):
         flown(text)
-    assert positions(flown(text, gps_order=GpsOrder.LAT_LON)) == [(36.6, -6.1, 1.0)]
-    assert positions(flown(text, gps_order=GpsOrder.LON_LAT)) == [(-6.1, 36.6, 1.0)]
+    assert positions(flown(text, gps_order="lat-lon")) == [(36.6, -6.1, 1.0)]
+    assert positions(flown(text, gps_order="lon-lat")) == [(-6.1, 36.6, 1.0)]
 
 
 def test_the_users_order_overrides_the_dialect() -> None:
-    flight = flown(subtitles(MATRICE), gps_order=GpsOrder.LON_LAT)
+    flight = flown(subtitles(MATRICE), gps_order="lon-lat")
     assert flight.reports[0].latitude_deg == -6.112
 
 
@@ -119,7 +119,7 @@ def test_fractions_of_a_second_are_read_in_both_spellings() -> None:
 
 def test_without_dates_a_start_is_asked_for() -> None:
     text = subtitles(MINI, dated=False)
-    with pytest.raises(PlotfeedError, match="--start-utc"):
+    with pytest.raises(PlotfeedError, match="start_utc_ns"):
         flown(text)
     flight = flown(text, start_utc_ns=START)
     assert [r.t_utc_ns for r in flight.reports] == [START + i * S for i in range(3)]

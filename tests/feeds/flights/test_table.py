@@ -138,7 +138,7 @@ def test_the_rotary_flight() -> None:
     path = shared("flights/UAV_Rot.csv")
     with pytest.raises(PlotfeedError, match="--altitude-reference"):
         read(path)
-    flight = read(path, altitude_reference=SEA)
+    flight = read(path, FlightOptions(altitude_reference=SEA))
     assert len(flight.reports) == 965
     assert flight.duration_s == 964.0
     assert flight.reports[0].t_utc_ns == START
@@ -148,6 +148,6 @@ def test_the_rotary_flight() -> None:
 def test_a_file_is_read_by_its_suffix(tmp_path: Path) -> None:
     path = tmp_path / "flown.CSV"
     path.write_text(TABLE)
-    flight = read(str(path), altitude_reference=SEA)
+    flight = read(str(path), FlightOptions(altitude_reference=SEA))
     assert flight.name == "flown"
     assert len(flight.reports) == 2
