@@ -11,7 +11,7 @@ import numpy as np
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.scene import RotatingScan, Scene, Sensor
 from plotfeed.feeds.sensors import active_radar
-from plotfeed.models.active_radar import ActiveRadar, mean_snr
+from plotfeed.models.active_radar import ActiveRadar
 from plotfeed.models.prediction import pd_at, range_of_pd_m, rms_errors
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.plots import RHO_LSB_M
@@ -48,7 +48,7 @@ def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
 def _sensor(sensor: Sensor, rcs_m2: float) -> dict[str, Any]:
     radar = active_radar(sensor)
     ranges_m = _ranges(radar)
-    snr = mean_snr(radar, ranges_m, np.full(len(ranges_m), rcs_m2))
+    snr = radar.mean_snr(ranges_m, np.full(len(ranges_m), rcs_m2))
     sigmas = rms_errors(radar, snr)
     columns = {
         "range_m": ranges_m,

@@ -19,6 +19,8 @@ from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 
 STATUS_EVERY_NS = 5 * NS
+AHEAD_NS = 10_000_000
+"""A sector is worked out this long before its messages are due, so that only sending is left."""
 
 
 @dataclass(slots=True)
@@ -99,19 +101,23 @@ class Desk:
         self._publish_status(pb.SensorStatus.OFFLINE)
 
     def _plan(self, sector: Sector) -> None:
-        self._agenda.put(sector.end_ns, partial(self._do, sector))
+        ahead_ns = min(AHEAD_NS, sector.end_ns - sector.start_ns)
+        self._agenda.put(sector.end_ns - ahead_ns, partial(self._prepare, sector))
 
-    def _do(self, sector: Sector) -> None:
+    def _prepare(self, sector: Sector) -> None:
         now_ns = self._clock.now_ns()
         if now_ns - sector.end_ns > self._station.period_ns:
             sector = self._skip_to(now_ns, sector)
         report = self._station.report(sector)
+        self._agenda.put(sector.end_ns, partial(self._send, report))
+        self._plan(self._station.next_sector(sector))
+
+    def _send(self, report: SectorReport) -> None:
         sent = [self.outbox.send(message) for message in report.messages]
         self._keep_ledger(report, sent)
-        self._status.scan = sector.scan
+        self._status.scan = report.sector.scan
         self._status.plots += len(report.plots)
         self._totals.add(report, sent)
-        self._plan(self._station.next_sector(sector))
 
     def _skip_to(self, now_ns: int, sector: Sector) -> Sector:
         """The last sector that has ended: what was missed is counted, never sent in a burst."""

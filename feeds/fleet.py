@@ -10,6 +10,7 @@ import numpy as np
 
 from plotfeed.feeds.altitude import AltitudeDatum
 from plotfeed.feeds.intake import add_report
+from plotfeed.feeds.report import Report
 from plotfeed.feeds.scene import Drone, FlightFile, Scene, Site, Waypoint
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
@@ -23,16 +24,23 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
     """Put the scene's own drones on their way; raises `PlotfeedError` for a flight without use."""
     for drone in scene.drone:
         begin_ns = start_utc_ns + round(drone.start_s * NS)
-        rcs_m2 = scene.telemetry.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2
         if drone.flight is not None:
-            _fly_recorded(scene, drone, drone.flight, trajectories, begin_ns, rcs_m2)
+            for report, height_m in _recorded(scene, drone.flight, begin_ns):
+                add_report(
+                    trajectories,
+                    drone.id,
+                    report,
+                    height_m,
+                    _rcs_m2(scene, drone),
+                    keep_history=True,
+                )
             continue
         times_s, positions = knots(scene.scene.site, drone)
         trajectories.add_path(
             drone.id,
             [begin_ns + round(t * NS) for t in times_s],
             positions,
-            rcs_m2=rcs_m2,
+            rcs_m2=_rcs_m2(scene, drone),
             repeat=drone.repeat,
         )
 
@@ -76,15 +84,9 @@ def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
         yield start + share * change
 
 
-def _fly_recorded(
-    scene: Scene,
-    drone: Drone,
-    recorded: FlightFile,
-    trajectories: Trajectories,
-    begin_ns: int,
-    rcs_m2: float,
-) -> None:
-    from plotfeed.feeds.flights import FlightOptions, read, smoothed  # noqa: PLC0415 - scipy.interpolate
+def _recorded(scene: Scene, recorded: FlightFile, begin_ns: int) -> Iterator[tuple[Report, float]]:
+    """The reports of a flight that begins then, with their heights above the ellipsoid."""
+    from plotfeed.feeds.flights import FlightOptions, read, smoothed  # noqa: PLC0415 - slow to import
 
     options = FlightOptions(
         columns=recorded.columns,
@@ -99,9 +101,11 @@ def _fly_recorded(
     )
     shift_ns = begin_ns - flight.reports[0].t_utc_ns
     for report in flight.reports:
-        shifted = replace(report, t_utc_ns=report.t_utc_ns + shift_ns)
-        height_m = datum.height_m(report)
-        add_report(trajectories, drone.id, shifted, height_m, rcs_m2, keep_history=True)
+        yield replace(report, t_utc_ns=report.t_utc_ns + shift_ns), datum.height_m(report)
+
+
+def _rcs_m2(scene: Scene, drone: Drone) -> float:
+    return scene.telemetry.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2
 
 
 def _first_known(*values: float | None) -> float | None:

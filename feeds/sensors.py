@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from plotfeed.feeds.scene import ActiveRadarSensor
 from plotfeed.models.active_radar import ActiveRadar
+from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
 
 
@@ -33,8 +34,7 @@ def active_radar(sensor: ActiveRadarSensor) -> ActiveRadar:
         range_max_m=sensor.range_max_m,
         azimuth_beamwidth_deg=sensor.azimuth_beamwidth_deg,
         elevation_beamwidth_deg=sensor.elevation_beamwidth_deg,
-        azimuth_min_deg=sensor.azimuth_min_deg,
-        azimuth_max_deg=sensor.azimuth_max_deg,
+        azimuth_cover=AzimuthCover(sensor.azimuth_min_deg, sensor.azimuth_max_deg),
         elevation_min_deg=sensor.elevation_min_deg,
         elevation_max_deg=sensor.elevation_max_deg,
         doppler_cells=sensor.doppler_cells,

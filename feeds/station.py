@@ -13,7 +13,6 @@ from plotfeed.feeds.formats import Format, formats_of
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.scene import RotatingScan, Scene, Sensor
 from plotfeed.feeds.sensors import active_radar
-from plotfeed.models.active_radar import draw_false_alarms, observe
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.scan import (
@@ -24,7 +23,7 @@ from plotfeed.models.scan import (
     sector_at,
     time_after_share_ns,
 )
-from plotfeed.models.state import Floats, Looks, Plots, TruthState
+from plotfeed.models.state import Floats, Looks, Plots, Targets, TruthState
 from plotfeed.models.truth import NS, Trajectories
 
 
@@ -64,19 +63,12 @@ class Station:
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
         truth = self._illuminated(sector)
-        azimuth_deg, elevation_deg, range_m = self._geometry(truth)
-        looks, detections = observe(
-            self.radar,
-            drone=truth.drone,
-            t_utc_ns=truth.t_utc_ns,
-            range_m=range_m,
-            azimuth_deg=azimuth_deg,
-            elevation_deg=elevation_deg,
-            rcs_m2=truth.rcs_m2,
-            rng=self._chance.rng(Purpose.DETECTION, sector.scan, sector.index),
+        looks, detections = self.radar.observe(
+            self._targets(truth),
+            self._chance.rng(Purpose.DETECTION, sector.scan, sector.index),
         )
-        alarms = draw_false_alarms(
-            self.radar, sector, self._chance.rng(Purpose.FALSE_ALARMS, sector.scan, sector.index)
+        alarms = self.radar.draw_false_alarms(
+            sector, self._chance.rng(Purpose.FALSE_ALARMS, sector.scan, sector.index)
         )
         plots = self._with_heights(Plots.joined([detections, alarms]).in_order_of_time())
         messages = [m for f in self._formats for m in f.messages(sector, plots)]
@@ -90,11 +82,13 @@ class Station:
             sector, self._azimuths_at(sector.start_ns), self._azimuths_at(sector.end_ns)
         )
         drones = np.flatnonzero(passed)
+        if not len(drones):
+            return self._trajectories.state_at(sector.end_ns, drones)
         share = share[drones]
         state = self._trajectories.state_at(time_after_share_ns(sector, share), drones)
         if len(state) < len(drones):  # gone before the beam came
             share = share[np.isin(drones, state.drone)]
-        share = share + beam_is_late_by(sector, share, self._geometry(state)[0])
+        share = share + beam_is_late_by(sector, share, self._azimuths(state))
         state = self._trajectories.state_at(time_after_share_ns(sector, share), state.drone)
         return state.rows(np.argsort(state.t_utc_ns, kind="stable"))
 
@@ -104,12 +98,21 @@ class Station:
         if self._edge is None or self._edge[:2] != key:
             state = self._trajectories.state_at(t_utc_ns)
             azimuth_deg = np.full(len(self._trajectories.names), np.nan)
-            azimuth_deg[state.drone] = self._geometry(state)[0]
+            azimuth_deg[state.drone] = self._azimuths(state)
             self._edge = (*key, azimuth_deg)
         return self._edge[2]
 
-    def _geometry(self, state: TruthState) -> tuple[Floats, Floats, Floats]:
-        return enu_to_aer(self.frame.from_ecef(state.position_ecef_m))
+    def _azimuths(self, state: TruthState) -> Floats:
+        return enu_to_aer(self.frame.from_ecef(state.position_ecef_m))[0]
+
+    def _targets(self, state: TruthState) -> Targets:
+        return Targets(
+            drone=state.drone,
+            t_utc_ns=state.t_utc_ns,
+            position_enu_m=self.frame.from_ecef(state.position_ecef_m),
+            velocity_enu_m_s=self.frame.rotate_from_ecef(state.velocity_ecef_m_s),
+            rcs_m2=state.rcs_m2,
+        )
 
     def _with_heights(self, plots: Plots) -> Plots:
         if not self.radar.measures_elevation or not len(plots):

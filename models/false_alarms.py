@@ -12,6 +12,9 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.frames import wrap_360
+from plotfeed.models.scan import Sector
 from plotfeed.models.state import Floats, Ints
 
 POISSON_BELOW_PFA = 1e-8
@@ -63,6 +66,17 @@ def cells_between(total_cells: int, start_fraction: float, end_fraction: float) 
     Sectors that meet share no cell and leave none out: those of a scan sum to its cells exactly.
     """
     return _cells_before(total_cells, end_fraction) - _cells_before(total_cells, start_fraction)
+
+
+def draw_azimuths(
+    cells: int, pfa: float, cover: AzimuthCover, sector: Sector, rng: np.random.Generator
+) -> Floats:
+    """Azimuths of the false alarms of a sector, degrees, uniform over what it has of the cover."""
+    found = [np.zeros(0)]
+    for start, end in cover.shares_in(sector):
+        n = draw_count(cells_between(cells, start, end), pfa, rng)
+        found.append(draw_uniform(start, end, n, rng))
+    return wrap_360(cover.min_deg + np.concatenate(found) * cover.span_deg)
 
 
 def draw_uniform(low: float, high: float, n: int, rng: np.random.Generator) -> Floats:

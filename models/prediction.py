@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import exp1, gammaincinv
 
-from plotfeed.models.accuracy import sigma_angle_deg, sigma_range_m, with_floor
-from plotfeed.models.active_radar import ActiveRadar, mean_snr
-from plotfeed.models.detection import cfar_multiplier, pd_cfar_swerling1
+from plotfeed.models.active_radar import ActiveRadar
+from plotfeed.models.detection import cfar_multiplier
 from plotfeed.models.state import Floats
 
 QUADRATURE_POINTS = 128
@@ -32,20 +31,14 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
 
 def rms_errors(radar: ActiveRadar, snr: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Rms error of range (m), azimuth and elevation (degrees) of the plots at a mean SNR; (...)."""
-    inverse = inverse_detected_snr(snr, radar.pfa, radar.n_reference)
-    unit = 1.0 / inverse
-    return (
-        with_floor(sigma_range_m(unit, radar.range_resolution_m), radar.range_floor_m),
-        with_floor(sigma_angle_deg(unit, radar.azimuth_beamwidth_deg), radar.azimuth_floor_deg),
-        with_floor(sigma_angle_deg(unit, radar.elevation_beamwidth_deg), radar.elevation_floor_deg),
-    )
+    return radar.sigmas(1.0 / inverse_detected_snr(snr, radar.pfa, radar.n_reference))
 
 
 def pd_at(radar: ActiveRadar, range_m: ArrayLike, rcs_m2: float) -> Floats:
     """Probability of detection at a range within cover; (...)."""
     ranges = np.asarray(range_m, dtype=np.float64)
-    snr = mean_snr(radar, ranges, np.full(ranges.shape, rcs_m2))
-    return pd_cfar_swerling1(snr, radar.pfa, radar.n_reference)
+    snr = radar.mean_snr(ranges, np.full(ranges.shape, rcs_m2))
+    return radar.pd(snr)
 
 
 def range_of_pd_m(radar: ActiveRadar, pd: float, rcs_m2: float) -> float:
@@ -55,7 +48,7 @@ def range_of_pd_m(radar: ActiveRadar, pd: float, rcs_m2: float) -> float:
     """
     root = pd ** (1.0 / radar.n_reference)
     snr_needed = float(cfar_multiplier(radar.pfa, radar.n_reference)) * root / (1 - root) - 1
-    snr_at_end = float(mean_snr(radar, np.array(radar.range_max_m), np.array(rcs_m2)))
+    snr_at_end = float(radar.mean_snr(np.array(radar.range_max_m), np.array(rcs_m2)))
     if snr_needed <= 0:
         return radar.range_max_m
     return float(min(radar.range_max_m * (snr_at_end / snr_needed) ** 0.25, radar.range_max_m))

@@ -35,6 +35,7 @@ class Columns:
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """One structure of all rows of `parts`, in their order; at least one part."""
+        parts = [p for p in parts if len(p)] or [parts[0]]
         if len(parts) == 1:
             return parts[0]
         names = [f.name for f in fields(cls)]
@@ -53,8 +54,19 @@ class TruthState(Columns):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Targets(Columns):
+    """The same seen from a sensor: position and velocity east, north and up of it, (n, 3)."""
+
+    drone: Ints
+    t_utc_ns: Ints
+    position_enu_m: Floats
+    velocity_enu_m_s: Floats
+    rcs_m2: Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Looks(Columns):
-    """Each drone that a sensor illuminated: true geometry from the sensor, and the odds it had."""
+    """Each drone that a sensor looked at: true geometry from the sensor, and the odds it had."""
 
     drone: Ints
     t_utc_ns: Ints
@@ -91,6 +103,17 @@ class Plots(Columns):
     true_range_m: Floats
     true_azimuth_deg: Floats
     true_elevation_deg: Floats
+
+    @classmethod
+    def of(cls, **columns: NDArray[Any]) -> Self:
+        """Plots with those columns, of which `t_utc_ns` is one; the others say 'not measured'.
+
+        A plot of no stated drone is a false alarm.
+        """
+        n = len(columns["t_utc_ns"])
+        columns.setdefault("drone", np.full(n, FALSE_ALARM, np.int64))
+        missing = [f.name for f in fields(cls) if f.name not in columns]
+        return cls(**columns, **dict.fromkeys(missing, np.full(n, np.nan)))
 
     def in_order_of_time(self) -> Self:
         """The same plots, earliest first; ties keep their order."""
