@@ -93,6 +93,7 @@ def _recorded(scene: Scene, recorded: FlightFile, begin_ns: int) -> Iterator[tup
         altitude_reference=recorded.altitude_reference,
         gps_order=recorded.gps_order,
         utc_offset_h=recorded.utc_offset_h,
+        start_utc_ns=begin_ns,
     )
     flight = smoothed(read(scene.folder / recorded.file, options))
     datum = AltitudeDatum(
