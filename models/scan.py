@@ -36,8 +36,8 @@ def nth_sector(scan: int, index: int, period_ns: int, sectors: int) -> Sector:
     """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond."""
     start_ns = scan * period_ns - (-index * period_ns // sectors)
     end_ns = scan * period_ns - (-(index + 1) * period_ns // sectors)
-    width_deg = 360.0 / sectors
-    return Sector(scan, index, start_ns, end_ns, index * width_deg, (index + 1) * width_deg)
+    start_deg, end_deg = 360.0 * index / sectors, 360.0 * (index + 1) / sectors  # 360 at the last
+    return Sector(scan, index, start_ns, end_ns, start_deg, end_deg)
 
 
 def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
@@ -52,11 +52,12 @@ def beam_passes(
     """Which targets a clockwise beam passes within a sector, and after what share of it.
 
     A target is passed when it was ahead of the beam at the start and is behind it at the end. The
-    two instants are shared with the neighbouring sectors, so that nobody falls between two of them
-    and nobody is seen in both. NaN azimuths, at the zenith, are never passed.
+    two instants are shared with the neighbouring sectors, and so is the arithmetic to the last bit,
+    so that nobody falls between two of them and nobody is seen in both. NaN azimuths, at the
+    zenith, are never passed.
     """
     ahead_deg = wrap_180(azimuth_at_start_deg - sector.start_deg)
-    still_ahead_deg = wrap_180(azimuth_at_end_deg - sector.end_deg)
+    still_ahead_deg = wrap_180(azimuth_at_end_deg - sector.end_deg % 360.0)
     passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = ahead_deg / (ahead_deg - still_ahead_deg)
