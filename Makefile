@@ -25,7 +25,7 @@ lint: .venv/.ready-test
 	touch $@
 
 .venv/.ready-test: .venv/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
 	mkdir -p .typing/plotfeed
 	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
 	if command -v c++ >/dev/null; then \

@@ -3,117 +3,181 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
 from plotfeed.feeds.fleet import launch
-from plotfeed.feeds.scene import RotatingScan, Scene, Sensor
-from plotfeed.feeds.sensors import active_radar
-from plotfeed.models.active_radar import ActiveRadar
-from plotfeed.models.prediction import pd_at, range_of_pd_m, rms_errors
+from plotfeed.feeds.parts import Site
+from plotfeed.feeds.places import geodetic, site_frame
+from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
+from plotfeed.models.sensor import Prediction
+from plotfeed.models.state import Emitter, Floats, Signature, Signatures, Targets
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.asterix.plots import RHO_LSB_M
 from plotfeed.proto.batch import decibels
 
 ROWS = 10
+DEFAULT_HEIGHT_M = 50.0
+RANGES_SEARCHED = 2000
 
 
-def print_check(scene: Scene, rcs_m2: float | None, *, as_json: bool) -> None:
-    """Print what `report` finds, as tables or as JSON."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TestTarget:
+    """The target that the tables are for: what of it can be sensed, on what line it comes."""
+
+    signature: Signature
+    azimuth_deg: float
+    """From the site; it comes straight in."""
+    above_site_m: float
+
+
+def print_check(
+    scene: Scene, *, rcs_m2: float | None, as_json: bool, chart: Path | None = None
+) -> None:
+    """Print what `report` finds, as tables or as JSON, and draw it if there is a place to."""
     found = report(scene, rcs_m2)
+    if chart is not None:
+        from plotfeed.feeds.charts import draw_predictions  # noqa: PLC0415 - an extra
+
+        draw_predictions(curves(scene, rcs_m2), chart)
     if as_json:
         click.echo(json.dumps(found))
         return
     click.echo(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
     for sensor in found["sensors"]:
-        for line in _table(sensor):
+        for line in table_lines(sensor):
             click.echo(line)
 
 
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     """Tables and warnings of every sensor; raises `PlotfeedError` if a flight cannot be flown."""
     launch(scene, Trajectories(stale_after_s=scene.telemetry.stale_after_s), 0)
-    if rcs_m2 is None:
-        stated = [d.rcs_m2 for d in scene.drone if d.rcs_m2 is not None]
-        rcs_m2 = min(stated, default=scene.telemetry.rcs_m2)
+    target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
         "drones": len(scene.drone),
-        "sensors": [_sensor(sensor, rcs_m2) for sensor in scene.sensor],
+        "sensors": [sensor_report(scene.scene.site, s, target) for s in scene.sensor],
     }
 
 
-def _sensor(sensor: Sensor, rcs_m2: float) -> dict[str, Any]:
-    radar = active_radar(sensor)
-    ranges_m = _ranges(radar)
-    snr = radar.mean_snr(ranges_m, np.full(len(ranges_m), rcs_m2))
-    sigmas = rms_errors(radar, snr)
-    columns = {
-        "range_m": ranges_m,
-        "snr_db": decibels(snr),
-        "pd": pd_at(radar, ranges_m, rcs_m2),
-        "sigma_range_m": sigmas[0],
-        "sigma_azimuth_deg": sigmas[1],
-        "sigma_elevation_deg": sigmas[2],
-    }
+def curves(scene: Scene, rcs_m2: float | None, points: int = 400) -> dict[str, Any]:
+    """Ranges and predictions of every sensor, by its id."""
+    target = scene_target(scene, rcs_m2)
+    return {s.id: _predicted(scene.scene.site, s, target, points) for s in scene.sensor}
+
+
+def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
+    """The scene's first drone, on the line from where it starts to the site."""
+    settings = scene.telemetry
+    drone = next(iter(scene.drone), None)
+    azimuth_deg, above_site_m = 0.0, DEFAULT_HEIGHT_M
+    if drone is not None and drone.path:
+        place = geodetic(scene.scene.site, drone.path[0])
+        start_enu_m = site_frame(scene.scene.site).from_ecef(geodetic_to_ecef(*place))
+        azimuth_deg = float(np.nan_to_num(enu_to_aer(start_enu_m)[0]))
+        above_site_m = float(place[2]) - scene.scene.site.height_m
+    stated_rcs_m2 = drone.rcs_m2 if drone else None
+    stated_sound_db = drone.sound_power_db if drone else None
+    return TestTarget(
+        signature=Signature(
+            rcs_m2=next(v for v in (rcs_m2, stated_rcs_m2, settings.rcs_m2) if v is not None),
+            sound_power_db=settings.sound_power_db if stated_sound_db is None else stated_sound_db,
+            emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters) if drone else (),
+        ),
+        azimuth_deg=azimuth_deg,
+        above_site_m=above_site_m,
+    )
+
+
+def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, Any]:
+    """One sensor's table and warnings."""
+    model = sensor.model(site)
+    ranges_m, predicted = _predicted(site, sensor, target, ROWS)
     return {
         "id": sensor.id,
         "type": sensor.type,
-        "rcs_m2": rcs_m2,
-        "gain_rx_dbi": radar.gain_rx_dbi,
-        "range_at_pd_80_percent_m": range_of_pd_m(radar, 0.8, rcs_m2),
-        "resolution_cells": radar.resolution_cells,
-        "false_alarms_per_scan": radar.resolution_cells * radar.pfa,
-        "table": [dict(zip(columns, row, strict=True)) for row in _rows(columns)],
-        "warnings": _warnings(sensor, radar, float(sigmas[0].min())),
+        "rcs_m2": target.signature.rcs_m2,
+        "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
+        "false_alarms_per_scan": model.false_alarms_per_scan,
+        "table": _rows(ranges_m, predicted),
+        "warnings": sensor.warnings(site),
     }
 
 
-def _ranges(radar: ActiveRadar) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Equal steps up to the instrumented range, from beyond the blind one."""
-    steps = np.linspace(0, radar.range_max_m, ROWS + 1)[1:]
-    return steps[steps >= radar.range_min_m]
+def _predicted(
+    site: Site, sensor: Sensor, target: TestTarget, points: int
+) -> tuple[Floats, Prediction]:
+    """What to expect at equal steps of range from the sensor, up to its instrumented one."""
+    ranges_m = np.linspace(0, sensor.range_max_m, points + 1)[1:]
+    return ranges_m, sensor.model(site).predict(_targets_at(sensor, target, ranges_m))
 
 
-def _rows(columns: dict[str, Any]) -> list[list[float]]:
-    rows: list[list[float]] = np.column_stack(list(columns.values())).tolist()
-    return rows
+def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets:
+    """The target at these slant ranges from the sensor, as low as it flies or straight above."""
+    up_m = np.minimum(target.above_site_m - sensor.position_enu_m[2], ranges_m)
+    ground_m = np.sqrt(ranges_m**2 - up_m**2)
+    azimuth = np.radians(target.azimuth_deg)
+    enu_m = np.stack([ground_m * np.sin(azimuth), ground_m * np.cos(azimuth), up_m], axis=-1)
+    n = len(ranges_m)
+    return Targets(
+        drone=np.zeros(n, np.int64),
+        t_utc_ns=np.zeros(n, np.int64),
+        position_enu_m=enu_m,
+        true_position_enu_m=enu_m,
+        signatures=Signatures(
+            rcs_m2=np.array([target.signature.rcs_m2]),
+            sound_power_db=np.array([target.signature.sound_power_db]),
+            emitters=[target.signature.emitters],
+        ),
+    )
 
 
-def _warnings(sensor: Sensor, radar: ActiveRadar, best_sigma_range_m: float) -> list[str]:
-    warnings = []
-    if isinstance(sensor.scan, RotatingScan):
-        beam_deg = min(sensor.receive_beams * sensor.azimuth_beamwidth_deg, 360.0)
-        on_target_s = sensor.scan.period_s * beam_deg / 360
-        if radar.integration_s > on_target_s:
-            warnings.append(
-                f"integration_s is {radar.integration_s:g}, but the beam is on a target for "
-                f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
-            )
-    added_m = RHO_LSB_M / np.sqrt(12)
-    if "asterix-048" in sensor.report and added_m > best_sigma_range_m / 2:
-        warnings.append(
-            f"asterix-048 counts range in steps of {RHO_LSB_M:.3g} m, an error of {added_m:.2g} m "
-            f"beside the radar's own of {best_sigma_range_m:.2g} m where it is best"
-        )
-    return warnings
+def _range_of_pd(site: Site, sensor: Sensor, target: TestTarget, pd: float) -> float | None:
+    """The furthest range at which Pd is at least that; None if it is nowhere."""
+    ranges_m, predicted = _predicted(site, sensor, target, RANGES_SEARCHED)
+    reached = np.flatnonzero(predicted.pd >= pd)
+    return float(ranges_m[reached[-1]]) if len(reached) else None
 
 
-def _table(sensor: dict[str, Any]) -> list[str]:
+def _rows(ranges_m: Floats, predicted: Prediction) -> list[dict[str, float | None]]:
+    """The table; what a sensor does not measure is None."""
+    columns = {"range_m": ranges_m, "snr_db": decibels(predicted.snr)}
+    columns |= {f.name: getattr(predicted, f.name) for f in fields(predicted) if f.name != "snr"}
+    return [
+        {
+            name: float(column[i]) if np.isfinite(column[i]) else None
+            for name, column in columns.items()
+        }
+        for i in range(len(ranges_m))
+    ]
+
+
+def table_lines(sensor: dict[str, Any]) -> list[str]:
+    """One sensor's report as text."""
+    furthest_m = sensor["range_at_pd_80_percent_m"]
+    reach = "nowhere" if furthest_m is None else f"to {furthest_m / 1000:.2f} km"
     lines = [
         "",
         f"{sensor['id']} ({sensor['type']}), target of {sensor['rcs_m2']:g} m2: "
-        f"Pd 0.8 at {sensor['range_at_pd_80_percent_m'] / 1000:.2f} km, "
-        f"{sensor['false_alarms_per_scan']:.3g} false alarms a scan",
+        f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan",
         "  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg",
     ]
-    lines.extend(
-        f"{row['range_m'] / 1000:10.2f}{row['snr_db']:9.1f}{row['pd']:8.3f}"
-        f"{row['sigma_range_m']:14.2f}{row['sigma_azimuth_deg']:14.3f}"
-        f"{row['sigma_elevation_deg']:16.3f}"
-        for row in sensor["table"]
-    )
-    lines.extend(f"  warning: {text}" for text in sensor["warnings"])
-    return lines
+    for row in sensor["table"]:
+        cells = [
+            _cell(row["range_m"] / 1000, 10, 2),
+            _cell(row["snr_db"], 9, 1),
+            _cell(row["pd"], 8, 3),
+            _cell(row["sigma_range_m"], 14, 2),
+            _cell(row["sigma_azimuth_deg"], 14, 3),
+            _cell(row["sigma_elevation_deg"], 16, 3),
+        ]
+        lines.append("".join(cells))
+    return lines + [f"  warning: {text}" for text in sensor["warnings"]]
+
+
+def _cell(value: float | None, width: int, digits: int) -> str:
+    return "-".rjust(width) if value is None else f"{value:{width}.{digits}f}"

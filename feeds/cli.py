@@ -157,12 +157,18 @@ def _flight_options(columns: tuple[str, ...], **others: Any) -> FlightOptions:
     "--rcs-m2", type=click.FloatRange(min=0, min_open=True), help="Instead of the scene's."
 )
 @click.option("--json", "as_json", is_flag=True)
-def check(scene: Path, rcs_m2: float | None, *, as_json: bool) -> int:
+@click.option(
+    "--chart",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Also draw Pd and errors against range: .png, .svg or .pdf.",
+)
+def check(scene: Path, **options: Any) -> int:
     """Validate SCENE; print the Pd and errors that its sensors have against range."""
     from plotfeed.feeds.check import print_check
     from plotfeed.feeds.scene import load
 
-    print_check(load(scene), rcs_m2, as_json=as_json)
+    print_check(load(scene), **options)
     return 0
 
 

@@ -9,11 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from plotfeed.feeds.altitude import AltitudeDatum
+from plotfeed.feeds.drones import Drone, FlightFile
 from plotfeed.feeds.intake import add_report
+from plotfeed.feeds.parts import Site
+from plotfeed.feeds.places import geodetic
 from plotfeed.feeds.report import Report
-from plotfeed.feeds.scene import Drone, FlightFile, Scene, Site, Waypoint
-from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.state import Floats
+from plotfeed.feeds.scene import Scene
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.state import Emitter, Floats, Signature
 from plotfeed.models.truth import NS, Trajectories
 
 MAX_LEG_M = 500.0
@@ -31,7 +34,7 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
                     drone.id,
                     report,
                     height_m,
-                    _rcs_m2(scene, drone),
+                    _signature(scene, drone),
                     keep_history=True,
                 )
             continue
@@ -40,14 +43,14 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
             drone.id,
             [begin_ns + round(t * NS) for t in times_s],
             positions,
-            rcs_m2=_rcs_m2(scene, drone),
+            signature=_signature(scene, drone),
             repeat=drone.repeat,
         )
 
 
 def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
     """Times from the start of a path, and ECEF positions (k, 3), on the curved Earth."""
-    places = [_geodetic(site, waypoint) for waypoint in drone.path]
+    places = [geodetic(site, waypoint) for waypoint in drone.path]
     speeds = [w.speed_m_s or drone.speed_m_s or 0.0 for w in drone.path]
     if drone.repeat:
         places.append(places[0])
@@ -59,16 +62,6 @@ def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
             leg_m = float(np.linalg.norm(positions[-1] - positions[-2]))
             times_s.append(times_s[-1] + max(leg_m / speed_m_s, 1e-6))
     return times_s, np.array(positions)
-
-
-def _geodetic(site: Site, waypoint: Waypoint) -> Floats:
-    """Latitude, longitude, height of a waypoint."""
-    if waypoint.latitude_deg is not None:
-        return np.array([waypoint.latitude_deg, waypoint.longitude_deg, waypoint.height_m])
-    frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.height_m)
-    east_m, north_m, above_m = waypoint.east_m, waypoint.north_m, waypoint.above_site_m
-    latitude_deg, longitude_deg, _ = frame.to_geodetic(np.array([east_m, north_m, 0.0]))
-    return np.array([latitude_deg, longitude_deg, site.height_m + (above_m or 0.0)])
 
 
 def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
@@ -105,8 +98,15 @@ def _recorded(scene: Scene, recorded: FlightFile, begin_ns: int) -> Iterator[tup
         yield replace(report, t_utc_ns=report.t_utc_ns + shift_ns), datum.height_m(report)
 
 
-def _rcs_m2(scene: Scene, drone: Drone) -> float:
-    return scene.telemetry.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2
+def _signature(scene: Scene, drone: Drone) -> Signature:
+    settings = scene.telemetry
+    return Signature(
+        rcs_m2=settings.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2,
+        sound_power_db=(
+            settings.sound_power_db if drone.sound_power_db is None else drone.sound_power_db
+        ),
+        emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters),
+    )
 
 
 def _first_known(*values: float | None) -> float | None:

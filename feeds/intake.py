@@ -16,6 +16,7 @@ from plotfeed.feeds.report import Reason, Refused, Report
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.telemetry import decode
 from plotfeed.feeds.times import NS
+from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -37,7 +38,7 @@ class Intake:
         self.last_refusal = ""
         self._prefix = scene.mqtt.prefix
         self._datum = AltitudeDatum(settings.takeoff_height_m, settings.geoid_undulation_m)
-        self._rcs_m2 = settings.rcs_m2
+        self._default = Signature(rcs_m2=settings.rcs_m2, sound_power_db=settings.sound_power_db)
         self._scripted: Container[str] = frozenset(d.id for d in scene.drone)
         self._trajectories = trajectories
         self._published_in_second = (0, 0)
@@ -71,7 +72,7 @@ class Intake:
             raise Refused(Reason.NAME, f"drone {drone!r} is flown by the scene itself")
         height_m = self._datum.height_m(report)
         self.gate.admit(drone, report, now_utc_ns)
-        add_report(self._trajectories, drone, report, height_m, self._rcs_m2)
+        add_report(self._trajectories, drone, report, height_m, self._default)
 
     def _refusal(
         self, topic: str, drone: str, refused: Refused, count: int, now_utc_ns: int
@@ -99,11 +100,11 @@ def add_report(
     drone: str,
     report: Report,
     height_m: float,
-    rcs_m2: float,
+    default: Signature,
     *,
     keep_history: bool = False,
 ) -> None:
-    """Put a report into the trajectories; `rcs_m2` stands in where it states none."""
+    """Put a report into the trajectories; `default` stands in for what it does not state."""
     accuracies = (report.horizontal_accuracy_m, report.vertical_accuracy_m)
     trajectories.add_sample(
         drone,
@@ -113,7 +114,13 @@ def add_report(
         height_m=height_m,
         velocity_enu_m_s=report.velocity_enu_m_s,
         sigma_m=max((a for a in accuracies if a is not None), default=None),
-        rcs_m2=rcs_m2 if report.rcs_m2 is None else report.rcs_m2,
+        signature=Signature(
+            rcs_m2=default.rcs_m2 if report.rcs_m2 is None else report.rcs_m2,
+            sound_power_db=(
+                default.sound_power_db if report.sound_power_db is None else report.sound_power_db
+            ),
+            emitters=report.emitters or default.emitters,
+        ),
         keep_history=keep_history,
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from plotfeed.models.state import Emitter
 from plotfeed.proto.errors import PlotfeedError
 
 NS = 1_000_000_000
@@ -64,17 +65,6 @@ class AltitudeReference(StrEnum):
     ELLIPSOID = "ellipsoid"
     MEAN_SEA_LEVEL = "mean_sea_level"
     ABOVE_TAKEOFF = "above_takeoff"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Emitter:
-    """Something on the drone that radiates."""
-
-    frequency_hz: float
-    bandwidth_hz: float = 0.0
-    eirp_dbm: float = 0.0
-    kind: str = ""
-    identity: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,10 +11,11 @@ import numpy as np
 
 from plotfeed.feeds.formats import Format, formats_of
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.scene import RotatingScan, Scene, Sensor
-from plotfeed.feeds.sensors import active_radar
+from plotfeed.feeds.places import frame_at
+from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.sensors.base import RotatingScan
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
+from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.scan import (
     Sector,
     beam_is_late_by,
@@ -25,6 +26,9 @@ from plotfeed.models.scan import (
 )
 from plotfeed.models.state import Floats, Looks, Plots, Targets, TruthState
 from plotfeed.models.truth import NS, Trajectories
+
+TRAVEL_TIME_STEPS = 5
+"""Of the fixed point for the time at which a sound left: they leave 3 cm at 60 m/s and 1 km."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +47,8 @@ class Station:
 
     def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
         self.sensor = sensor
-        self.radar = active_radar(sensor)
-        self.frame = station_frame(scene, sensor)
+        self.model = sensor.model(scene.scene.site)
+        self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self.period_ns = round(sensor.scan.period_s * NS)
         self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
         self._trajectories = trajectories
@@ -63,11 +67,11 @@ class Station:
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
         truth = self._illuminated(sector)
-        looks, detections = self.radar.observe(
+        looks, detections = self.model.observe(
             self._targets(truth),
             self._chance.rng(Purpose.DETECTION, sector.scan, sector.index),
         )
-        alarms = self.radar.draw_false_alarms(
+        alarms = self.model.draw_false_alarms(
             sector, self._chance.rng(Purpose.FALSE_ALARMS, sector.scan, sector.index)
         )
         plots = self._with_heights(Plots.joined([detections, alarms]).in_order_of_time())
@@ -105,24 +109,42 @@ class Station:
     def _azimuths(self, state: TruthState) -> Floats:
         return enu_to_aer(self.frame.from_ecef(state.position_ecef_m))[0]
 
-    def _targets(self, state: TruthState) -> Targets:
+    def _targets(self, truth: TruthState) -> Targets:
+        """The drones from here, as they are and as they are sensed."""
+        true_position_enu_m = self.frame.from_ecef(truth.position_ecef_m)
+        sensed, speed_m_s = truth, self.model.signal_speed_m_s
+        position_enu_m = true_position_enu_m
+        if speed_m_s is not None:
+            sensed, position_enu_m = self._when_it_left(truth, position_enu_m, speed_m_s)
+            true_position_enu_m = true_position_enu_m[np.isin(truth.drone, sensed.drone)]
         return Targets(
-            drone=state.drone,
-            t_utc_ns=state.t_utc_ns,
-            position_enu_m=self.frame.from_ecef(state.position_ecef_m),
-            velocity_enu_m_s=self.frame.rotate_from_ecef(state.velocity_ecef_m_s),
-            rcs_m2=state.rcs_m2,
+            drone=sensed.drone,
+            t_utc_ns=truth.t_utc_ns[np.isin(truth.drone, sensed.drone)],
+            position_enu_m=position_enu_m,
+            true_position_enu_m=true_position_enu_m,
+            signatures=self._trajectories.signatures,
         )
 
+    def _when_it_left(
+        self, truth: TruthState, position_enu_m: Floats, speed_m_s: float
+    ) -> tuple[TruthState, Floats]:
+        """The drones when what arrives now left them: t - d/c, where d is the distance then.
+
+        Each step shrinks the error by the drone's speed over that of the signal.
+        """
+        sensed, arrival_ns = truth, truth.t_utc_ns
+        for _ in range(TRAVEL_TIME_STEPS):
+            travel_ns = np.linalg.norm(position_enu_m, axis=1) / speed_m_s * NS
+            departure_ns = arrival_ns - np.rint(travel_ns).astype(np.int64)
+            there = self._trajectories.state_at(departure_ns, sensed.drone)
+            arrival_ns = arrival_ns[np.isin(sensed.drone, there.drone)]
+            sensed = there
+            position_enu_m = self.frame.from_ecef(sensed.position_ecef_m)
+        return sensed, position_enu_m
+
     def _with_heights(self, plots: Plots) -> Plots:
-        if not self.radar.measures_elevation or not len(plots):
+        """Heights of plots that have a place in three dimensions; NaN for the others."""
+        if not len(plots) or np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
             return plots
         measured_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
         return replace(plots, height_m=self.frame.to_geodetic(measured_enu_m)[2])
-
-
-def station_frame(scene: Scene, sensor: Sensor) -> LocalFrame:
-    """East-north-up at a sensor's antenna."""
-    site = scene.scene.site
-    at_site = LocalFrame(site.latitude_deg, site.longitude_deg, site.height_m)
-    return LocalFrame(*(float(x) for x in at_site.to_geodetic(np.array(sensor.position_enu_m))))

@@ -16,13 +16,13 @@ from plotfeed.feeds.gate import Gate
 from plotfeed.feeds.report import (
     NS,
     AltitudeReference,
-    Emitter,
     Reason,
     Refused,
     Report,
     check,
     check_finite,
 )
+from plotfeed.models.state import Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 
 __all__ = [

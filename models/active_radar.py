@@ -18,9 +18,8 @@ from plotfeed.models.constants import C_M_S
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
+from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
-
-NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +59,16 @@ class ActiveRadar:
         return (
             max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
         ) * self.doppler_cells
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """Light takes no time worth modelling."""
+        return
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
 
     @cached_property
     def noise_dbm(self) -> float:
@@ -119,10 +128,11 @@ class ActiveRadar:
         """
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        snr = self.mean_snr(range_m[covered], targets.rcs_m2[covered])
+        snr = self.mean_snr(range_m[covered], targets.rcs_m2(covered))
         pd = self.pd(snr)
         looks = Looks(
             drone=targets.drone[covered],
+            channel=np.zeros(len(covered), np.int64),
             t_utc_ns=targets.t_utc_ns[covered],
             range_m=range_m[covered],
             azimuth_deg=azimuth_deg[covered],
@@ -134,6 +144,23 @@ class ActiveRadar:
         if not looks.detected.any():
             return looks, NO_PLOTS
         return looks, self._measure(looks.rows(looks.detected), rng)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Closed forms at the targets' mean signal-to-noise ratios."""
+        range_m = enu_to_aer(targets.position_enu_m)[2]
+        snr = self.mean_snr(range_m, targets.rcs_m2(np.arange(len(targets))))
+        # Error variances go as one over the detection's own power.
+        effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)
+        return Prediction(
+            snr=snr,
+            pd=self.pd(snr),
+            sigma_range_m=sigma_range_m,
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            sigma_elevation_deg=(
+                sigma_elevation_deg if self.measures_elevation else np.full(len(snr), np.nan)
+            ),
+        )
 
     def _measure(self, hits: Looks, rng: np.random.Generator) -> Plots:
         """True geometry plus errors (eqs 13 to 15) by the SNR of each very detection."""

@@ -15,15 +15,19 @@ from scipy.special import (
     betaincc,
     betainccinv,
     betaincinv,
+    exp1,
     expit,
     gammainc,
     gammaincc,
     gammainccinv,
+    gammaincinv,
     gammaln,
     xlogy,
 )
 
 from plotfeed.models.state import Bools, Floats
+
+_QUADRATURE_POINTS = 128
 
 
 @np.errstate(all="ignore")
@@ -156,6 +160,23 @@ def draw_detected_snr_swerling1(
     reference_sum = rng.standard_gamma(n, shape) / (1 + alpha / mean)
     threshold = alpha * reference_sum
     return _floats(threshold + mean * rng.standard_exponential(shape)), _floats(threshold)
+
+
+@np.errstate(all="ignore")
+def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats:
+    """Mean of 1/x over the detections of a Swerling 1 target of mean `snr`, x their power; (...).
+
+    Error variances go as 1/x, so this is what turns the mean signal-to-noise ratio into the rms
+    error of the plots. Given the threshold t, x is t plus an exponential of mean 1+S, so the mean
+    of 1/x is exp(y) E1(y)/(1+S) with y = t/(1+S); t is alpha times a gamma variable of order N
+    over (1 + alpha/(1+S)), over which Gauss and Legendre average.
+    """
+    mean = 1.0 + np.asarray(snr, dtype=np.float64)[..., None]
+    alpha = cfar_multiplier(pfa, n_reference)
+    nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE_POINTS)
+    gamma = gammaincinv(n_reference, (nodes + 1) / 2)
+    y = alpha * gamma / (mean + alpha)
+    return np.asarray(np.exp(y) * exp1(y) / mean @ (weights / 2))
 
 
 def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:

@@ -19,6 +19,7 @@ FALSE_ALARM = -1
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Texts = NDArray[np.object_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,25 +51,74 @@ class TruthState(Columns):
     t_utc_ns: Ints
     position_ecef_m: Floats
     velocity_ecef_m_s: Floats
-    rcs_m2: Floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Targets(Columns):
-    """The same seen from a sensor: position and velocity east, north and up of it, (n, 3)."""
+class Emitter:
+    """Something on a drone that radiates; `identity` is what its emission says when decoded."""
+
+    frequency_hz: float
+    bandwidth_hz: float = 0.0
+    eirp_dbm: float = 0.0
+    kind: str = ""
+    identity: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """What there is of a drone to sense; NaN where it is not known."""
+
+    rcs_m2: float = np.nan
+    sound_power_db: float = np.nan
+    """Re 1 pW."""
+    emitters: tuple[Emitter, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signatures:
+    """The signatures of all drones, by their index: columns (n,)."""
+
+    rcs_m2: Floats
+    sound_power_db: Floats
+    emitters: Sequence[tuple[Emitter, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Targets:
+    """Drones seen from a sensor, east, north and up of it, (n, 3), at the times of measurement.
+
+    `position_enu_m` is where the signal that is measured left the drone, `true_position_enu_m`
+    where the drone is at the time of measurement: they differ only for sound.
+    """
 
     drone: Ints
     t_utc_ns: Ints
     position_enu_m: Floats
-    velocity_enu_m_s: Floats
-    rcs_m2: Floats
+    true_position_enu_m: Floats
+    signatures: Signatures
+
+    def __len__(self) -> int:
+        return len(self.drone)
+
+    def rcs_m2(self, rows: Ints) -> Floats:
+        """Radar cross-sections of those rows; (m,)."""
+        return self.signatures.rcs_m2[self.drone[rows]]
+
+    def sound_power_db(self, rows: Ints) -> Floats:
+        """Sound power levels of those rows, dB re 1 pW; (m,)."""
+        return self.signatures.sound_power_db[self.drone[rows]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looks(Columns):
-    """Each drone that a sensor looked at: true geometry from the sensor, and the odds it had."""
+    """Each drone that a sensor looked at: geometry as it was sensed, and the odds it had.
+
+    `channel` is the transmitter or emitter by whose signal it was looked at, where a sensor looks
+    by several, else 0.
+    """
 
     drone: Ints
+    channel: Ints
     t_utc_ns: Ints
     range_m: Floats
     azimuth_deg: Floats
@@ -83,22 +133,31 @@ class Plots(Columns):
     """What was measured, and privately of whom: the last four columns are never sent to a tracker.
 
     Azimuth is clockwise from true north in [0, 360), elevation above the sensor's horizontal,
-    height above the WGS-84 ellipsoid. `snr` is that of the very detection, linear; the sigmas are
-    what the sensor itself would state. NaN stands for what the sensor does not measure, and in
-    the true columns for a false alarm.
+    height above the WGS-84 ellipsoid, bistatic range the path transmitter-target-receiver less the
+    baseline. `snr` is that of the very detection, linear; sigmas and covariances, of the position
+    east and north, are what the sensor itself would state. NaN and "" stand for what the sensor
+    does not measure, NaN also in the true columns for a false alarm. `channel` is as in `Looks`.
     """
 
     t_utc_ns: Ints
+    channel: Ints
     range_m: Floats
     azimuth_deg: Floats
     elevation_deg: Floats
     height_m: Floats
+    bistatic_range_m: Floats
     snr: Floats
     amplitude_dbm: Floats
     run_length_deg: Floats
     sigma_range_m: Floats
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
+    sigma_bistatic_range_m: Floats
+    covariance_east_m2: Floats
+    covariance_north_m2: Floats
+    covariance_east_north_m2: Floats
+    kind: Texts
+    identity: Texts
     drone: Ints
     true_range_m: Floats
     true_azimuth_deg: Floats
@@ -111,9 +170,13 @@ class Plots(Columns):
         A plot of no stated drone is a false alarm.
         """
         n = len(columns["t_utc_ns"])
+        unmeasured = np.full(n, np.nan)
         columns.setdefault("drone", np.full(n, FALSE_ALARM, np.int64))
+        columns.setdefault("channel", np.zeros(n, np.int64))
+        for name in ("kind", "identity"):
+            columns.setdefault(name, np.full(n, "", np.object_))
         missing = [f.name for f in fields(cls) if f.name not in columns]
-        return cls(**columns, **dict.fromkeys(missing, np.full(n, np.nan)))
+        return cls(**columns, **dict.fromkeys(missing, unmeasured))
 
     def in_order_of_time(self) -> Self:
         """The same plots, earliest first; ties keep their order."""

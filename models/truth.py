@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Floats, Ints, TruthState
+from plotfeed.models.state import Emitter, Floats, Ints, Signature, Signatures, TruthState
 
 NS = 1_000_000_000
 FOREVER_NS = 1 << 62
@@ -87,6 +87,8 @@ class Trajectories:
         self._alive: NDArray[np.bool_] = np.zeros(0, np.bool_)
         self._coefficients: Floats = np.zeros((0, 4, 3))
         self._rcs_m2: Floats = np.zeros(0)
+        self._sound_power_db: Floats = np.zeros(0)
+        self._emitters: list[tuple[Emitter, ...]] = []
 
     def add_sample(
         self,
@@ -98,7 +100,7 @@ class Trajectories:
         height_m: float,
         velocity_enu_m_s: Sequence[float] | None,
         sigma_m: float | None,
-        rcs_m2: float,
+        signature: Signature,
         keep_history: bool = False,
     ) -> None:
         """One sample later than the drone's last; height above the ellipsoid.
@@ -124,7 +126,7 @@ class Trajectories:
         track.append(t_utc_ns, position, frame.rotate_to_ecef(velocity))
         if not keep_history:
             track.forget_before(t_utc_ns - self.history_ns)
-        self._changed(row, rcs_m2)
+        self._changed(row, signature)
 
     def add_path(
         self,
@@ -132,7 +134,7 @@ class Trajectories:
         t_utc_ns: Sequence[int],
         position_ecef_m: ArrayLike,
         *,
-        rcs_m2: float,
+        signature: Signature,
         repeat: bool = False,
     ) -> None:
         """A scripted path: constant velocity between knots (k, 3), gone after the last one."""
@@ -144,7 +146,14 @@ class Trajectories:
             track.append(t1, p1, velocity)
         if repeat:
             track.period_ns = t_utc_ns[-1] - t_utc_ns[0]
-        self._changed(self._row(drone, track), rcs_m2)
+        self._changed(self._row(drone, track), signature)
+
+    @property
+    def signatures(self) -> Signatures:
+        """What there is to sense of every drone, by its index."""
+        return Signatures(
+            rcs_m2=self._rcs_m2, sound_power_db=self._sound_power_db, emitters=self._emitters
+        )
 
     def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
         """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
@@ -160,7 +169,6 @@ class Trajectories:
             t_utc_ns=t,
             position_ecef_m=c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3)),
             velocity_ecef_m_s=c1 + tau_s * (2 * c2 + 3 * tau_s * c3),
-            rcs_m2=self._rcs_m2[rows],
         )
 
     def _row(self, drone: str, new_track: _Track) -> int:
@@ -170,6 +178,7 @@ class Trajectories:
         row = self._index[drone] = len(self.names)
         self.names.append(drone)
         self._tracks.append(new_track)
+        self._emitters.append(())
         if row >= len(self._rcs_m2):
             self._grow(max(16, 2 * row))
         return row
@@ -181,9 +190,12 @@ class Trajectories:
         self._alive = np.concatenate([self._alive, np.zeros(more, np.bool_)])
         self._coefficients = np.concatenate([self._coefficients, np.zeros((more, 4, 3))])
         self._rcs_m2 = np.concatenate([self._rcs_m2, np.zeros(more)])
+        self._sound_power_db = np.concatenate([self._sound_power_db, np.zeros(more)])
 
-    def _changed(self, row: int, rcs_m2: float) -> None:
-        self._rcs_m2[row] = rcs_m2
+    def _changed(self, row: int, signature: Signature) -> None:
+        self._rcs_m2[row] = signature.rcs_m2
+        self._sound_power_db[row] = signature.sound_power_db
+        self._emitters[row] = signature.emitters
         self._end_ns[row] = self._start_ns[row]  # an empty stretch: looked up when next asked for
         self.version += 1
 

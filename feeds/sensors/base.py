@@ -1,0 +1,50 @@
+"""What all sensors of a scene have in common."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from plotfeed.feeds.parts import Enu, Name, Part, Site
+from plotfeed.models.sensor import SensorModel
+
+
+class RotatingScan(Part):
+    """A beam that turns clockwise, through true north at whole multiples of its period."""
+
+    kind: Literal["rotating"]
+    period_s: Annotated[float, Field(ge=0.02, le=3600)]
+    sectors: Annotated[int, Field(ge=4, le=256)] = 32
+    """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
+
+
+class StaringScan(Part):
+    """A sensor that looks everywhere at once, at whole multiples of its period."""
+
+    kind: Literal["staring"]
+    period_s: Annotated[float, Field(ge=0.02, le=3600)]
+
+
+Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
+
+
+class SensorPart(Part):
+    """A [[sensor]] of the scene."""
+
+    id: Name
+    preset: str | None = None
+    """A commercial sensor whose keys stand where the scene gives none: `plotfeed sensors`."""
+    sac: Annotated[int, Field(ge=0, le=255)] = 0
+    sic: Annotated[int, Field(ge=0, le=255)] = 1
+    """The sensor's name in ASTERIX: system area and identification codes."""
+    position_enu_m: Enu = (0.0, 0.0, 0.0)
+    """Of the antenna or microphone: east, north and up of the site."""
+
+    def model(self, site: Site, /) -> SensorModel:
+        """The model that these keys make, at that site."""
+        raise NotImplementedError
+
+    def warnings(self, _site: Site, /) -> list[str]:
+        """What is legal and still looks wrong; for `check`."""
+        return []

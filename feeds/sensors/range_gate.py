@@ -1,0 +1,26 @@
+"""The keys of the technology-agnostic sensor."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from plotfeed.feeds.parts import NotNegative, Positive, Site
+from plotfeed.feeds.sensors.base import SensorPart, StaringScan
+from plotfeed.models.range_gate import RangeGate
+
+
+class RangeGateSensor(SensorPart):
+    """A range gate and Gaussian noise: what the paper's more accurate models replace."""
+
+    type: Literal["range_gate"]
+    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    scan: StaringScan
+    range_max_m: Positive
+    sigma_m: NotNegative
+    """Of the noise on each of east, north and up."""
+
+    def model(self, _site: Site, /) -> RangeGate:
+        """The model."""
+        return RangeGate(range_max_m=self.range_max_m, sigma_m=self.sigma_m)
