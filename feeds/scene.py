@@ -14,8 +14,7 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_valid
 
 from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Height, Name, NotNegative, Part, Positive, Site
-from plotfeed.feeds.sensors.active_radar import ActiveRadarSensor
-from plotfeed.feeds.sensors.range_gate import RangeGateSensor
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -89,9 +88,6 @@ class Mqtt(Part):
     """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
     truth: bool = True
     """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
-
-
-Sensor = Annotated[ActiveRadarSensor | RangeGateSensor, Field(discriminator="type")]
 
 
 class Scene(Part):

@@ -15,10 +15,15 @@ _PLOT_COLUMNS = (
     "azimuth_deg",
     "elevation_deg",
     "height_m",
+    "bistatic_range_m",
     "amplitude_dbm",
     "sigma_range_m",
     "sigma_azimuth_deg",
     "sigma_elevation_deg",
+    "sigma_bistatic_range_m",
+    "covariance_east_m2",
+    "covariance_north_m2",
+    "covariance_east_north_m2",
 )
 
 
@@ -29,7 +34,13 @@ def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:
     columns.append(("snr_db", decibels(plots.snr).tolist()))
     for i, t_utc_ns in enumerate(plots.t_utc_ns.tolist()):
         known = {name: values[i] for name, values in columns if not math.isnan(values[i])}
-        batch.plots.add(time_utc_ns=t_utc_ns, **known)
+        batch.plots.add(
+            time_utc_ns=t_utc_ns,
+            channel=int(plots.channel[i]),
+            kind=plots.kind[i],
+            identity=plots.identity[i],
+            **known,
+        )
     return batch.SerializeToString()
 
 
@@ -62,6 +73,7 @@ def _looks(looks: Looks, drones: Sequence[str]) -> Iterator[pb.Look]:
             snr_db=snr_db[i],
             pd=looks.pd[i],
             detected=bool(looks.detected[i]),
+            channel=int(looks.channel[i]),
         )
 
 

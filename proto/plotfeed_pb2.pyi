@@ -80,7 +80,7 @@ class PlotBatch(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., plots: _Optional[_Iterable[_Union[Plot, _Mapping]]] = ...) -> None: ...
 
 class Plot(_message.Message):
-    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")
+    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "channel", "bistatic_range_m", "sigma_bistatic_range_m", "covariance_east_m2", "covariance_north_m2", "covariance_east_north_m2", "kind", "identity")
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
     AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -91,6 +91,14 @@ class Plot(_message.Message):
     SIGMA_RANGE_M_FIELD_NUMBER: _ClassVar[int]
     SIGMA_AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
     SIGMA_ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    CHANNEL_FIELD_NUMBER: _ClassVar[int]
+    BISTATIC_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_BISTATIC_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_EAST_M2_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_NORTH_M2_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_EAST_NORTH_M2_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    IDENTITY_FIELD_NUMBER: _ClassVar[int]
     time_utc_ns: int
     range_m: float
     azimuth_deg: float
@@ -101,7 +109,15 @@ class Plot(_message.Message):
     sigma_range_m: float
     sigma_azimuth_deg: float
     sigma_elevation_deg: float
-    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ...) -> None: ...
+    channel: int
+    bistatic_range_m: float
+    sigma_bistatic_range_m: float
+    covariance_east_m2: float
+    covariance_north_m2: float
+    covariance_east_north_m2: float
+    kind: str
+    identity: str
+    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ...) -> None: ...
 
 class Ledger(_message.Message):
     __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages")
@@ -120,7 +136,7 @@ class Ledger(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ...) -> None: ...
 
 class Look(_message.Message):
-    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected")
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel")
     DRONE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
@@ -129,6 +145,7 @@ class Look(_message.Message):
     SNR_DB_FIELD_NUMBER: _ClassVar[int]
     PD_FIELD_NUMBER: _ClassVar[int]
     DETECTED_FIELD_NUMBER: _ClassVar[int]
+    CHANNEL_FIELD_NUMBER: _ClassVar[int]
     drone: str
     time_utc_ns: int
     range_m: float
@@ -137,7 +154,8 @@ class Look(_message.Message):
     snr_db: float
     pd: float
     detected: bool
-    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ...) -> None: ...
+    channel: int
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ...) -> None: ...
 
 class PlotTruth(_message.Message):
     __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
