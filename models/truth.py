@@ -19,7 +19,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Emitter, Floats, Ints, Signature, Signatures, TruthState
 
 NS = 1_000_000_000
-FOREVER_NS = 1 << 62
+FOREVER_NS = (1 << 63) - 1
 
 SIGMA_VELOCITY_M_S = 1.0
 """An unknown velocity is fitted over as many samples as it takes to know it this well."""
