@@ -13,7 +13,8 @@ import numpy as np
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.parts import Site
 from plotfeed.feeds.places import geodetic, site_frame
-from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensor import Prediction
 from plotfeed.models.state import Emitter, Floats, Signature, Signatures, Targets

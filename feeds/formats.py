@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from plotfeed.feeds.message import PROTOBUF, Message
-from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.sensors.base import RotatingScan
 from plotfeed.feeds.times import iso_utc
 from plotfeed.models.scan import Sector

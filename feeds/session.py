@@ -15,7 +15,8 @@ from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import BrokerAddress, MqttError, MqttLink
 from plotfeed.feeds.outbox import Outbox, Tap
-from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.station import SectorReport, Station
 from plotfeed.models.truth import NS, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -12,7 +12,8 @@ import numpy as np
 from plotfeed.feeds.formats import Format, formats_of
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.places import frame_at
-from plotfeed.feeds.scene import Scene, Sensor
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.sensors.base import RotatingScan
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
