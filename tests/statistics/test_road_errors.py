@@ -1,0 +1,235 @@
+"""Errors of the plots that leave as bytes: as stated, as predicted, and as quantised."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
+from road import NS, SITE, START_NS, Table, fly, held, radar, rotating, scene
+from scipy import integrate
+from significance import (
+    Array,
+    assert_law,
+    assert_mean,
+    assert_standard_normal,
+    assert_sum,
+    assert_uncorrelated,
+)
+
+from plotfeed.models.frames import aer_to_enu, wrap_180
+
+RANGES_M = (500.0, 2000.0, 5000.0, 8000.0, 11_000.0)
+"""Mean signal-to-noise ratios from 74 dB to 20 dB."""
+AT_EACH = 20
+SCANS = 200
+RADAR = radar(elevation_max_deg=30.0)
+KINDS = pytest.mark.parametrize("kind", ["staring", "rotating"])
+
+RHO_LSB_M = 1852 / 256
+THETA_LSB_DEG = 360 / 65536
+ALTITUDE_LSB_M = 25 * 0.3048
+DAY_NS = 86_400 * NS
+
+
+def detections(plots: Table) -> Table:
+    return plots.rows(plots.drone != "")
+
+
+def errors(plots: Table) -> dict[str, tuple[Array, Array]]:
+    """Measured less true, and the stated standard deviation, by quantity."""
+    return {
+        "range": (plots.range_m - plots.true_range_m, plots.sigma_range_m),
+        "azimuth": (wrap_180(plots.azimuth_deg - plots.true_azimuth_deg), plots.sigma_azimuth_deg),
+        "elevation": (plots.elevation_deg - plots.true_elevation_deg, plots.sigma_elevation_deg),
+    }
+
+
+@cache
+def rings(kind: str) -> Table:
+    """Detections of rings of drones, by a radar that stares and one that turns."""
+    drones = [
+        held(f"{ring}-{i}", 18 * i + ring + 0.5, 8.0, range_m)
+        for ring, range_m in enumerate(RANGES_M)
+        for i in range(AT_EACH)
+    ]
+    sensor = RADAR | ({"scan": rotating(1.0, 4)} if kind == "rotating" else {})
+    return detections(fly(scene([sensor], drones, seed=21), SCANS).plots())
+
+
+@KINDS
+def test_errors_over_their_stated_sigma_are_standard_normal(kind: str) -> None:
+    plots = rings(kind)
+    assert len(plots) > 15_000
+    normalised = {of: error / sigma for of, (error, sigma) in errors(plots).items()}
+    for of, values in normalised.items():
+        assert_standard_normal(values, of)
+    assert_uncorrelated(normalised["range"], normalised["azimuth"], "range and azimuth")
+    assert_uncorrelated(normalised["range"], normalised["elevation"], "range and elevation")
+    assert_uncorrelated(normalised["azimuth"], normalised["elevation"], "azimuth and elevation")
+    for of, values in normalised.items():
+        assert_uncorrelated(values, plots.snr_db, f"{of} and signal")
+
+
+@KINDS
+def test_stated_sigmas_follow_from_the_signal_of_the_very_detection(kind: str) -> None:
+    plots = rings(kind)
+    power = 10 ** (plots.snr_db / 10)
+    for stated, computed in (
+        (plots.sigma_range_m, sigma_range_m(RADAR, power)),
+        (plots.sigma_azimuth_deg, sigma_angle_deg(2.0, power)),
+        (plots.sigma_elevation_deg, sigma_angle_deg(6.0, power)),
+    ):
+        np.testing.assert_allclose(stated, computed, rtol=1e-12)
+
+
+@KINDS
+@pytest.mark.parametrize("range_m", [5000.0, 8000.0, 11_000.0])
+def test_rms_errors_at_a_mean_signal_are_the_predicted_ones(kind: str, range_m: float) -> None:
+    """The mean of 1/x over detections scales all variances, that of 1/x**2 how they scatter.
+
+    Both by quadrature of the density of a detection's power x.
+    """
+    snr = float(mean_snr(RADAR, range_m))
+    inverse, inverse_square = (_mean_power_of_detections(snr, power) for power in (-1, -2))
+    everything = rings(kind)
+    plots = everything.rows(np.abs(everything.true_range_m - range_m) < 1)
+    for (of, (error, _)), sigma in zip(
+        errors(plots).items(),
+        (sigma_range_m(RADAR, 1), sigma_angle_deg(2.0, 1), sigma_angle_deg(6.0, 1)),
+        strict=True,
+    ):
+        squares, n = (error / sigma) ** 2, len(error)
+        scatter = n * (3 * inverse_square - inverse**2)  # the fourth moment of a normal one is 3
+        assert_sum(squares.sum(), n * inverse, scatter, f"square of {of}")
+        assert_sum((error / sigma).sum(), 0.0, n * inverse, f"bias of {of}")
+
+
+def _mean_power_of_detections(snr: float, exponent: float) -> float:
+    def integrand(log_x: float) -> float:
+        x = np.exp(log_x)
+        return float(x ** (1 + exponent) * detected_power_density(RADAR, x, snr))
+
+    return float(integrate.quad(integrand, np.log(1e-2), np.log(60 * (1 + snr)), limit=400)[0])
+
+
+FINE = radar(
+    id="fine",
+    pfa=1e-12,
+    range_resolution_m=1.0,
+    azimuth_beamwidth_deg=0.1,
+    elevation_beamwidth_deg=0.1,
+)
+COARSE = radar(
+    id="coarse",
+    power_w=0.5,
+    pfa=1e-12,
+    sic=2,
+    range_resolution_m=500.0,
+    azimuth_beamwidth_deg=4.0,
+    elevation_beamwidth_deg=4.0,
+)
+UNDULATION_M = 51.0
+
+
+@cache
+def scattered(sensor: str) -> Table:
+    """One detection of each of many drones that are anywhere between 2 and 4 km."""
+    rng = np.random.default_rng(2)
+    drones = [
+        held(f"d{i}", rng.uniform(0, 360), rng.uniform(5, 40), rng.uniform(2000, 4000), rcs_m2=1.0)
+        for i in range(3000)
+    ]
+    datum = {"telemetry": {"geoid_undulation_m": UNDULATION_M}}
+    return detections(fly(scene([FINE, COARSE], drones, seed=22, **datum), 1).plots(sensor))
+
+
+@pytest.mark.parametrize("sensor", ["fine", "coarse"])
+def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: str) -> None:
+    """Variances add: sigma squared and LSB squared over 12."""
+    plots = scattered(sensor)
+    assert len(plots) > 2700
+    for of, error, sigma, lsb in (
+        (
+            "RHO",
+            plots.rho_nm * 1852 - plots.true_range_m,
+            plots.sigma_range_m,
+            RHO_LSB_M,
+        ),
+        (
+            "THETA",
+            wrap_180(plots.theta_deg - plots.true_azimuth_deg),
+            plots.sigma_azimuth_deg,
+            THETA_LSB_DEG,
+        ),
+    ):
+        total = np.sqrt(sigma**2 + lsb**2 / 12)
+        assert_mean((error / total) ** 2, 1.0, of)
+        assert_mean(error / total, 0.0, f"bias of {of}")
+        noise_to_quantisation = np.median(sigma) / lsb * np.sqrt(12)
+        assert (noise_to_quantisation > 1) == (sensor == "coarse")
+
+
+@pytest.mark.parametrize("sensor", ["fine", "coarse"])
+def test_category_048_is_the_protobuf_to_half_an_lsb(sensor: str) -> None:
+    plots = scattered(sensor)
+    for difference, lsb in (
+        (plots.rho_nm * 1852 - plots.range_m, RHO_LSB_M),
+        (wrap_180(plots.theta_deg - plots.azimuth_deg), THETA_LSB_DEG),
+        (plots.altitude_ft * 0.3048 + UNDULATION_M - plots.height_m, ALTITUDE_LSB_M),
+    ):
+        assert np.abs(difference).max() <= lsb / 2 * (1 + 1e-9)
+        assert_law((difference / lsb + 0.5), "uniform")
+
+
+@pytest.mark.parametrize("sensor", ["fine", "coarse"])
+def test_altitude_has_the_error_of_range_elevation_and_quantisation(sensor: str) -> None:
+    plots = scattered(sensor)
+    elevation = np.radians(plots.true_elevation_deg)
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
+    true_height_m = SITE.to_geodetic(true)[2]
+    error = plots.altitude_ft * 0.3048 - (true_height_m - UNDULATION_M)
+    variance = (np.sin(elevation) * plots.sigma_range_m) ** 2
+    cross_m = plots.true_range_m * np.radians(plots.sigma_elevation_deg)
+    variance = variance + (np.cos(elevation) * cross_m) ** 2
+    total = np.sqrt(variance + ALTITUDE_LSB_M**2 / 12)
+    assert_mean((error / total) ** 2, 1.0, "variance")
+    assert_mean(error / total, 0.0, "bias")
+
+
+def test_height_is_that_of_the_measured_place() -> None:
+    plots = scattered("coarse")
+    place = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    np.testing.assert_allclose(plots.height_m, SITE.to_geodetic(place)[2], rtol=0, atol=1e-6)
+
+
+def test_time_of_day_is_the_plots_time_to_half_an_lsb_and_starts_again_at_midnight() -> None:
+    drones = [held(f"d{i}", 3.3 * i, 8.0, 1000.0 + i) for i in range(100)]
+    midnight_ns = START_NS // DAY_NS * DAY_NS
+    sensor = RADAR | {"scan": rotating(0.7, 12)}
+    plots = fly(scene([sensor], drones, seed=23), 20, midnight_ns - 10 * NS).plots()
+    into_day_s = (plots.time_utc_ns % DAY_NS) / NS
+    late_s = (plots.time_of_day_s - into_day_s + 43_200) % 86_400 - 43_200
+    assert np.abs(late_s).max() <= 0.5 / 128 + 1e-9
+    assert_law(late_s * 128 + 0.5, "uniform")
+    assert 0 <= plots.time_of_day_s.min() < 1
+    assert 86_399 < plots.time_of_day_s.max() < 86_400
+
+
+def test_floors_remain_where_the_echo_is_strong_and_add_in_quadrature() -> None:
+    floors = {"range_floor_m": 2.0, "azimuth_floor_deg": 0.05, "elevation_floor_deg": 0.1}
+    drones = [held(f"n{i}", 7 * i + 1, 8.0, 300.0, rcs_m2=10.0) for i in range(50)]
+    drones += [held(f"f{i}", 7 * i + 4, 8.0, 7000.0) for i in range(50)]
+    plots = detections(fly(scene([RADAR | floors], drones, seed=24), 150).plots())
+    power = 10 ** (plots.snr_db / 10)
+    for (of, (error, sigma)), noise, floor in zip(
+        errors(plots).items(),
+        (sigma_range_m(RADAR, power), sigma_angle_deg(2.0, power), sigma_angle_deg(6.0, power)),
+        floors.values(),
+        strict=True,
+    ):
+        np.testing.assert_allclose(sigma, np.sqrt(noise**2 + floor**2), rtol=1e-12)
+        near = np.char.startswith(plots.drone, "n")
+        assert_standard_normal(error[near] / floor, f"{of}, floor alone")
+        assert_standard_normal(error[~near] / sigma[~near], f"{of}, floor and noise")
