@@ -6,14 +6,24 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.parts import Frequency, Height, Name, NotNegative, Part, Place, Positive
+from plotfeed.feeds.parts import (
+    Decibels,
+    Frequency,
+    Height,
+    Name,
+    NotNegative,
+    Part,
+    Place,
+    Positive,
+    Speed,
+)
 from plotfeed.feeds.report import AltitudeReference
 
 
 class Waypoint(Place):
     """A place on a path."""
 
-    speed_m_s: Positive | None = None
+    speed_m_s: Speed | None = None
     """On the way here; without it, the drone's."""
 
 
@@ -23,7 +33,7 @@ class EmitterPart(Part):
     frequency_hz: Frequency
     """Centre."""
     bandwidth_hz: Positive
-    eirp_dbm: float
+    eirp_dbm: Decibels
     kind: str = ""
     """Such as control, video or remote-id."""
     identity: str = ""
@@ -53,14 +63,14 @@ class Drone(Part):
 
     id: Name
     rcs_m2: Positive | None = None
-    sound_power_db: float | None = None
+    sound_power_db: Decibels | None = None
     """Re 1 pW."""
     emitters: Annotated[tuple[EmitterPart, ...], Field(strict=False)] = ()
     """What radiates on board."""
     start_s: NotNegative = 0.0
     """After the session's start."""
     path: Annotated[tuple[Waypoint, ...], Field(strict=False)] = ()
-    speed_m_s: Positive | None = None
+    speed_m_s: Speed | None = None
     repeat: bool = False
     """Back from the last waypoint to the first, and again; otherwise it is gone at the last."""
     flight: FlightFile | None = None

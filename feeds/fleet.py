@@ -13,11 +13,12 @@ from plotfeed.feeds.drones import Drone, FlightFile
 from plotfeed.feeds.intake import add_report
 from plotfeed.feeds.parts import Site
 from plotfeed.feeds.places import geodetic
-from plotfeed.feeds.report import Report
+from plotfeed.feeds.report import LATEST_UTC_NS, Report
 from plotfeed.feeds.scene import Scene
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Emitter, Floats, Signature
 from plotfeed.models.truth import NS, Trajectories
+from plotfeed.proto.errors import PlotfeedError
 
 MAX_LEG_M = 500.0
 """A straight line this long leaves the curve of constant height by 5 mm."""
@@ -39,6 +40,8 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
                 )
             continue
         times_s, positions = knots(scene.scene.site, drone)
+        if begin_ns + times_s[-1] * NS > LATEST_UTC_NS:
+            raise PlotfeedError(f"drone {drone.id!r}: path: it ends after the year 2262")
         trajectories.add_path(
             drone.id,
             [begin_ns + round(t * NS) for t in times_s],

@@ -22,18 +22,27 @@ def _name(value: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_name)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+# Every number has bounds, so that no power or product of them leaves float64 or int64.
+Positive = Annotated[float, Field(gt=0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0, le=1e9)]
+Offset = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""From the site, in metres."""
+Decibels = Annotated[float, Field(ge=-300, le=300)]
+Loss = Annotated[float, Field(ge=0, le=300)]
+"""In decibels."""
+Speed = Annotated[float, Field(ge=0.01, le=1000)]
+Resolution = Annotated[float, Field(ge=0.01, le=1e6)]
+"""In metres."""
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
 Height = Annotated[float, Field(ge=-1000, le=100_000)]
 Azimuth = Annotated[float, Field(ge=-360, le=360)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
-Beamwidth = Annotated[float, Field(gt=0, le=360)]
+Beamwidth = Annotated[float, Field(ge=0.01, le=360)]
 Frequency = Annotated[float, Field(ge=1, le=1e12)]
 Probability = Annotated[float, Field(ge=1e-15, le=0.1)]
 """Of a false alarm."""
-Enu = Annotated[tuple[float, float, float], Field(strict=False)]
+Enu = Annotated[tuple[Offset, Offset, Offset], Field(strict=False)]
 
 
 class Site(Part):
@@ -48,9 +57,9 @@ class Site(Part):
 class Place(Part):
     """A place: from the site in metres, or by latitude and longitude."""
 
-    east_m: float | None = None
-    north_m: float | None = None
-    above_site_m: float | None = None
+    east_m: Offset | None = None
+    north_m: Offset | None = None
+    above_site_m: Offset | None = None
     """Difference in height above the ellipsoid."""
     latitude_deg: Latitude | None = None
     longitude_deg: Longitude | None = None

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.drones import Drone
-from plotfeed.feeds.parts import Height, Name, NotNegative, Part, Positive, Site
+from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
+MAX_FALSE_ALARMS = 100_000
+"""In a scan, on average: each of them is drawn, encoded and sent."""
+MAX_PROBLEMS = 20
+"""Told of a scene that has many."""
+MAX_SHOWN = 80
 
 
 class SceneError(PlotfeedError):
@@ -25,7 +32,7 @@ class SceneError(PlotfeedError):
 
     def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
         lines = [f"{path}: {key}: {text}" if key else f"{path}: {text}" for key, text in problems]
-        super().__init__("\n".join(lines))
+        super().__init__("\n".join(_printable(line) for line in lines))
         self.path = path
         self.problems = problems
 
@@ -43,9 +50,13 @@ class General(Part):
     """When to end; without it, on request."""
 
     @model_validator(mode="after")
-    def _start_has_a_zone(self) -> Self:
-        if self.start_utc is not None and self.start_utc.tzinfo is None:
+    def _start_is_a_time(self) -> Self:
+        if self.start_utc is None:
+            return self
+        if self.start_utc.tzinfo is None:
             raise ValueError("start_utc: write the zone too, such as 2026-01-01T12:00:00Z")
+        if not 1970 < self.start_utc.year < 2200:
+            raise ValueError("start_utc: must be from 1971 to 2199")
         return self
 
     @property
@@ -73,7 +84,7 @@ class Telemetry(Part):
     max_drones: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
     rcs_m2: Positive = 0.01
     """Radar cross-section of a drone that states none."""
-    sound_power_db: float = 80.0
+    sound_power_db: Decibels = 80.0
     """Sound power level, re 1 pW, of a drone that states none."""
 
 
@@ -107,13 +118,24 @@ class Scene(Part):
             ("sensor", [s.id for s in self.sensor]),
             ("drone", [d.id for d in self.drone]),
         ):
-            twice = {n for n in names if names.count(n) > 1}
+            twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
         if {"telemetry", "truth", "errors"} & {s.id for s in self.sensor}:
             raise ValueError(
                 "sensor: the ids telemetry, truth and errors are topics of the session"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _false_alarms_can_be_sent(self) -> Self:
+        for sensor in self.sensor:
+            expected = sensor.model(self.scene.site).false_alarms_per_scan
+            if expected > MAX_FALSE_ALARMS:
+                raise ValueError(
+                    f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
+                    f"at most {MAX_FALSE_ALARMS} are taken"
+                )
         return self
 
     @property
@@ -126,16 +148,18 @@ def load(path: str | Path) -> Scene:
     """The scene in a TOML file; raises `SceneError` with every problem that was found in it."""
     path = Path(path)
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise SceneError(path, [("", error.strerror or "cannot be read")]) from None
+        with path.open("rb") as file:
+            data = file.read(MAX_SCENE_OCTETS + 1)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else None
+        raise SceneError(path, [("", why or f"cannot be read: {error}")]) from None
     if len(data) > MAX_SCENE_OCTETS:
         raise SceneError(path, [("", f"larger than {MAX_SCENE_OCTETS} octets: not a scene")])
     try:
         tree = tomllib.loads(data.decode())
     except UnicodeDecodeError as error:
         raise SceneError(path, [("", f"not UTF-8 at octet {error.start}")]) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or an int of 5,000 digits
         raise SceneError(path, [("", f"not TOML: {error}")]) from None
     return from_tree(tree, path)
 
@@ -151,26 +175,59 @@ def from_tree(tree: dict[str, Any], path: Path) -> Scene:
     try:
         scene = Scene.model_validate(tree)
     except ValidationError as error:
-        raise SceneError(path, list(_problems(error, tree))) from None
+        raise SceneError(path, list(islice(_problems(error, tree), MAX_PROBLEMS))) from None
     scene._folder = path.parent
     return scene
 
 
 def _problems(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    for found in error.errors():
-        key, text, value = _key(found["loc"], tree), found["msg"], found["input"]
-        kind = found["type"]
+    located = error.errors()
+    within = {found["loc"][:n] for found in located for n in range(len(found["loc"]))}
+    for found in located:
+        key, text = _key(found["loc"], tree), found["msg"]
+        kind, context = found["type"], found.get("ctx", {})
         if kind == "extra_forbidden":
             yield key, f"no such key{_suggestion(found['loc'])}"
         elif kind == "missing":
             yield key, "missing"
+        elif kind == "union_tag_not_found":
+            yield f"{key}.{context['discriminator'].strip(_QUOTE)}", "missing"
+        elif kind == "union_tag_invalid":
+            here = f"{key}.{context['discriminator'].strip(_QUOTE)}"
+            yield here, f"expected one of {context['expected_tags']}, not {_shown(context['tag'])}"
         elif kind == "value_error":
             inner, _, rest = text.removeprefix("Value error, ").partition(": ")
             named = rest and inner.isidentifier()
             yield (f"{key}.{inner}" if key else inner) if named else key, rest if named else inner
+        elif kind == "too_short":
+            if found["loc"] not in within:  # else it only lacks what was refused itself
+                yield key, "at least one is needed"
         else:
-            shown = repr(value) if isinstance(value, str | int | float | bool) else "this"
-            yield key, f"{text[0].lower()}{text[1:]}, not {shown}"
+            expected = _EXPECTED.get(kind, f"{text[0].lower()}{text[1:]}")
+            yield key, f"{expected}, not {_shown(found['input'])}"
+
+
+_QUOTE = "'"
+_EXPECTED = {
+    "tuple_type": "expected a list",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+}
+"""Where pydantic speaks of Python."""
+
+
+def _shown(value: object) -> str:
+    """What stands in the scene, as far as it tells something in a line."""
+    if isinstance(value, int) and abs(value) >= 1 << 64:
+        return "so large a number"
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    text = repr(value) if isinstance(value, str | int | float) else str(value)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+
+
+def _printable(line: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in line)
 
 
 def _key(location: tuple[int | str, ...], tree: dict[str, Any]) -> str:

@@ -10,11 +10,14 @@ from pydantic import Field, model_validator
 from plotfeed.feeds.parts import (
     Azimuth,
     Beamwidth,
+    Decibels,
     Elevation,
     Frequency,
+    Loss,
     NotNegative,
     Positive,
     Probability,
+    Resolution,
     Site,
 )
 from plotfeed.feeds.sensors.base import RotatingScan, Scan, SensorPart
@@ -36,34 +39,34 @@ class ActiveRadarSensor(SensorPart):
     power_w: Positive
     """Average."""
     frequency_hz: Frequency
-    gain_tx_dbi: float
-    gain_rx_dbi: float | None = None
+    gain_tx_dbi: Decibels
+    gain_rx_dbi: Decibels | None = None
     """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
     antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     integration_s: Positive
     """Coherent."""
-    loss_db: NotNegative = 4.0
+    loss_db: Loss = 4.0
     """Of the system; the CFAR loss is in the detector already."""
-    noise_figure_db: NotNegative = 5.0
+    noise_figure_db: Loss = 5.0
     pfa: Probability = 1e-6
     """Probability of a false alarm in one resolution cell."""
     n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
     """Reference cells of the CA-CFAR."""
-    range_resolution_m: Positive
+    range_resolution_m: Resolution
     range_min_m: NotNegative = 0.0
     """The blind range."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Instrumented."""
     azimuth_beamwidth_deg: Beamwidth
     elevation_beamwidth_deg: Beamwidth
-    receive_beams: Annotated[int, Field(ge=1)] = 1
+    receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
     azimuth_min_deg: Azimuth = -180.0
     azimuth_max_deg: Azimuth = 180.0
     """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_min_deg: Elevation
     elevation_max_deg: Elevation
-    doppler_cells: Annotated[int, Field(ge=1)] = 1
+    doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     range_floor_m: NotNegative = 0.0
     azimuth_floor_deg: NotNegative = 0.0
     elevation_floor_deg: NotNegative = 0.0
