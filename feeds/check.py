@@ -118,8 +118,9 @@ def _predicted(
 
 
 def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets:
-    """The target at these slant ranges from the sensor, as low as it flies or straight above."""
-    up_m = np.minimum(target.above_site_m - sensor.position_enu_m[2], ranges_m)
+    """The target at these slant ranges from the sensor, as low as it flies, or straight above or below.""""
+    above_m = target.above_site_m - sensor.position_enu_m[2]
+    up_m = np.clip(above_m, -ranges_m, ranges_m)
     ground_m = np.sqrt(ranges_m**2 - up_m**2)
     azimuth = np.radians(target.azimuth_deg)
     enu_m = np.stack([ground_m * np.sin(azimuth), ground_m * np.cos(azimuth), up_m], axis=-1)
