@@ -19,7 +19,7 @@ from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.scan import (
     Sector,
-    beam_is_late_by,
+    beam_meets,
     beam_passes,
     next_sector,
     sector_at,
@@ -55,7 +55,7 @@ class Station:
         self._trajectories = trajectories
         self._chance = Chance(scene.scene.seed, sensor.id)
         self._formats: list[Format] = formats_of(scene, sensor)
-        self._edge: tuple[int, int, Floats] | None = None
+        self._edge = (-1, -1, np.zeros(0))
 
     def sector_at(self, t_utc_ns: int) -> Sector:
         """The sector under way at a time."""
@@ -83,29 +83,45 @@ class Station:
         """The drones that the sensor looks at in a sector, each when it does."""
         if self.sectors == 1:
             return self._trajectories.state_at(sector.end_ns)
-        passed, share = beam_passes(
-            sector, self._azimuths_at(sector.start_ns), self._azimuths_at(sector.end_ns)
-        )
+        passed, share = beam_passes(sector, *self._azimuths_at_edges(sector))
         drones = np.flatnonzero(passed)
         if not len(drones):
             return self._trajectories.state_at(sector.end_ns, drones)
-        share = share[drones]
-        state = self._trajectories.state_at(time_after_share_ns(sector, share), drones)
-        if len(state) < len(drones):  # gone before the beam came
-            share = share[np.isin(drones, state.drone)]
-        share = share + beam_is_late_by(sector, share, self._azimuths(state))
-        state = self._trajectories.state_at(time_after_share_ns(sector, share), state.drone)
+
+        def azimuth_at(share: Floats) -> Floats:
+            state = self._trajectories.state_at(time_after_share_ns(sector, share), drones)
+            azimuth_deg = np.full(len(drones), np.nan)  # of one that is gone before the beam comes
+            azimuth_deg[np.isin(drones, state.drone)] = self._azimuths(state)
+            return azimuth_deg
+
+        share = beam_meets(sector, share[drones], azimuth_at)
+        met = ~np.isnan(share)
+        state = self._trajectories.state_at(time_after_share_ns(sector, share[met]), drones[met])
         return state.rows(np.argsort(state.t_utc_ns, kind="stable"))
 
+    def _azimuths_at_edges(self, sector: Sector) -> tuple[Floats, Floats]:
+        """Azimuth of every drone there ever was, at the start and at the end; NaN if it is gone.
+
+        At the start it is what it was taken for when the sector before was reported, whatever
+        telemetry says since: else a drone could be on either side of the border in both.
+        """
+        version = self._trajectories.version
+        end = self._azimuths_at(sector.end_ns)
+        if (sector.start_ns, version) == self._edge[:2]:
+            start = self._edge[2]
+        else:
+            start = self._azimuths_at(sector.start_ns)
+            if sector.start_ns == self._edge[0]:
+                taken = self._edge[2]
+                start[: len(taken)] = np.where(np.isnan(taken), start[: len(taken)], taken)
+        self._edge = (sector.end_ns, version, end)
+        return start, end
+
     def _azimuths_at(self, t_utc_ns: int) -> Floats:
-        """Azimuth of every drone there ever was, NaN where it is not there; kept for one time."""
-        key = (t_utc_ns, self._trajectories.version)
-        if self._edge is None or self._edge[:2] != key:
-            state = self._trajectories.state_at(t_utc_ns)
-            azimuth_deg = np.full(len(self._trajectories.names), np.nan)
-            azimuth_deg[state.drone] = self._azimuths(state)
-            self._edge = (*key, azimuth_deg)
-        return self._edge[2]
+        state = self._trajectories.state_at(t_utc_ns)
+        azimuth_deg = np.full(len(self._trajectories.names), np.nan)
+        azimuth_deg[state.drone] = self._azimuths(state)
+        return azimuth_deg
 
     def _azimuths(self, state: TruthState) -> Floats:
         return enu_to_aer(self.frame.from_ecef(state.position_ecef_m))[0]

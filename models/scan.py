@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from plotfeed.models.frames import wrap_180, wrap_360
 from plotfeed.models.state import Bools, Floats, Ints
+
+ON_BEAM_DEG = 1e-7
+"""As near as a look's instant brings beam and target."""
+LEAP_DEG = 5.0
+"""A target that never comes as near as this leapt over the beam: it flew over the sensor."""
+MAX_STEPS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +83,31 @@ def time_after_share_ns(sector: Sector, share: Floats) -> Ints:
     """The time after a share of a sector, kept within it."""
     into_ns = np.rint(share * (sector.end_ns - sector.start_ns)).astype(np.int64)
     return sector.start_ns + np.clip(into_ns, 0, sector.end_ns - sector.start_ns - 1)
+
+
+def beam_meets(sector: Sector, share: Floats, azimuth_at: Callable[[Floats], Floats]) -> Floats:
+    """The share of a sector after which the beam meets each target that it passes; (n,).
+
+    By secants, halving where they lead out of what is left, from the first guess `share`;
+    `azimuth_at` tells the targets' azimuths after shares. NaN where a target is gone, or leaps.
+    """
+    low, high = np.zeros(len(share)), np.ones(len(share))
+    before, late_before = share, np.zeros(len(share))
+    width_deg = sector.end_deg - sector.start_deg
+    late = np.full(len(share), np.nan)
+    for step in range(MAX_STEPS):
+        late = beam_is_late_by(sector, share, azimuth_at(share))
+        on_beam = np.abs(late) * width_deg <= ON_BEAM_DEG
+        if on_beam.all():
+            break
+        low, high = np.where(late > 0, share, low), np.where(late < 0, share, high)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope = (late - late_before) / (share - before) if step else -1.0
+            guess = share - late / slope
+        good = (guess > low) & (guess < high) & (step % 4 < 3)
+        following = np.where(on_beam, share, np.where(good, guess, (low + high) / 2))
+        before, late_before, share = share, late, following
+    return np.where(np.abs(late) * width_deg <= LEAP_DEG, share, np.nan)
 
 
 def beam_is_late_by(sector: Sector, share: Floats, azimuth_deg: Floats) -> Floats:
