@@ -118,7 +118,7 @@ def _predicted(
 
 
 def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets:
-    """The target at these slant ranges from the sensor, as low as it flies, or straight above or below.""""
+    """The target at these slant ranges, in the height that it flies at where that can be."""
     above_m = target.above_site_m - sensor.position_enu_m[2]
     up_m = np.clip(above_m, -ranges_m, ranges_m)
     ground_m = np.sqrt(ranges_m**2 - up_m**2)
