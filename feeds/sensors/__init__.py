@@ -6,10 +6,23 @@ from typing import Annotated
 
 from pydantic import Field
 
+from plotfeed.feeds.sensors.acoustic import AcousticSensor
 from plotfeed.feeds.sensors.active_radar import ActiveRadarSensor
+from plotfeed.feeds.sensors.passive_radar import PassiveRadarSensor
 from plotfeed.feeds.sensors.range_gate import RangeGateSensor
+from plotfeed.feeds.sensors.rf import RfSensor
 
-Sensor = Annotated[ActiveRadarSensor | RangeGateSensor, Field(discriminator="type")]
+Sensor = Annotated[
+    AcousticSensor | ActiveRadarSensor | PassiveRadarSensor | RangeGateSensor | RfSensor,
+    Field(discriminator="type"),
+]
 """Any of them; `type` tells which."""
 
-__all__ = ["ActiveRadarSensor", "RangeGateSensor", "Sensor"]
+__all__ = [
+    "AcousticSensor",
+    "ActiveRadarSensor",
+    "PassiveRadarSensor",
+    "RangeGateSensor",
+    "RfSensor",
+    "Sensor",
+]
