@@ -1,4 +1,4 @@
-"""The command: plotfeed demo | run | inject | check | show | schema."""
+"""The command: plotfeed demo | run | inject | check | show | sensors | schema."""
 
 from __future__ import annotations
 
@@ -185,7 +185,19 @@ def show(source: str, count: int | None, duration: float | None, *, as_json: boo
     """
     from plotfeed.feeds.show import show_source
 
-    return show_source(source, count=count, duration_s=duration, as_json=as_json)
+    access = _take_access(options)
+    return show_source(source, access, **options)
+
+
+@cli.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True)
+def sensors(name: str | None, *, as_json: bool) -> int:
+    """List the commercial sensors that a scene can name as a preset, or all keys of one: NAME."""
+    from plotfeed.feeds.show_presets import print_presets
+
+    print_presets(name, as_json=as_json)
+    return 0
 
 
 @cli.command()

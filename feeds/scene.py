@@ -16,6 +16,8 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_valid
 
 from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
+from plotfeed.feeds.presets import names as preset_names
+from plotfeed.feeds.presets import with_presets
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
 
@@ -107,12 +109,25 @@ class Scene(Part):
     scene: General
     telemetry: Telemetry = Telemetry()
     mqtt: Mqtt = Mqtt()
-    sensor: Annotated[tuple[Sensor, ...], Field(strict=False, min_length=1)]
+    sensor: Annotated[
+        tuple[Sensor, ...],
+        Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
+    ]
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
 
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="after")
+def _or_of_a_preset(schema: dict[str, Any]) -> None:
+    """Let the JSON schema pass a sensor whose keys its preset gives."""
+    of_a_preset = {
+        "type": "object",
+        "required": ["id", "preset"],
+        "properties": {"preset": {"enum": preset_names()}},
+    }
+    schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
+
+
     def _names_are_unique(self) -> Self:
         for kind, names in (
             ("sensor", [s.id for s in self.sensor]),
@@ -175,7 +190,11 @@ def from_tree(tree: dict[str, Any], path: Path) -> Scene:
     try:
         scene = Scene.model_validate(tree)
     except ValidationError as error:
-        raise SceneError(path, list(islice(_problems(error, tree), MAX_PROBLEMS))) from None
+        # A sensor without its preset lacks keys that nobody wanted to write.
+        others = (p for p in _problems(error, tree) if p[0].partition(".")[0] not in misused)
+        problems += islice(others, MAX_PROBLEMS)
+    if problems:
+        raise SceneError(path, problems)
     scene._folder = path.parent
     return scene
 
@@ -185,6 +204,8 @@ def _problems(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[st
     within = {found["loc"][:n] for found in located for n in range(len(found["loc"]))}
     for found in located:
         key, text = _key(found["loc"], tree), found["msg"]
+    tree, problems = with_presets(tree)
+    misused = {key.partition(".")[0] for key, _ in problems}
         kind, context = found["type"], found.get("ctx", {})
         if kind == "extra_forbidden":
             yield key, f"no such key{_suggestion(found['loc'])}"
