@@ -40,6 +40,7 @@ class _Topics:
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
         self._root = f"{scene.mqtt.prefix}/{sensor.id}"
         self._sensor = sensor.id
+        self._qos = scene.mqtt.qos
 
     def message(self, kind: str, content_type: str, payload: bytes, sector: Sector) -> Message:
         place = (str(sector.scan), str(sector.index))
@@ -48,6 +49,7 @@ class _Topics:
             payload=payload,
             content_type=content_type,
             due_utc_ns=sector.end_ns,
+            qos=self._qos,
             properties=(
                 ("specversion", "1.0"),
                 ("id", "-".join(place)),
@@ -59,6 +61,12 @@ class _Topics:
                 ("sector", place[1]),
             ),
         )
+
+
+def max_block_octets(scene: Scene, sensor: Sensor) -> int:
+    """What a data block may hold so that it fits wherever the sensor's messages go."""
+    datagrams = (udp.max_octets for udp in scene.udp if udp.takes(sensor.id))
+    return min(datagrams, default=MAX_BLOCK_OCTETS)
 
 
 class Asterix048:
@@ -74,7 +82,7 @@ class Asterix048:
             sensor.sac,
             sensor.sic,
             geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
-            max_octets=MAX_BLOCK_OCTETS,
+            max_octets=max_block_octets(scene, sensor),
         )
         self._service = None
         if isinstance(sensor.scan, RotatingScan):

@@ -10,13 +10,12 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
 from uuid import uuid4
 
 import gmqtt
 
+from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.message import Message
 from plotfeed.proto.errors import PlotfeedError
 
@@ -43,35 +42,6 @@ class MqttError(PlotfeedError):
     exit_code = 1
 
 
-class AddressError(PlotfeedError):
-    """What should be the address of a broker, and is not."""
-
-
-@dataclass(frozen=True, slots=True)
-class BrokerAddress:
-    """Where a broker is, and which version of MQTT to speak: 5, 4 (which is 3.1.1), or try both."""
-
-    host: str
-    port: int = 1883
-    versions: tuple[int, ...] = (5, 4)
-
-    @classmethod
-    def parse(cls, url: str) -> BrokerAddress:
-        """From mqtt://HOST[:PORT]; raises `AddressError`."""
-        wrong = AddressError(f"broker {url!r}: expected mqtt://HOST or mqtt://HOST:PORT")
-        try:
-            parts = urlsplit(url)
-            port = parts.port
-        except ValueError:
-            raise wrong from None
-        if parts.scheme != "mqtt" or not parts.hostname or parts.username is not None:
-            raise wrong
-        return cls(parts.hostname, port or 1883)
-
-    def __str__(self) -> str:
-        return f"mqtt://{self.host}:{self.port}"
-
-
 class MqttLink:
     """One client's connection: kept up while `run` runs, and publishing when it is up."""
 
@@ -88,12 +58,15 @@ class MqttLink:
         self.address = address
         self.name = name
         self.connections = 0
+        self.last_error = ""
+        """Why the last attempt to connect failed."""
         self._client_id = f"{name}-{uuid4().hex[:8]}"
         self._will = will
         self._subscribe = subscribe
         self._on_message = on_message
         self._on_connect = on_connect
         self._versions = address.versions
+        self._tls = address.access.tls_context() if address.tls else False
         self._client: gmqtt.Client | None = None
         self._up = asyncio.Event()
         self._down = asyncio.Event()
@@ -103,9 +76,14 @@ class MqttLink:
         """Whether a broker has accepted the connection and has not gone away since."""
         return self._up.is_set()
 
-    async def wait_until_up(self) -> None:
-        """Return once there is a connection."""
-        await self._up.wait()
+    async def wait_until_up(self, timeout_s: float | None = None) -> None:
+        """Return once there is a connection; raises `MqttError` if there is none in that time."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._up.wait()
+        except TimeoutError:
+            why = f" ({self.last_error})" if self.last_error else ""
+            raise MqttError(f"no MQTT broker answers at {self.address}{why}") from None
 
     async def run(self) -> None:
         """Connect, and connect again whenever the connection is lost, until cancelled."""
@@ -115,8 +93,9 @@ class MqttLink:
                 try:
                     await self._connect()
                 except MqttError as error:
+                    self.last_error = str(error)
                     if attempt == 0:
-                        log.warning("%s; trying again", error)
+                        log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
                     await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
                     attempt += 1
                     continue
@@ -135,13 +114,16 @@ class MqttLink:
         client = self._client
         if client is None or not self._up.is_set() or unsent_octets(client) > MAX_UNSENT_OCTETS:
             return False
-        client.publish(
-            message.topic,
-            message.payload,
-            qos=message.qos,
-            retain=message.retain,
-            **self._properties(message),
-        )
+        try:
+            client.publish(
+                message.topic,
+                message.payload,
+                qos=message.qos,
+                retain=message.retain,
+                **self._properties(message),
+            )
+        except OverflowError:  # as much is unacknowledged as the broker allows
+            return False
         return True
 
     async def drain(self, timeout_s: float = 1.0) -> None:
@@ -174,6 +156,7 @@ class MqttLink:
                     await client.connect(
                         self.address.host,
                         self.address.port,
+                        ssl=self._tls,
                         version=version,
                         keepalive=KEEP_ALIVE_S,
                     )
@@ -188,7 +171,7 @@ class MqttLink:
                     return
                 reason = "the connection was closed"
             await _close(client)
-        raise MqttError(f"{self.name}: no connection to {self.address} ({reason})")
+        raise MqttError(reason)
 
     def _new_client(self, version: int) -> gmqtt.Client:
         will = self._will and gmqtt.Message(
@@ -200,6 +183,9 @@ class MqttLink:
         )
         client = gmqtt.Client(self._client_id, clean_session=True, will_message=will)
         client.set_config(NEVER_RECONNECT)
+        access = self.address.access
+        if access.username is not None:
+            client.set_auth_credentials(access.username, access.password)
         down = self._down = asyncio.Event()
         client.on_disconnect = lambda *_: down.set()
         client.on_message = self._received

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from plotfeed.feeds.clock import Clock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.proto import plotfeed_pb2 as pb
 
 LATENESS_KEPT = 100_000
+
+
+class Link(Protocol):
+    """Something that carries messages away, at once or not at all."""
+
+    def publish(self, message: Message) -> bool:
+        """Hand a message over; False if it was not taken."""
+
+    async def drain(self, timeout_s: float = ...) -> None:
+        """Wait until everything has left, or the time is up."""
+
 
 Tap = Callable[[Message, int], None]
 """Called with every message and the time at which it left."""
@@ -21,7 +32,7 @@ Tap = Callable[[Message, int], None]
 class Outbox:
     """One client's way out: the same messages over all its links, and to the tap."""
 
-    def __init__(self, clock: Clock, links: Sequence[MqttLink], tap: Tap | None = None) -> None:
+    def __init__(self, clock: Clock, links: Sequence[Link], tap: Tap | None = None) -> None:
         self.sent = 0
         self.undelivered = 0
         self.lateness_ns: deque[int] = deque(maxlen=LATENESS_KEPT)

@@ -13,11 +13,12 @@ from typing import Literal
 import click
 
 from plotfeed.feeds.altitude import AltitudeDatum
+from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.flights import Flight, FlightOptions, read, smoothed
 from plotfeed.feeds.inject import schedule
 from plotfeed.feeds.message import JSON, PROTOBUF, Message
-from plotfeed.feeds.mqtt import BrokerAddress, MqttError, MqttLink
+from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.report import AltitudeReference, Report
 from plotfeed.feeds.telemetry import encode_json, encode_protobuf
 
@@ -30,7 +31,7 @@ CONNECT_S = 5.0
 class FlightFeed:
     """How to publish a flight."""
 
-    broker: str
+    broker: BrokerAddress
     prefix: str = "plotfeed"
     drone: str | None = None
     speed: float = 1.0
@@ -53,7 +54,7 @@ def publish_flight(path: Path, options: FlightOptions, feed: FlightFeed) -> int:
     click.echo(
         f"{path}: {len(flight.reports)} reports, {flight.duration_s / feed.speed:.0f} s to fly"
     )
-    return asyncio.run(_publish(flight, feed, BrokerAddress.parse(feed.broker)))
+    return asyncio.run(_publish(flight, feed))
 
 
 def _some(lines: tuple[str, ...], at_most: int = 5) -> tuple[str, ...]:
@@ -62,7 +63,7 @@ def _some(lines: tuple[str, ...], at_most: int = 5) -> tuple[str, ...]:
     return (*lines[:at_most], f"and {len(lines) - at_most} more records skipped")
 
 
-async def _publish(flight: Flight, feed: FlightFeed, address: BrokerAddress) -> int:
+async def _publish(flight: Flight, feed: FlightFeed) -> int:
     """Connect, send each report when it is due, and pass on what is said of them."""
     drone = feed.drone or flight.name.replace(" ", "-")
     refusals: list[str] = []
@@ -71,14 +72,14 @@ async def _publish(flight: Flight, feed: FlightFeed, address: BrokerAddress) -> 
         _note_refusal(payload, drone, refusals)
 
     link = MqttLink(
-        address,
+        feed.broker,
         "plotfeed-inject",
         subscribe=[f"{feed.prefix}/errors"],
         on_message=heard,
     )
     running = asyncio.create_task(link.run(), name="link[inject]")
     try:
-        await _connected(link)
+        await link.wait_until_up(CONNECT_S)
         sent, undelivered = await _send_all(flight, feed, link, drone)
         await link.drain()
         await asyncio.sleep(0.2)  # for what is said of the last ones
@@ -87,20 +88,9 @@ async def _publish(flight: Flight, feed: FlightFeed, address: BrokerAddress) -> 
         await asyncio.gather(running, return_exceptions=True)
     for line in refusals[:5]:
         click.echo(f"plotfeed: refused: {line}", err=True)
-    told = f"{sent} reports sent to {address} as {feed.prefix}/telemetry/{drone}"
+    told = f"{sent} reports sent to {feed.broker} as {feed.prefix}/telemetry/{drone}"
     click.echo(f"{told}, {undelivered} undelivered, {len(refusals)} refused")
     return 1 if undelivered or refusals else 0
-
-
-async def _connected(link: MqttLink) -> None:
-    try:
-        async with asyncio.timeout(CONNECT_S):
-            await link.wait_until_up()
-    except TimeoutError:
-        raise MqttError(
-            f"no MQTT broker answers at {link.address}: start 'plotfeed demo' or a broker there, "
-            "or give another with --broker"
-        ) from None
 
 
 async def _send_all(

@@ -5,19 +5,22 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from pathlib import Path
 
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
+from plotfeed.feeds.broker_address import VERSIONS, Access, BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.desk import Desk, Totals, status_message
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
-from plotfeed.feeds.mqtt import BrokerAddress, MqttError, MqttLink
+from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.outbox import Outbox, Tap
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.station import SectorReport, Station
+from plotfeed.feeds.udp import UdpLink
 from plotfeed.models.truth import NS, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import ledger
@@ -70,7 +73,7 @@ async def _brokers(
         yield [], {}
         return
     if url is not None:
-        address = BrokerAddress.parse(url)
+        address = broker_address(scene, url)
         yield [address], {"MQTT": str(address)}
         return
     embedded = await EmbeddedBroker.start(scene.mqtt.port)
@@ -80,6 +83,21 @@ async def _brokers(
         yield [mqtt5, mqtt3], embedded.ports.urls()
     finally:
         embedded.stop()
+
+
+def broker_address(scene: Scene, url: str) -> BrokerAddress:
+    """A broker of the user's own, with the keys to it that the scene names."""
+    mqtt, folder = scene.mqtt, scene.folder
+
+    def beside_scene(name: str | None) -> Path | None:
+        return None if name is None else folder / name
+
+    access = Access(
+        ca_file=beside_scene(mqtt.ca_file),
+        certificate_file=beside_scene(mqtt.client_certificate_file),
+        key_file=beside_scene(mqtt.client_key_file),
+    ).with_credentials(beside_scene(mqtt.credentials_file))
+    return BrokerAddress.parse(url, versions=VERSIONS[mqtt.version], access=access)
 
 
 class Session:
@@ -102,6 +120,7 @@ class Session:
         self._intake = Intake(scene, self._trajectories)
         launch(scene, self._trajectories, self._start_ns)
         self._links: list[MqttLink] = []
+        self._udp = [(settings, UdpLink(settings)) for settings in scene.udp]
         self._office = Outbox(clock, self._office_links(addresses), tap)
         self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
 
@@ -110,15 +129,18 @@ class Session:
     ) -> None:
         """Connect, work until the end, say goodbye."""
         async with asyncio.TaskGroup() as tasks:
-            links = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
+            running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
             try:
-                await self._wait_for_connections()
+                for link in self._links:
+                    await link.wait_until_up(FIRST_CONNECTION_S)
                 on_ready()
                 await _first_of(self._work(duration_s), stop)
                 await self._farewell()
             finally:
-                for link in links:
-                    link.cancel()
+                for task in running:
+                    task.cancel()
+                for _, udp_link in self._udp:
+                    udp_link.close()
 
     def _office_links(self, addresses: Sequence[BrokerAddress]) -> list[MqttLink]:
         links = [
@@ -140,9 +162,10 @@ class Session:
         will = status_message(prefix, offline, self._start_ns)
         links = [MqttLink(address, f"plotfeed-{sensor.id}", will=will) for address in addresses]
         self._links.extend(links)
+        udp_links = [link for settings, link in self._udp if settings.takes(sensor.id)]
         return Desk(
             Station(self._scene, sensor, self._trajectories),
-            Outbox(self._clock, links, tap),
+            Outbox(self._clock, [*links, *udp_links], tap),
             prefix=prefix,
             clock=self._clock,
             agenda=self._agenda,
@@ -180,18 +203,6 @@ class Session:
                 due_utc_ns=report.sector.end_ns,
             )
         )
-
-    async def _wait_for_connections(self) -> None:
-        try:
-            async with asyncio.timeout(FIRST_CONNECTION_S):
-                for link in self._links:
-                    await link.wait_until_up()
-        except TimeoutError:
-            down = next(link for link in self._links if not link.is_up)
-            raise MqttError(
-                f"no MQTT broker answers at {down.address}: start one there, give another with "
-                "--broker, or leave it out for the embedded one"
-            ) from None
 
     async def _work(self, duration_s: float | None) -> None:
         """Do everything on the agenda, each thing at its time."""

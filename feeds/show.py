@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import signal
 from pathlib import Path
+from typing import Any
 
 import click
 
-from plotfeed.feeds.mqtt import AddressError, BrokerAddress, MqttError, MqttLink
+from plotfeed.feeds.broker_address import DEFAULT_PORTS, AddressError, BrokerAddress
+from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.readable import asterix_lines, message_lines
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.proto.errors import PlotfeedError
@@ -19,10 +21,22 @@ MAX_FILE_OCTETS = 1 << 30
 MAX_WAITING_LINES = 100_000
 
 
-def show_source(source: str, *, count: int | None, duration_s: float | None, as_json: bool) -> int:
-    """Print the messages of a broker or a file; the exit code. Raises `PlotfeedError`."""
+def show_source(
+    source: str,
+    access: dict[str, Any],
+    *,
+    count: int | None,
+    duration: float | None,
+    as_json: bool,
+) -> int:
+    """Print the messages of a broker or a file; the exit code. Raises `PlotfeedError`.
+
+    `access` holds the keyword arguments of `BrokerAddress.parse`.
+    """
     if "://" in source:
-        return asyncio.run(_show_broker(source, count, duration_s, as_json=as_json))
+        place, topic_filter = _split(source)
+        address = BrokerAddress.parse(place, **access)
+        return asyncio.run(_show_broker(address, topic_filter, count, duration, as_json=as_json))
     return _show_file(Path(source), count, as_json=as_json)
 
 
@@ -40,9 +54,13 @@ def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
 
 
 async def _show_broker(
-    url: str, count: int | None, duration_s: float | None, *, as_json: bool
+    address: BrokerAddress,
+    topic_filter: str,
+    count: int | None,
+    duration_s: float | None,
+    *,
+    as_json: bool,
 ) -> int:
-    address, topic_filter = _split(url)
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
     dropped = 0
 
@@ -57,7 +75,7 @@ async def _show_broker(
     link = MqttLink(address, "plotfeed-show", subscribe=[topic_filter], on_message=heard)
     running = asyncio.create_task(link.run(), name="link[show]")
     try:
-        await _connected(link)
+        await link.wait_until_up(CONNECT_S)
         printing = asyncio.create_task(_print(lines, count), name="print")
         with stopped_by_signals(printing.cancel) as signals:
             await asyncio.wait({printing}, timeout=duration_s)
@@ -71,14 +89,6 @@ async def _show_broker(
     return INTERRUPTED if signal.SIGINT in signals else 0
 
 
-async def _connected(link: MqttLink) -> None:
-    try:
-        async with asyncio.timeout(CONNECT_S):
-            await link.wait_until_up()
-    except TimeoutError:
-        raise MqttError(f"no MQTT broker answers at {link.address}") from None
-
-
 async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
     printed = 0
     while count is None or printed < count:
@@ -86,10 +96,10 @@ async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
         printed += 1
 
 
-def _split(url: str) -> tuple[BrokerAddress, str]:
+def _split(url: str) -> tuple[str, str]:
     """Address and topic filter of mqtt://HOST:PORT/FILTER, where the filter may hold # and +."""
     scheme, _, rest = url.partition("://")
     place, _, topic_filter = rest.partition("/")
-    if scheme != "mqtt":
+    if scheme not in DEFAULT_PORTS:
         raise AddressError(f"{url!r}: expected a file or mqtt://HOST:PORT/TOPIC-FILTER")
-    return BrokerAddress.parse(f"mqtt://{place}"), topic_filter or DEFAULT_FILTER
+    return f"{scheme}://{place}", topic_filter or DEFAULT_FILTER
