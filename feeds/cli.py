@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from importlib.metadata import version
@@ -81,6 +82,34 @@ def run(scene: Path, **options: Any) -> int:
     return run_in_terminal(load(scene), **options)
 
 
+def access_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """How to get into a broker; user and password come from the environment or a file."""
+    existing = click.Path(exists=True, dir_okay=False, path_type=Path)
+    for option in reversed(
+        [
+            click.option("--ca-file", type=existing, help="Who vouches for a mqtts:// broker."),
+            click.option("--client-certificate", type=existing, help="For a broker that asks."),
+            click.option("--client-key", type=existing),
+            click.option("--credentials", type=existing, help="TOML: username, password."),
+            click.option("--mqtt-version", type=click.Choice(["5", "3.1.1", "any"]), default="any"),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+def _take_access(options: dict[str, Any]) -> dict[str, Any]:
+    """What `access_options` gave, taken out of a command's options: for BrokerAddress.parse."""
+    from plotfeed.feeds.broker_address import VERSIONS, Access
+
+    access = Access(
+        ca_file=options.pop("ca_file"),
+        certificate_file=options.pop("client_certificate"),
+        key_file=options.pop("client_key"),
+    ).with_credentials(options.pop("credentials"))
+    return {"access": access, "versions": VERSIONS[options.pop("mqtt_version")]}
+
+
 def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Options that say what a flight file does not."""
     for option in reversed(
@@ -126,14 +155,18 @@ def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.option("--takeoff-height-m", type=float, help="Above the ellipsoid; makes altitudes that.")
 @click.option("--geoid-undulation-m", type=float, help="Above the ellipsoid; makes altitudes that.")
 @click.option("--rcs-m2", type=click.FloatRange(min=0, min_open=True))
+@access_options
 @flight_options
-def inject(flight: Path, **options: Any) -> int:
+def inject(flight: Path, broker: str, **options: Any) -> int:
     """Publish FLIGHT, a recorded file, as live telemetry."""
+    from plotfeed.feeds.broker_address import BrokerAddress
     from plotfeed.feeds.publish_flight import FlightFeed, publish_flight
+
+    address = BrokerAddress.parse(broker, **_take_access(options))
 
     names = ("columns", "altitude_reference", "gps_order", "utc_offset_h")
     how_to_read = _flight_options(**{name: options.pop(name) for name in names})
-    return publish_flight(flight, how_to_read, FlightFeed(**options))
+    return publish_flight(flight, how_to_read, FlightFeed(broker=address, **options))
 
 
 def _flight_options(columns: tuple[str, ...], **others: Any) -> FlightOptions:
@@ -177,15 +210,17 @@ def check(scene: Path, **options: Any) -> int:
 @click.option("--count", type=click.IntRange(min=1), help="End after so many lines.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-def show(source: str, count: int | None, duration: float | None, *, as_json: bool) -> int:
+@access_options
+def show(source: str, **options: Any) -> int:
     """Print decoded messages, one a line.
 
-    From a raw ASTERIX file, or from a broker: mqtt://HOST:PORT/TOPIC-FILTER, where the filter is
-    plotfeed/# if it is left out.
+    From a raw ASTERIX file, or from a broker: mqtt://HOST:PORT/TOPIC-FILTER, or mqtts:// for TLS,
+    where the filter is plotfeed/# if it is left out.
     """
     from plotfeed.feeds.show import show_source
 
-    return show_source(source, count=count, duration_s=duration, as_json=as_json)
+    access = _take_access(options)
+    return show_source(source, access, **options)
 
 
 @cli.command()
@@ -215,6 +250,7 @@ def main() -> None:
 
 
 def _run() -> int:
+    logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
     try:
         code = cli.main(standalone_mode=False)
         sys.stdout.flush()

@@ -36,7 +36,6 @@ def run_in_terminal(
 ) -> int:
     """Run until it ends or is stopped; the exit code."""
     clock = _clock(scene, speed)
-    logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
     with contextlib.ExitStack() as files:
         raw = files.enter_context(RawFile(write)) if write else None
         code, totals = asyncio.run(_run(scene, clock, broker, duration, raw, quiet=as_json))

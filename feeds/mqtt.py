@@ -94,7 +94,7 @@ class MqttLink:
                     await self._connect()
                 except MqttError as error:
                     self.last_error = str(error)
-                    if attempt == 0:
+                    if attempt == 0 and self.connections:  # else whoever waits is told
                         log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
                     await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
                     attempt += 1
@@ -163,7 +163,7 @@ class MqttLink:
             except TimeoutError:
                 reason = "no answer to CONNECT"
             except (OSError, gmqtt.mqtt.handler.MQTTError) as error:
-                reason = str(error)
+                reason = str(error) or type(error).__name__
             else:
                 if not self._down.is_set():
                     self._versions = (version,)

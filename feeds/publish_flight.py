@@ -46,7 +46,6 @@ class FlightFeed:
 
 def publish_flight(path: Path, options: FlightOptions, feed: FlightFeed) -> int:
     """Publish the flight in a file at its own tempo; the exit code. Raises `PlotfeedError`."""
-    logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
     recorded = read(path, replace(options, start_utc_ns=time.time_ns()))
     for line in (*recorded.assumed, *_some(recorded.skipped)):
         click.echo(f"plotfeed: {path}: {line}", err=True)
