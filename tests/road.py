@@ -80,7 +80,7 @@ def held(
 ) -> dict[str, Any]:
     """A drone that stays where it is, within a centimetre."""
     places = (waypoint(azimuth_deg, elevation_deg, r) for r in (range_m, range_m + 0.01))
-    return flown(name, *places, speed_m_s=1e-6, **more)
+    return flown(name, *places, speed_m_s=0.01, **more)
 
 
 def scene(
