@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_validator
 
@@ -19,6 +19,7 @@ from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Posi
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
 from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.udp import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -96,9 +97,20 @@ class Mqtt(Part):
     prefix: Annotated[str, Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200)] = "plotfeed"
     """First level or levels of every topic."""
     broker: str | None = None
-    """mqtt://HOST:PORT; without it, the embedded one on loopback."""
+    """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
     port: Annotated[int, Field(ge=1, le=65533)] = 1883
     """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
+    version: Literal["5", "3.1.1", "any"] = "any"
+    """Of MQTT, with a broker of your own; any tries 5 first."""
+    qos: Literal[0, 1] = 0
+    """Of what sensors report; status messages always have 1."""
+    ca_file: str | None = None
+    """Of who vouches for a broker at mqtts://; relative to the scene, as the files below."""
+    client_certificate_file: str | None = None
+    client_key_file: str | None = None
+    credentials_file: str | None = None
+    """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
+    PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
     truth: bool = True
     """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
 
@@ -119,6 +131,7 @@ class Scene(Part):
     scene: General
     telemetry: Telemetry = Telemetry()
     mqtt: Mqtt = Mqtt()
+    udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
     sensor: Annotated[
         tuple[Sensor, ...],
         Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
