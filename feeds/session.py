@@ -58,9 +58,16 @@ async def run(
                 stop,
                 lambda: on_ready and on_ready(urls, totals),
             )
+    except ExceptionGroup as group:  # of the task group: whoever called wants what went wrong
+        raise _cause(group) from None
     finally:
         clock.close()
     return totals
+
+
+def _cause(group: ExceptionGroup[Exception]) -> Exception:
+    first = group.exceptions[0]
+    return _cause(first) if isinstance(first, ExceptionGroup) else first
 
 
 @contextlib.asynccontextmanager
