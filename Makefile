@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := pyproject.toml Makefile constraints.txt
 
-.PHONY: demo test lint bench proto pictures clean
+.PHONY: demo test lint bench proto pictures constraints clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -35,6 +35,23 @@ lint: .venv/.ready-test
 
 proto: .venv/.ready-test
 	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto
+
+# Some minutes; nothing depends on the figures.
+bench: .venv/.ready-test
+	$(BIN)/python tests/benchmarks/write_benchmarks.py
+
+# What of the documentation is drawn or written by commands.
+pictures: .venv/.ready-test
+	$(BIN)/python docs/draw_ppi.py
+	$(BIN)/python docs/draw_section_4_active.py
+	$(BIN)/python docs/write_scene_reference.py
+	$(BIN)/python docs/equation_figures.py
+
+constraints: .venv/.ready-test
+	echo "# The versions that the tests run with; made by 'make constraints'." >constraints.new
+	$(BIN)/python -m pip freeze --exclude plotfeed --exclude pip --exclude setuptools \
+	  --exclude asterix_decoder >>constraints.new
+	mv constraints.new constraints.txt
 
 clean:
 	rm -rf .venv .venv-libasterix .typing
