@@ -1,0 +1,202 @@
+"""A client that owes nothing to the libraries of the session: MQTT 3.1.1 or 5 on a bare socket.
+
+It keeps whatever comes, so that tests can wait for a message or count them all.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from uuid import uuid4
+
+PATIENCE_S = 20.0
+"""For what must come sooner or later, on a machine that may be busy."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    topic: str
+    payload: bytes
+    retained: bool
+    content_type: str | None = None
+    user_properties: dict[str, str] = field(default_factory=dict)
+    expiry_s: int | None = None
+
+
+class Client:
+    """Connected and subscribed once it is made."""
+
+    def __init__(self, port: int, version: int, *filters: str) -> None:
+        self.version = version
+        self.heard: list[Heard] = []
+        self.ended = False
+        self._news = threading.Condition()
+        self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+        flags, keep_alive_s = 0x02, 60
+        name = _text(f"test-{uuid4().hex[:12]}")
+        self._send(
+            0x10, _text("MQTT") + bytes([version, flags]) + _u16(keep_alive_s) + self._none() + name
+        )
+        kind, answer = self._packet()
+        assert (kind, answer[1]) == (0x20, 0), answer.hex()
+        for i, topic_filter in enumerate(filters):
+            self._send(0x82, _u16(i + 1) + self._none() + _text(topic_filter) + b"\x01")
+            while (got := self._packet())[0] != 0x90:
+                self._take(*got)  # retained messages may come before the acknowledgement
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def publish(self, topic: str, payload: bytes, content_type: str | None = None) -> None:
+        properties = self._none()
+        if content_type is not None and self.version == 5:
+            packed = b"\x03" + _text(content_type)
+            properties = bytes([len(packed)]) + packed
+        self._send(0x30, _text(topic) + properties + payload)
+
+    def wait_for(self, wanted: Callable[[Heard], bool], since: int = 0) -> Heard:
+        """The first message that is wanted, among those from number `since` on."""
+        deadline = time.monotonic() + PATIENCE_S
+        with self._news:
+            while True:
+                for message in self.heard[since:]:
+                    if wanted(message):
+                        return message
+                left_s = deadline - time.monotonic()
+                topics = sorted({m.topic for m in self.heard})
+                assert left_s > 0, f"never came; heard {len(self.heard)} messages on {topics}"
+                assert not self.ended, f"cut off; heard {len(self.heard)} messages on {topics}"
+                self._news.wait(left_s)
+
+    def wait_until_cut_off(self) -> None:
+        self._reader.join(PATIENCE_S)
+        assert self.ended
+
+    def on(self, topic: str) -> list[bytes]:
+        """The payloads that have come on a topic."""
+        with self._news:
+            return [m.payload for m in self.heard if m.topic == topic]
+
+    def close(self) -> None:
+        try:
+            self._send(0xE0, b"")
+            self._socket.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            pass
+        self._reader.join(PATIENCE_S)
+        self._socket.close()
+
+    def _none(self) -> bytes:
+        """No properties, where the version has them."""
+        return b"\0" if self.version == 5 else b""
+
+    def _send(self, kind: int, body: bytes) -> None:
+        length, left = b"", len(body)
+        while True:
+            left, low = divmod(left, 128)
+            length += bytes([low | 0x80 if left else low])
+            if not left:
+                break
+        self._socket.sendall(bytes([kind]) + length + body)
+
+    def _packet(self) -> tuple[int, bytes]:
+        kind = self._octets(1)[0]
+        length = shift = 0
+        while True:
+            octet = self._octets(1)[0]
+            length |= (octet & 0x7F) << shift
+            shift += 7
+            if not octet & 0x80:
+                return kind, self._octets(length)
+
+    def _octets(self, n: int) -> bytes:
+        data = b""
+        while len(data) < n:
+            more = self._socket.recv(n - len(data))
+            if not more:
+                raise ConnectionResetError
+            data += more
+        return data
+
+    def _read(self) -> None:
+        try:
+            self._socket.settimeout(None)
+            while True:
+                self._take(*self._packet())
+        except OSError:
+            pass
+        finally:
+            with self._news:
+                self.ended = True
+                self._news.notify_all()
+
+    def _take(self, kind: int, body: bytes) -> None:
+        if kind & 0xF0 != 0x30:
+            return
+        topic, rest = _take_text(body)
+        if kind & 0x06:
+            self._send(0x40, rest[:2])
+            rest = rest[2:]
+        properties: dict[str, object] = {}
+        if self.version == 5:
+            properties, rest = _take_properties(rest)
+        message = Heard(topic, rest, bool(kind & 1), **properties)  # type: ignore[arg-type]
+        with self._news:
+            self.heard.append(message)
+            self._news.notify_all()
+
+
+@contextmanager
+def listening(port: int, version: int, *filters: str) -> Iterator[Client]:
+    client = Client(port, version, *filters)
+    try:
+        yield client
+    finally:
+        client.close()
+
+
+def _u16(value: int) -> bytes:
+    return struct.pack(">H", value)
+
+
+def _text(value: str) -> bytes:
+    data = value.encode()
+    return _u16(len(data)) + data
+
+
+def _take_text(data: bytes) -> tuple[str, bytes]:
+    end = 2 + int.from_bytes(data[:2], "big")
+    return data[2:end].decode(), data[end:]
+
+
+def _take_number(data: bytes) -> tuple[int, bytes]:
+    value = shift = 0
+    for i, octet in enumerate(data):
+        value |= (octet & 0x7F) << shift
+        shift += 7
+        if not octet & 0x80:
+            return value, data[i + 1 :]
+    raise AssertionError(data.hex())
+
+
+def _take_properties(data: bytes) -> tuple[dict[str, object], bytes]:
+    length, data = _take_number(data)
+    packed, rest = data[:length], data[length:]
+    found: dict[str, object] = {}
+    pairs: dict[str, str] = {}
+    while packed:
+        which, packed = packed[0], packed[1:]
+        if which == 0x02:
+            found["expiry_s"], packed = int.from_bytes(packed[:4], "big"), packed[4:]
+        elif which == 0x03:
+            found["content_type"], packed = _take_text(packed)
+        elif which == 0x26:
+            name, packed = _take_text(packed)
+            pairs[name], packed = _take_text(packed)
+        else:
+            raise AssertionError(f"property {which:#x} in {data.hex()}")
+    return {**found, "user_properties": pairs}, rest
