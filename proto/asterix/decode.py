@@ -10,8 +10,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
+from plotfeed.proto.asterix.cat015 import CAT015
+from plotfeed.proto.asterix.cat016 import CAT016
+from plotfeed.proto.asterix.cat025 import CAT025
 from plotfeed.proto.asterix.cat034 import CAT034
 from plotfeed.proto.asterix.cat048 import CAT048
+from plotfeed.proto.asterix.cat062 import CAT062
+from plotfeed.proto.asterix.cat063 import CAT063
+from plotfeed.proto.asterix.cat129 import CAT129
+from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.layout import (
     Category,
     Characters,
@@ -29,7 +36,21 @@ from plotfeed.proto.errors import DecodeError
 
 Value: TypeAlias = "int | float | str | bytes | dict[str, Value] | list[Value]"
 
-CATEGORIES: Mapping[int, Category] = {c.number: c for c in (CAT034, CAT048)}
+CATEGORIES: Mapping[int, Category] = {
+    category.number: category
+    for category in (
+        CAT015,
+        CAT016,
+        CAT025,
+        CAT034,
+        CAT048,
+        CAT062,
+        CAT063,
+        CAT129,
+        CAT205,
+    )
+}
+"""The newest edition of each. For another, give a reader `CATEGORIES | {62: CAT062_1_18}`."""
 
 HEADER_OCTETS = 3
 FX = 1
@@ -61,13 +82,20 @@ class Record:
     at_octet: int
 
     def get(self, path: str) -> Value | None:
-        """The value at a path such as "I048/040/RHO" or "I048/161"; None if it is not there."""
+        """The value at a path such as "I048/040/RHO" or "I048/161"; None if it is not there.
+
+        Members of a list go by their number from 0: "I048/250/0/BDS1".
+        """
         category, item, *parts = path.split("/")
         value = self.items.get(f"{category}/{item}")
         for part in parts:
-            if not isinstance(value, dict):
-                return None
-            value = value.get(part)
+            match value:
+                case dict():
+                    value = value.get(part)
+                case list() if part.isdecimal() and int(part) < len(value):
+                    value = value[int(part)]
+                case _:
+                    return None
         return value
 
 

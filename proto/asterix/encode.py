@@ -12,7 +12,7 @@ from plotfeed.proto.asterix.decode import HEADER_OCTETS
 from plotfeed.proto.asterix.layout import Category
 from plotfeed.proto.asterix.profile import profile
 from plotfeed.proto.asterix.scalar import compiled
-from plotfeed.proto.asterix.scaling import Rule, constant_bits
+from plotfeed.proto.asterix.scaling import Rule
 from plotfeed.proto.asterix.vector import VectorEncoder
 from plotfeed.proto.errors import EncodeError
 
@@ -52,7 +52,7 @@ class Encoder:
         rules: list[Rule] = []
         for slot in drawn.slots:
             if slot.path in constants:
-                template |= constant_bits(slot, constants[slot.path]) << slot.right
+                template |= Rule.of(slot).integer(constants[slot.path]) << slot.right
             else:
                 rules.append(Rule.of(slot, lsb.get(slot.path)))
         self.category = category.number
@@ -60,14 +60,17 @@ class Encoder:
         self.columns = tuple(rule.path for rule in rules)
         self.record, self._few = compiled(drawn.octets, template, rules)
         """record(*values) is one record of one number a column, in the order of `columns`."""
-        self._many = VectorEncoder(drawn.octets, template, rules).records
+        self._many = None
+        if not any(rule.text for rule in rules):  # no machine word holds text
+            self._many = VectorEncoder(drawn.octets, template, rules).records
 
     def records(self, columns: Mapping[str, ArrayLike]) -> bytes:
-        """The records of columns by path; each (n,), or one number for all records."""
+        """The records of columns by path; each (n,), or one number or text for all records."""
         try:
             values: list[Any] = [columns[path] for path in self.columns]
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
+        values = [np.asarray(c, np.object_) if isinstance(c, str) else c for c in values]
         try:
             lengths = set(map(len, values))
         except TypeError:  # a number for all records has no length
@@ -77,7 +80,7 @@ class Encoder:
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
         n = lengths.pop() if lengths else 1
-        if n >= CROSSOVER:
+        if n >= CROSSOVER and self._many is not None:
             return self._many(values, n)
         # Python's own numbers cost less than NumPy's one by one.
         return self._few([c.tolist() if isinstance(c, np.ndarray) else c for c in values])

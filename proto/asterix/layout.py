@@ -19,6 +19,9 @@ CALLSIGN = "?ABCDEFGHIJKLMNOPQRSTUVWXYZ????? ???????????????0123456789??????"
 
 OCTAL = "01234567"
 
+ASCII = bytes(range(256)).decode("latin-1")
+"""Characters of an octet each; the upper half, which no standard assigns, reads as Latin-1."""
+
 
 class Overflow(Enum):
     """What an encoder does with a value that is outside the range, once rounded to an LSB."""
@@ -154,7 +157,7 @@ class Compound:
     """A primary subfield of flags with extension bits, then those subfields whose flag is set."""
 
     name: str
-    subfields: tuple[Fixed | Repetitive | None, ...]
+    subfields: tuple[Fixed | Extended | Repetitive | None, ...]
 
 
 Item = Fixed | Extended | Repetitive | Explicit | Compound

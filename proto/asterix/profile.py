@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from plotfeed.proto.asterix.layout import (
@@ -16,6 +16,8 @@ from plotfeed.proto.asterix.layout import (
     Repetitive,
 )
 from plotfeed.proto.errors import EncodeError
+
+MAX_REPETITIONS = 255  # the octet that counts them holds no more
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,29 +43,41 @@ def profile(category: Category, paths: Iterable[str]) -> Profile:
 
     A path is an item ("I048/040"), a subfield of a compound ("I048/130/PRL") or a part of an
     extended item, which takes the item up to and including that part's group ("I048/020/ME").
+    What is repetitive is followed by how often: "I016/410*2" has the slots of "I016/410/0" and
+    "I016/410/1".
     """
-    chosen = set(paths)
+    chosen = dict(map(_split, paths))
     drawing = _Drawing(chosen)
     places = [
         place
         for place, item in enumerate(category.uap)
-        if item and any(p == item.name or p.startswith(f"{item.name}/") for p in chosen)
+        if item and any(_is_at(path, item.name) for path in chosen)
     ]
     drawing.flags(places)
     for place in places:
         item = category.uap[place]
         if item is not None:
             drawing.item(item)
-    if unknown := chosen - drawing.used:
+    if unknown := chosen.keys() - drawing.used:
         raise EncodeError(f"category {category.number} has no such item", field=min(unknown))
     return drawing.profile()
+
+
+def _split(path: str) -> tuple[str, int | None]:
+    """A path and how often what it names is repeated; None if it does not say."""
+    name, star, times = path.partition("*")
+    if not star:
+        return path, None
+    if not times.isdecimal() or not 0 <= int(times) <= MAX_REPETITIONS:
+        raise EncodeError(f"repeated not 0 to {MAX_REPETITIONS} times", field=path)
+    return name, int(times)
 
 
 @dataclass(slots=True)
 class _Drawing:
     """A record as it is put together from left to right."""
 
-    chosen: set[str]
+    chosen: Mapping[str, int | None]
     used: set[str] = field(default_factory=set)
     octets: int = 0
     bits: int = 0
@@ -93,41 +107,55 @@ class _Drawing:
             path = prefix if len(group.fields) == 1 and not group.fx else f"{prefix}/{part.name}"
             self.slots.append((path, part, end - right))
 
-    def item(self, item: Item) -> None:
-        self.used.add(item.name)
+    def item(self, item: Item, path: str = "") -> None:
+        """An item, or a subfield at `path`."""
+        path = path or item.name
+        self.used.add(path)
         match item:
-            case Fixed(name, group):
-                self.group(name, group)
-            case Extended():
-                self.extended(item)
+            case Fixed(_, group):
+                self.group(path, group)
+            case Extended(_, groups):
+                self.extended(path, groups)
+            case Repetitive(_, group):
+                self.repetitive(path, group)
             case Compound():
                 self.compound(item)
             case _:
-                raise EncodeError("an item of no fixed length fits no profile", field=item.name)
+                raise EncodeError("an item of no fixed length fits no profile", field=path)
 
-    def extended(self, item: Extended) -> None:
+    def extended(self, path: str, groups: Sequence[Group]) -> None:
         last = 0
-        for index, group in enumerate(item.groups):
-            paths = {f"{item.name}/{part.name}" for part, _ in group.fields}
-            if found := paths & self.chosen:
+        for index, group in enumerate(groups):
+            paths = {f"{path}/{part.name}" for part, _ in group.fields}
+            if found := paths & self.chosen.keys():
                 self.used |= found
                 last = index
-        for index, group in enumerate(item.groups[: last + 1]):
-            self.group(item.name, group, more=index < last)
+        for index, group in enumerate(groups[: last + 1]):
+            self.group(path, group, more=index < last)
+
+    def repetitive(self, path: str, group: Group) -> None:
+        times = self.chosen.get(path)
+        if times is None or (group.fx and not times):
+            raise EncodeError("say how often it is repeated, such as *1", field=path)
+        if not group.fx:
+            self.append(1, times)
+        for index in range(times):
+            self.group(f"{path}/{index}", group, more=group.fx and index < times - 1)
 
     def compound(self, item: Compound) -> None:
         subfields = {
             place: sub
             for place, sub in enumerate(item.subfields)
-            if sub and f"{item.name}/{sub.name}" in self.chosen
+            if sub and any(_is_at(path, f"{item.name}/{sub.name}") for path in self.chosen)
         }
         if not subfields:
-            asked = min(path for path in self.chosen if path.startswith(item.name))
+            asked = min(path for path in self.chosen if _is_at(path, item.name))
             raise EncodeError("name a subfield that it has", field=asked)
         self.flags(list(subfields))
         for sub in subfields.values():
-            path = f"{item.name}/{sub.name}"
-            self.used.add(path)
-            if isinstance(sub, Repetitive):
-                raise EncodeError("a subfield of no fixed length fits no profile", field=path)
-            self.group(path, sub.group)
+            self.item(sub, f"{item.name}/{sub.name}")
+
+
+def _is_at(path: str, name: str) -> bool:
+    """Whether a path is that of `name` or of something in it."""
+    return path == name or path.startswith(f"{name}/")

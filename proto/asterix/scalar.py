@@ -31,6 +31,7 @@ def compiled(octets: int, template: int, rules: Sequence[Rule]) -> tuple[One, Ma
         "blame": _blame(rules),
         "faults": (TypeError, ValueError, OverflowError, struct.error),
     }
+    names |= {f"text{column}": rule.integer for column, rule in enumerate(rules) if rule.text}
     # The text holds numbers and our own variable names only: nothing of the caller's gets in.
     exec(_source(rules, words), names)  # noqa: S102 - as dataclasses do, from our layouts alone
     return cast(One, names["one"]), cast(Many, names["many"])
@@ -75,6 +76,8 @@ def _indented(levels: int, *lines: str) -> list[str]:
 def _integer(column: int, rule: Rule) -> list[str]:
     """Lines that make the integer `r<column>` of the value `v<column>`."""
     r, v = f"r{column}", f"v{column}"
+    if rule.text:
+        return [f"{r} = text{column}({v})"]
     if not isinstance(rule.lsb, int):
         lines = [f"{r} = rounded({v} / {rule.lsb!r})"]
     elif rule.lsb == 1:

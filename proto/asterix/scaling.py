@@ -19,7 +19,7 @@ class Rule:
     """How a column becomes integers: round half to even to `lsb`, then what `overflow` says.
 
     `lsb` is in the column's unit. Where it is an int the column is of integers, and the
-    arithmetic is exact.
+    arithmetic is exact. A column of text has its characters in `text`.
     """
 
     path: str
@@ -30,24 +30,27 @@ class Rule:
     high: int
     overflow: Overflow
     modulus: int
+    text: Characters | None = None
 
     @classmethod
     def of(cls, slot: Slot, lsb: float | None = None) -> Rule:
         """The rule of a slot; `lsb` stands in for that of its part where columns use other units.
 
-        A raw part takes integers, a quantity floats. Text is no column.
+        A raw part takes integers, a quantity floats, characters take text.
         """
+        own: float
         match slot.part:
             case Quantity() as part:
                 overflow, modulus = part.overflow, part.modulus or 1 << part.bits
-                own: float = float(part.lsb)
+                own, (low, high), text = float(part.lsb), part.limits, None
             case Raw() as part:
-                overflow, modulus, own = Overflow.REFUSE, 0, 1
-            case _:
-                raise EncodeError("text can only be a constant", field=slot.path)
-        low, high = part.limits
+                overflow, modulus, own, text = Overflow.REFUSE, 0, 1, None
+                low, high = part.limits
+            case Characters() as part:
+                overflow, modulus, own, text = Overflow.REFUSE, 0, 1, part
+                low, high = 0, (1 << part.bits) - 1
         used = own if lsb is None else lsb
-        return cls(slot.path, slot.right, part.bits, used, low, high, overflow, modulus)
+        return cls(slot.path, slot.right, part.bits, used, low, high, overflow, modulus, text)
 
     @property
     def of_integers(self) -> bool:
@@ -56,6 +59,8 @@ class Rule:
 
     def integer(self, value: object) -> int:
         """The integer for one value, in two's complement: 0 to 2**bits - 1."""
+        if self.text is not None:
+            return self._characters(self.text, value)
         raw = self._rounded(value)
         match self.overflow:
             case Overflow.WRAP:
@@ -83,18 +88,13 @@ class Rule:
             raise EncodeError(f"{value} is not a finite number", field=self.path)
         return round(scaled)
 
-
-def constant_bits(slot: Slot, value: float | str) -> int:
-    """The integer of a constant: text for characters, a number for all others."""
-    if not isinstance(slot.part, Characters):
-        return Rule.of(slot).integer(value)
-    part = slot.part
-    if not isinstance(value, str) or len(value) != part.count:
-        raise EncodeError(f"{value!r} is not a text of {part.count}", field=slot.path)
-    bits = 0
-    for character in value:
-        place = part.alphabet.find(character)
-        if place < 0:
-            raise EncodeError(f"{value!r} has {character!r}, which it cannot", field=slot.path)
-        bits = bits << part.bits_each | place
-    return bits
+    def _characters(self, part: Characters, value: object) -> int:
+        if not isinstance(value, str) or len(value) != part.count:
+            raise EncodeError(f"{value!r} is not a text of {part.count}", field=self.path)
+        bits = 0
+        for character in value:
+            place = part.alphabet.find(character)
+            if place < 0:
+                raise EncodeError(f"{value!r} has {character!r}, which it cannot", field=self.path)
+            bits = bits << part.bits_each | place
+        return bits

@@ -241,8 +241,6 @@ def test_profiles_refuse_what_they_cannot_hold() -> None:
         Encoder(CAT048, ("I048/010",), constants={"I048/161": 1})
     with pytest.raises(EncodeError, match="I048/010/SAC: 256 is not within 0 to 255"):
         Encoder(CAT048, ("I048/010",), constants={"I048/010/SAC": 256})
-    with pytest.raises(EncodeError, match="I048/240"):
-        Encoder(CAT048, ("I048/240",))
     for text in ("SHORT", "lowercas"):
         with pytest.raises(EncodeError, match="I048/240"):
             Encoder(CAT048, ("I048/240",), constants={"I048/240": text})

@@ -4,8 +4,19 @@ import re
 from types import ModuleType
 
 import pytest
+from asterix_table import rows
 
-from plotfeed.proto.asterix import cat034, cat048
+from plotfeed.proto.asterix import (
+    cat015,
+    cat016,
+    cat025,
+    cat034,
+    cat048,
+    cat062,
+    cat063,
+    cat129,
+    cat205,
+)
 from plotfeed.proto.asterix.layout import (
     Category,
     Extended,
@@ -30,6 +41,23 @@ def test_the_table_in_the_docstring_is_the_layout(module: ModuleType, category: 
             assert lengths[item.name] == (item.group.octets, "")
         elif isinstance(item, Extended):
             assert lengths[item.name] == (item.groups[0].octets, "+FX")
+
+
+@pytest.mark.parametrize(
+    ("module", "category"),
+    [
+        (cat015, cat015.CAT015),
+        (cat016, cat016.CAT016),
+        (cat025, cat025.CAT025),
+        (cat062, cat062.CAT062),
+        (cat063, cat063.CAT063),
+        (cat129, cat129.CAT129),
+        (cat205, cat205.CAT205),
+    ],
+)
+def test_the_table_in_the_docstring_has_every_part(module: ModuleType, category: Category) -> None:
+    table = re.split(r"^[= ]+$", module.__doc__ or "", flags=re.MULTILINE)[2]
+    assert table.split() == " ".join(" ".join(row) for row in rows(category)).split()
 
 
 def test_parts_must_fill_octets() -> None:
