@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from plotfeed.models import propagation
 from plotfeed.models.frames import aer_to_enu
@@ -50,6 +51,19 @@ class FlatSolution:
             along[..., 1] ** 2 + across[..., 1] ** 2,
             along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
         )
+
+    @np.errstate(all="ignore")
+    def chance_between(
+        self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
+    ) -> Floats:
+        """Probability that noise leaves a distance between those; Gaussian, to first order.
+
+        0 where the distance is undefined, or not known better than to `high_m`. The last argument
+        is the bistatic range over its sigma: noise may leave nothing of it, and so of the distance.
+        """
+        too_near = np.maximum(ndtr((low_m - self.range_m) / sigma_m), ndtr(-excess_over_sigma))
+        within = ndtr((high_m - self.range_m) / sigma_m) - too_near
+        return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
 
 
 @np.errstate(all="ignore")

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
@@ -26,6 +25,8 @@ from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Targets
 
 _AZIMUTHS = 3600
 """Over which the share of false alarms that have a place is averaged."""
+_NEAREST_M = 1.0
+"""Of either way, for the strength of an echo: on the mast itself no equation holds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,8 +137,8 @@ class PassiveRadar:
             gain_rx_dbi=self.gain_rx_dbi,
             wavelength_m=C_M_S / self._each("frequency_hz"),
             rcs_m2=rcs_m2[:, None],
-            range_tx_m=np.linalg.norm(offset_m, axis=-1),
-            range_rx_m=np.linalg.norm(position_enu_m, axis=-1)[:, None],
+            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), _NEAREST_M),
+            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), _NEAREST_M)[:, None],
             loss_db=self.loss_db,
         )
 
@@ -242,12 +243,9 @@ class PassiveRadar:
         azimuth_deg = enu_to_aer(position_enu_m)[0][:, None]
         flat = flat_solution(excess_m, azimuth_deg, self.positions_enu_m)
         sigma_range_m = flat.sigma_m(sigma_excess_m, sigma_azimuth_deg)
-        with np.errstate(all="ignore"):
-            within = ndtr((self.range_max_m - flat.range_m) / sigma_range_m) - ndtr(
-                (self.range_min_m - flat.range_m) / sigma_range_m
-            )
-            placed = np.nan_to_num(within * ndtr(excess_m / sigma_excess_m))
-        placed[~(sigma_range_m <= self.range_max_m)] = 0.0
+        placed = flat.chance_between(
+            self.range_min_m, self.range_max_m, sigma_range_m, excess_m / sigma_excess_m
+        )
         pd = self.pd(snr) * placed
         best = np.argmax(np.nan_to_num(pd), axis=1)[:, None]
 
