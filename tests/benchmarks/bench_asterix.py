@@ -27,6 +27,8 @@ LIBASTERIX = "libasterix==0.36.3"
 
 SIZES = (1, 10, 40, 100, 1000, 10_000)
 SIZES_OF_LIBASTERIX = (1, 10, 40, 1000)
+AIMS = {1: 200, 10: 200, 40: 200, 1000: 2000}
+"""Records at once, and how many times as fast as libasterix."""
 REPEATS = 9
 SECONDS_A_REPEAT = 0.05
 SAC, SIC = 25, 3
@@ -160,6 +162,18 @@ def main() -> None:
     for n in SIZES:
         path = "records(), vector" if n >= CROSSOVER else "records(), scalar"
         print(_line(n, path, times[("records", n)], times.get(("libasterix", n))))
+    print("\nAims, by records() as the plots of a sector go:", "; ".join(_verdicts(times)) + ".")
+
+
+def _verdicts(times: dict[tuple[str, int], list[float]]) -> list[str]:
+    """How each aim was met, in times as fast as libasterix."""
+    verdicts = []
+    for n, aim in AIMS.items():
+        theirs, ours = times["libasterix", n], times["records", n]
+        ratio = statistics.median(theirs) / statistics.median(ours)
+        verdict = "met" if ratio >= aim else f"**missed**, {ratio:.0f}"
+        verdicts.append(f"{aim:,} times at {n:,}: {verdict}")
+    return verdicts
 
 
 def _line(n: int, path: str, ours: list[float], theirs: list[float] | None) -> str:

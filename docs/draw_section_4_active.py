@@ -1,0 +1,184 @@
+"""Draws docs/section-4-active.png: what the radar of section-4 does, beside what theory says.
+
+    python docs/draw_section_4_active.py
+
+Drones of three sizes hover at set ranges all around the radar of scene section-4. Bars are 95 %
+intervals: of the share detected after Wilson, of the rms errors by the spread of their squares.
+The lines are computed here, apart from the models' own detection and errors.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from math import cos, radians, sin
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from collect import Sent, Tree, scene_with, sent_by
+from numpy.typing import NDArray
+from scipy.special import exp1, gammaincinv
+
+from plotfeed.models.propagation import radar_snr
+
+mpl.use("agg")
+from matplotlib import pyplot as plt
+
+PICTURE = Path(__file__).with_name("section-4-active.png")
+RANGES_M = range(1000, 10_000, 1000)
+SIZES_M2 = {0.1: "#c8553d", 0.01: "#1f7a8c", 0.001: "#5b4b8a"}
+BEARINGS = 12
+SCANS = 400
+Z = 1.959964  # of a normal distribution: 95 % lie within
+Floats = NDArray[np.float64]
+Measured = dict[tuple[float, int], Floats]
+
+mpl.rcParams.update({"font.family": "DejaVu Sans", "font.size": 12, "svg.hashsalt": "plotfeed"})
+
+
+def hovering() -> list[Tree]:
+    """Drones that move a millimetre a second."""
+    return [
+        {
+            "id": f"{size_m2}-{range_m}-{k}",
+            "rcs_m2": size_m2,
+            "speed_m_s": 0.001,
+            "path": [_waypoint(range_m + d, radians((k + 0.5) * 360 / BEARINGS)) for d in (-1, 1)],
+        }
+        for size_m2 in SIZES_M2
+        for range_m in RANGES_M
+        for k in range(BEARINGS)
+    ]
+
+
+def _waypoint(range_m: float, azimuth: float) -> dict[str, float]:
+    east_m, north_m = range_m * sin(azimuth), range_m * cos(azimuth)
+    return {"east_m": east_m, "north_m": north_m, "above_site_m": 50.0}
+
+
+def predicted(radar: Tree, range_m: Floats, size_m2: float) -> list[Floats]:
+    """Pd and the rms errors of range, azimuth and elevation, by docs/equations.md."""
+    beam_deg2 = radar["azimuth_beamwidth_deg"] * radar["elevation_beamwidth_deg"]
+    snr = radar_snr(
+        radar["power_w"],
+        radar["gain_tx_dbi"],
+        10 * np.log10(41253 / beam_deg2),
+        299_792_458.0 / radar["frequency_hz"],
+        size_m2,
+        radar["integration_s"],
+        range_m,
+        range_m,
+        radar["loss_db"],
+        radar["noise_figure_db"],
+    )
+    n = radar["n_reference"]
+    alpha = radar["pfa"] ** (-1 / n) - 1
+    shares = (np.arange(2000) + 0.5) / 2000  # the threshold's distribution, in equal parts
+    y = alpha * gammaincinv(n, shares) / (1 + snr[:, None] + alpha)
+    inverse_snr = np.mean(np.exp(y) * exp1(y), axis=1) / (1 + snr)  # mean of 1/x of a detection
+    spread = np.sqrt(inverse_snr / 2)
+    return [
+        (1 + alpha / (1 + snr)) ** -n,
+        radar["range_resolution_m"] / 1.63 * spread,
+        radar["azimuth_beamwidth_deg"] / 1.6 * spread,
+        radar["elevation_beamwidth_deg"] / 1.6 * spread,
+    ]
+
+
+def _place(drone: str) -> tuple[float, int]:
+    size_m2, range_m, _ = drone.split("-")
+    return float(size_m2), int(range_m)
+
+
+def detections(sent: Sent) -> Measured:
+    """Whether each look at a size and a range was a detection."""
+    hits = defaultdict(list)
+    for look in sent.looks():
+        hits[_place(look.drone)].append(look.detected)
+    return {place: np.array(found, dtype=np.float64) for place, found in hits.items()}
+
+
+def errors(sent: Sent) -> Measured:
+    """Errors of range, azimuth and elevation of each plot of a size and a range; (n, 3)."""
+    found = defaultdict(list)
+    for plot, truth in sent.plots():
+        if truth.drone:
+            turn_deg = (plot.azimuth_deg - truth.azimuth_deg + 180) % 360 - 180
+            rise_deg = plot.elevation_deg - truth.elevation_deg
+            found[_place(truth.drone)].append((plot.range_m - truth.range_m, turn_deg, rise_deg))
+    return {place: np.array(rows) for place, rows in found.items()}
+
+
+def wilson(hits: Floats) -> tuple[float, float, float]:
+    """Share, and the ends of its 95 % interval."""
+    n, p = len(hits), float(hits.mean())
+    middle = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
+    half = Z / (1 + Z**2 / n) * np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
+    return p, middle - half, middle + half
+
+
+def rms(values: Floats) -> tuple[float, float, float]:
+    """Root mean square, and the ends of its 95 % interval."""
+    squares = values**2
+    mean = float(squares.mean())
+    half = Z * float(squares.std(ddof=1)) / np.sqrt(len(squares))
+    return mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5
+
+
+def draw() -> None:
+    """Pd, then the three errors."""
+    tree = scene_with("active", hovering())
+    (radar,) = tree["sensor"]
+    sent = sent_by(tree, SCANS * radar["scan"]["period_s"])
+    hits, missed_by = detections(sent), errors(sent)
+    looks, plots = sum(map(len, hits.values())), sum(map(len, missed_by.values()))
+    figure, panels = plt.subplots(2, 2, figsize=(16, 10.5), dpi=100, layout="constrained")
+    line_m = np.linspace(500, 10_000, 200)
+    within = [0, 0]
+    titles = ("Probability of detection", "Rms error of range, m", "Rms error of azimuth, degrees",
+              "Rms error of elevation, degrees")  # fmt: skip
+    for size_m2, colour in SIZES_M2.items():
+        lines = predicted(radar, line_m, size_m2)
+        for column, axes in enumerate(panels.flat):
+            axes.plot(line_m / 1000, lines[column], color=colour, lw=1.6, zorder=2)
+            for range_m in RANGES_M:
+                here = (size_m2, range_m)
+                value, low, high = (
+                    rms(missed_by[here][:, column - 1]) if column else wilson(hits[here])
+                )
+                wanted = float(np.interp(range_m, line_m, lines[column]))
+                within[0] += low <= wanted <= high
+                within[1] += 1
+                bar = [[value - low], [high - value]]
+                axes.errorbar(range_m / 1000, value, yerr=bar, color=colour, fmt="o", ms=5.5,
+                              capsize=4, lw=1.4, zorder=3)  # fmt: skip
+    for title, axes in zip(titles, panels.flat, strict=True):
+        _dress(axes, title)
+    for size_m2, colour in SIZES_M2.items():
+        panels[0, 0].plot([], [], color=colour, marker="o", label=f"{size_m2:g} m²")
+    panels[0, 0].legend(title="radar cross-section", loc="lower left", frameon=False)
+    figure.suptitle(
+        f"The radar of section-4: lines are closed forms, points what it sent "
+        f"({looks:,} looks, {plots:,} plots)\n"
+        f"{within[0]} of {within[1]} points have their line within their 95 % bars",
+        fontsize=15,
+    )
+    figure.savefig(PICTURE, metadata={"Software": None})
+    print(f"{PICTURE}: {looks} looks, {plots} plots, {within[0]} of {within[1]} within 95 %")
+
+
+def _dress(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", weight="bold")
+    axes.set_xlabel("range, km")
+    axes.set_xlim(0, 10)
+    if not title.startswith("Prob"):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0, 1.03)
+    axes.grid(color="#dde3e6", lw=0.7, which="major")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+if __name__ == "__main__":
+    draw()

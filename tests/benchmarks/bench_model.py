@@ -1,0 +1,137 @@
+"""Nanoseconds per target of the physics: from where drones are to what was measured of them.
+
+    python tests/benchmarks/bench_model.py
+
+The radar of scene section-4 stares at drones of 0.01 m2 between 2 and 7 km, so that nearly every
+look becomes a plot: the dearest case. Stages are timed inside the very runs that are counted.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+import tomllib
+from collections import defaultdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.scene import Scene, from_tree
+from plotfeed.feeds.station import Station
+from plotfeed.models.active_radar import ActiveRadar
+from plotfeed.models.truth import NS, Trajectories
+
+SIZES = (1, 10, 100, 1000, 10_000)
+REPEATS = 9
+SECONDS_A_REPEAT = 0.15
+AIM_NS = 150
+START_NS = 1_767_268_800 * NS
+PLACE = files("plotfeed.feeds.scenes") / "section-4.toml"
+
+# The path that is counted, then what else a report needs.
+PATH = {
+    "state_at": (Trajectories, "where drones are"),
+    "_targets": (Station, "seen from the sensor"),
+    "observe": (ActiveRadar, "looks, hits, errors"),
+    "_with_heights": (Station, "heights of plots"),
+}
+DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
+
+
+def scene_of(n: int) -> Scene:
+    """The active radar of section-4, staring at n drones that move slowly."""
+    tree = tomllib.loads(PLACE.read_text())
+    (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
+    radar["scan"] = {"kind": "staring", "period_s": 1.0}
+    radar["report"] = ["plots"]
+    rng = np.random.default_rng(1)
+    ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
+    tree["sensor"] = [radar]
+    tree["drone"] = [
+        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.001, "path": _path(r, a)}
+        for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
+    ]
+    return from_tree(tree, Path("bench.toml"))
+
+
+def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
+    east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
+    return [
+        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
+        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
+    ]
+
+
+class Stopwatches:
+    """Times calls of methods, by their names, until it is taken off."""
+
+    def __init__(self, methods: dict[str, tuple[type, str]]) -> None:
+        self.spent_ns: dict[str, int] = defaultdict(int)
+        self._plain = {name: (owner, getattr(owner, name)) for name, (owner, _) in methods.items()}
+        for name, (owner, plain) in self._plain.items():
+            setattr(owner, name, self._timed(name, plain))
+
+    def _timed(self, name: str, plain: Any) -> Any:
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            start_ns = time.perf_counter_ns()
+            result = plain(*args, **kwargs)
+            self.spent_ns[name] += time.perf_counter_ns() - start_ns
+            return result
+
+        return timed
+
+    def take_off(self) -> None:
+        """The methods as they were."""
+        for name, (owner, plain) in self._plain.items():
+            setattr(owner, name, plain)
+
+
+def measure(n: int) -> dict[str, list[float]]:
+    """Nanoseconds per target of each stage, one value a repeat."""
+    scene = scene_of(n)
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(scene, trajectories, START_NS)
+    station = Station(scene, scene.sensor[0], trajectories)
+    sector = station.sector_at(START_NS + NS)
+    found: dict[str, list[float]] = defaultdict(list)
+    for _ in range(3):
+        sector = station.next_sector(sector)
+        station.report(sector)
+    for _ in range(REPEATS):
+        watches = Stopwatches(PATH | DETAIL)
+        reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
+        while time.perf_counter() < end_s:
+            station.report(sector)
+            reports += 1
+        watches.take_off()
+        for name in PATH | DETAIL:
+            found[name].append(watches.spent_ns[name] / reports / n)
+        found["path"].append(sum(found[name][-1] for name in PATH))
+    return found
+
+
+def main() -> None:
+    """Prints a table and how the aim was met."""
+    times = {n: measure(n) for n in SIZES}
+    rows = {"path": "**the model path**"} | {k: what for k, (_, what) in (PATH | DETAIL).items()}
+    print(
+        f"ns per target: median (least to most) of {REPEATS} repeats. Nearly every look is a hit.\n"
+    )
+    print("| targets at once | " + " | ".join(f"{n:,}" for n in SIZES) + " |")
+    print("|---|" + "--:|" * len(SIZES))
+    for name, label in rows.items():
+        print(f"| {label} | " + " | ".join(_spread(times[n][name]) for n in SIZES) + " |")
+    reached = statistics.median(times[1000]["path"])
+    verdict = "met" if reached <= AIM_NS else "missed"
+    print(f"\nAim: {AIM_NS} ns at 1,000 targets: **{verdict}**, {reached:.0f} ns.")
+
+
+def _spread(values: list[float]) -> str:
+    return f"{statistics.median(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""How long until something is seen: of `plotfeed --help`, and of `plotfeed demo`.
+
+python tests/benchmarks/bench_start.py
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import subprocess
+import time
+from typing import Any
+
+from demo_process import COMMAND, demo, subscriber
+
+from plotfeed.proto import plotfeed_pb2 as pb
+
+HELPS, DEMOS = 15, 9
+AIM_HELP_S, AIM_PLOT_S = 0.3, 3.0
+TIMEOUT_S = 20.0
+
+
+def help_s() -> float:
+    """Wall time of one `plotfeed --help`."""
+    start = time.perf_counter()
+    subprocess.run([COMMAND, "--help"], check=True, capture_output=True)
+    return time.perf_counter() - start
+
+
+async def first_messages_s() -> tuple[float, float]:
+    """From the start of the process to the first message of a sector, and to the first plot."""
+    arrivals: dict[str, int] = {}
+    done = asyncio.Event()
+
+    def heard(_topic: str, payload: bytes, _properties: dict[str, Any]) -> None:
+        arrivals.setdefault("sector", time.monotonic_ns())
+        if pb.PlotBatch.FromString(payload).plots:
+            arrivals.setdefault("plot", time.monotonic_ns())
+            done.set()
+
+    async with (
+        demo("--duration", "15") as running,
+        subscriber(running, ["plotfeed/active/plots"], heard),
+    ):
+        await asyncio.wait_for(done.wait(), TIMEOUT_S)
+        start_ns = running.started_ns
+    return (arrivals["sector"] - start_ns) / 1e9, (arrivals["plot"] - start_ns) / 1e9
+
+
+def main() -> None:
+    """Prints a table."""
+    helps = [help_s() for _ in range(HELPS)]
+    sectors, plots = zip(*(asyncio.run(first_messages_s()) for _ in range(DEMOS)), strict=True)
+    print("Seconds from the start of the process: median (least to most).\n")
+    print("| | s | repeats | aim |\n|---|--:|--:|---|")
+    print(f"| `plotfeed --help`, to its end | {_spread(helps)} | {HELPS} | "
+          f"{_verdict(helps, AIM_HELP_S)} |")  # fmt: skip
+    print(f"| `plotfeed demo`, to the first sector at a subscriber | {_spread(sectors)} | {DEMOS} "
+          "| |")  # fmt: skip
+    print(f"| `plotfeed demo`, to the first plot at a subscriber | {_spread(plots)} | {DEMOS} | "
+          f"{_verdict(plots, AIM_PLOT_S)} |")  # fmt: skip
+    print("\nThe plot waits for the beam to come round to the drone: up to a scan of one second.")
+
+
+def _spread(values: Any) -> str:
+    return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
+def _verdict(values: Any, aim_s: float) -> str:
+    return f"{aim_s:g}: " + ("met" if statistics.median(values) < aim_s else "**missed**")
+
+
+if __name__ == "__main__":
+    main()
