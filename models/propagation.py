@@ -1,4 +1,4 @@
-"""From transmitter to receiver: the radar equation, bistatic geometry, passive radar, sound.
+"""From transmitter to receiver: radar equation, bistatic geometry, passive radar, radio, sound.
 
 Gains, losses and levels are in dB, a loss or an attenuation positive unless it says otherwise;
 powers in watts; ratios without `_db` linear. Zero distance gives an infinite power, not an error.
@@ -236,6 +236,31 @@ def passive_snr(
     )
     time_bandwidth = _floats(integration_s) * _floats(bandwidth_hz)
     return correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
+
+
+@np.errstate(all="ignore")
+def path_loss_db(
+    range_m: ArrayLike,
+    wavelength_m: ArrayLike,
+    exponent: ArrayLike = 2.0,
+    reference_m: ArrayLike = 1.0,
+) -> Floats:
+    """Loss between isotropic antennas: free space up to the reference distance (Friis).
+
+    From there on log-distance, power falling with that exponent of distance; 2 is free space.
+    Never a gain: nearer than a wavelength over 4 pi there is no far field.
+    """
+    distance, reference = _floats(range_m), _floats(reference_m)
+    free_m = np.minimum(distance, reference)
+    free_space_db = 20 * np.log10(4 * np.pi * free_m / _floats(wavelength_m))
+    beyond_db = 10 * _floats(exponent) * np.log10(np.maximum(distance / reference, 1.0))
+    return np.maximum(free_space_db + beyond_db, 0.0)
+
+
+@np.errstate(all="ignore")
+def speed_of_sound_m_s(temperature_c: ArrayLike) -> Floats:
+    """In air (ISO 9613-1:1993, annex A)."""
+    return _floats(343.2 * np.sqrt((_floats(temperature_c) + 273.15) / 293.15))
 
 
 @np.errstate(all="ignore")

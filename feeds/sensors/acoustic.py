@@ -1,0 +1,126 @@
+"""The keys of a microphone array."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.parts import (
+    Azimuth,
+    Beamwidth,
+    Decibels,
+    Loss,
+    NotNegative,
+    Probability,
+    Site,
+)
+from plotfeed.feeds.sensors.base import SensorPart, StaringScan
+from plotfeed.models.acoustic import MicrophoneArray
+from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
+
+SHORTEST_LISTENING_S = 0.1
+"""A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
+
+
+class AcousticSensor(SensorPart):
+    """A microphone array, which hears bearings. The defaults are the paper's typical values."""
+
+    type: Literal["acoustic"]
+    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    scan: StaringScan
+    noise_db: Decibels
+    """Of the surroundings and the microphones, in the band; re 20 uPa."""
+    sensitivity_db: Decibels
+    """The signal-to-noise ratio, behind the array, at which Pd is one half."""
+    slope_per_db: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    """Of the logit of Pd."""
+    microphones: Annotated[int, Field(ge=1, le=100_000)] = 1
+    array_gain_db: Decibels | None = None
+    """Without it, 10 log10 of the number of microphones."""
+    frequency_hz: Annotated[float, Field(ge=10, le=20_000)] = 1000.0
+    """The middle of the band; for the absorption of the air alone."""
+    temperature_c: Annotated[float, Field(ge=-60, le=60)] = 20.0
+    """For the speed of sound too."""
+    humidity_pct: Annotated[float, Field(ge=0, le=100)] = 70.0
+    pressure_kpa: Annotated[float, Field(ge=20, le=200)] = 101.325
+    absorption_db_per_km: Loss | None = None
+    """By the air; without it, by ISO 9613-1 from the four keys above."""
+    directivity_db: Decibels = 3.0
+    """What the drone radiates this way over its mean in all directions."""
+    barrier_db: Loss = 3.0
+    misc_db: Loss = 3.0
+    """Foliage and houses."""
+    height_above_ground_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
+    """Of the array. The ground is taken as flat for as far as the array hears."""
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one beam, in one scan."""
+    range_max_m: Annotated[float, Field(gt=0, le=10_000)]
+    """Further away nothing is heard, however loud."""
+    azimuth_beamwidth_deg: Beamwidth
+    azimuth_min_deg: Azimuth = -180.0
+    azimuth_max_deg: Azimuth = 180.0
+    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
+    elevation_beamwidth_deg: Beamwidth | None = None
+    """Without it, the array measures no elevation."""
+    azimuth_floor_deg: NotNegative = 1.0
+    elevation_floor_deg: NotNegative = 1.0
+    """Errors that remain however loud the drone: wind, and places of microphones."""
+    kind: str = ""
+    """What the array calls everything that it hears, such as drone; "" if it does not classify."""
+
+    @model_validator(mode="after")
+    def _covers_something(self) -> Self:
+        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
+            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
+        return self
+
+    def model(self, _site: Site, /) -> MicrophoneArray:
+        """The model; gain and absorption that are not given follow from the other keys."""
+        array_gain_db = self.array_gain_db
+        if array_gain_db is None:
+            array_gain_db = float(10 * np.log10(self.microphones))
+        return MicrophoneArray(
+            directivity_db=self.directivity_db,
+            absorption_db_per_m=self._absorption_db_per_m(),
+            barrier_db=self.barrier_db,
+            misc_db=self.misc_db,
+            array_gain_db=array_gain_db,
+            noise_db=self.noise_db,
+            sensitivity_db=self.sensitivity_db,
+            slope_per_db=self.slope_per_db,
+            pfa=self.pfa,
+            range_max_m=self.range_max_m,
+            height_above_ground_m=self.height_above_ground_m,
+            sound_speed_m_s=float(speed_of_sound_m_s(self.temperature_c)),
+            azimuth_cover=AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
+            elevation_beamwidth_deg=self.elevation_beamwidth_deg,
+            azimuth_floor_deg=self.azimuth_floor_deg,
+            elevation_floor_deg=self.elevation_floor_deg,
+            kind=self.kind,
+        )
+
+    def _absorption_db_per_m(self) -> float:
+        if self.absorption_db_per_km is not None:
+            return self.absorption_db_per_km / 1000
+        return float(
+            sound_absorption_db_per_m(
+                self.frequency_hz, self.temperature_c, self.humidity_pct, self.pressure_kpa
+            )
+        )
+
+    def warnings(self, _site: Site, /) -> list[str]:
+        """Scans too short to hear anything in, and a gain given twice."""
+        found = []
+        if self.scan.period_s < SHORTEST_LISTENING_S:
+            found.append(
+                f"scan.period_s is {self.scan.period_s:g}: an array listens for at least "
+                f"{SHORTEST_LISTENING_S:g} s for one bearing, so scans this short would not be "
+                "independent of each other"
+            )
+        if self.array_gain_db is not None and "microphones" in self.model_fields_set:
+            found.append("microphones is not used: array_gain_db is given")
+        return found
