@@ -74,6 +74,8 @@ NOT_DESCRIBED = {
     "path": "Where it flies; or else `flight`.",
     "flight": "A file that it flies by; or else `path`.",
     "speed_m_s": "Along the path.",
+    "antenna_efficiency": "Of the receiving antenna: its gain over that of a lossless one.",
+    "report": "The formats that it reports in.",
     "east_m": "Of the site.",
     "north_m": "Of the site.",
     "takeoff_height_m": "As under [telemetry], for this flight alone.",
