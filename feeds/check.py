@@ -162,12 +162,16 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
     """One sensor's report as text."""
     furthest_m = sensor["range_at_pd_80_percent_m"]
     reach = "nowhere" if furthest_m is None else f"to {furthest_m / 1000:.2f} km"
-    lines = [
-        "",
+    heading = (
         f"{sensor['id']} ({sensor['type']}), target of {sensor['rcs_m2']:g} m2: "
-        f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan",
-        "  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg",
-    ]
+        f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
+    )
+    return ["", heading, *row_lines(sensor)]
+
+
+def row_lines(sensor: dict[str, Any]) -> list[str]:
+    """The table of a sensor's report, and its warnings, as text."""
+    lines = ["  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg"]
     for row in sensor["table"]:
         cells = [
             _cell(row["range_m"] / 1000, 10, 2),

@@ -103,10 +103,11 @@ class Preset(CataloguePart):
 
     def marked_keys(self) -> Iterator[MarkedKey]:
         """Every key of the sensor, in the order in which the sensor has them."""
+        defaults = self.sensor.model_dump()
         for key, field in type(self.sensor).model_fields.items():
             if key in SCENE_ONLY:
                 continue
-            value = self.keys.get(key, getattr(self.sensor, key))
+            value = self.keys.get(key, defaults[key])
             if key in self.derived:
                 rule = self.derived[key]
                 yield MarkedKey(key, value, "derived", str(rule), rule.note)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.check import TestTarget, sensor_report, table_lines
+from plotfeed.feeds.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.preset_rules import SITE, PresetTarget
 from plotfeed.feeds.presets import Preset, names, preset
 
@@ -41,6 +41,7 @@ def summary(shown: Preset) -> dict[str, Any]:
 
 def details(shown: Preset) -> dict[str, Any]:
     """All that `summary` says, every key with its mark, and what to expect against range."""
+    report = sensor_report(SITE, shown.sensor, _test_target(shown.target))
     return {
         **summary(shown),
         "target_note": shown.target.note,
@@ -55,7 +56,7 @@ def details(shown: Preset) -> dict[str, Any]:
         ],
         "left_out": list(shown.left_out),
         "keys": [asdict(marked) for marked in shown.marked_keys()],
-        "report": sensor_report(SITE, shown.sensor, _test_target(shown.target)),
+        **{name: report[name] for name in ("false_alarms_per_scan", "table", "warnings")},
     }
 
 
@@ -69,16 +70,20 @@ def shown_value(value: Any) -> str:
     """A key's value as short as it can be read."""
     if isinstance(value, dict):
         return ", ".join(f"{key} {shown_value(part)}" for key, part in value.items())
+    if value in (None, "", ()):
+        return "-"
     if isinstance(value, list | tuple):
         return ", ".join(map(shown_value, value))
     if isinstance(value, bool):
         return str(value).lower()
-    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def shown_reach(range_m: float | None) -> str:
-    """A range of detection in km."""
-    return "nowhere" if range_m is None else f"{range_m / 1000:.2f} km"
+    """A range of detection."""
+    if range_m is None:
+        return "nowhere"
+    return f"{range_m:.0f} m" if range_m < 1000 else f"{range_m / 1000:.2f} km"
 
 
 def _test_target(target: PresetTarget) -> TestTarget:
@@ -109,9 +114,7 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
         DISCLAIMER,
         "",
     ]
-    rows = [
-        (key["key"], shown_value(key["value"]), key["mark"], _why(key)) for key in found["keys"]
-    ]
+    rows = [(key["key"], shown_value(key["value"]), key["mark"], why(key)) for key in found["keys"]]
     lines += _aligned([("key", "value", "mark", "why"), *rows])
     for other in found["other_targets"]:
         lines += [
@@ -121,10 +124,13 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
         ]
     if found["left_out"]:
         lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
-    return lines + table_lines(found["report"])
+    reach = shown_reach(found["range_at_pd_80_percent_m"])
+    alarms = f"{found['false_alarms_per_scan']:.3g} false alarms a scan"
+    return [*lines, "", f"Pd 0.8 to {reach}, {alarms}", *row_lines(found)]
 
 
-def _why(key: dict[str, Any]) -> str:
+def why(key: dict[str, Any]) -> str:
+    """The rule by which a key was derived, if it was, and its note."""
     return f"{key['rule']}. {key['note']}" if key["rule"] else str(key["note"])
 
 

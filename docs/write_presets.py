@@ -1,0 +1,101 @@
+"""Writes presets.md: every preset with the origin of each of its keys."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from plotfeed.feeds.presets import names, preset
+from plotfeed.feeds.show_presets import details, shown_reach, shown_value, why
+
+PAGE = Path(__file__).with_name("presets.md")
+
+HEAD = """# Commercial sensors as presets
+
+**These are models of published figures, not measurements of the products.** The figures are those
+that section 2 of the paper ("Review and Simulation of Counter-UAS Sensors for Unmanned Traffic
+Management") lists of the products, in tables 1 to 8 and 13 and beside them. They leave most of a
+sensor out, so each key below says where its value comes from:
+
+- **stated**: the source says it; its words are beside it.
+- **derived**: a rule gives it, from stated figures or from other keys. Where the rule inverts the
+  model ("such that pd = 0.8 at the quoted range"), it is solved when the preset is loaded, so that
+  preset and model always agree.
+- **assumed**: the model needs it and the source is silent. Defaults are assumptions too.
+
+A quoted range is taken as the slant range at which one look detects the target with probability
+0.8. Only table 6 says so itself (of Doruk); and where a table names no target, it is taken to be
+the paper's small drone, of 0.01 m2 and 80 dB of sound power, 50 m above the sensor.
+
+In a scene, a preset gives all keys that the scene does not:
+
+```toml
+[[sensor]]
+id = "gate-3"
+preset = "echodyne"
+azimuth_min_deg = 30.0     # what you write goes before what the preset says
+azimuth_max_deg = 150.0
+```
+
+A table such as `scan` is replaced as a whole. What was solved for stays as it was solved: a worse
+`noise_figure_db` costs range. `plotfeed sensors` prints this list, and `plotfeed sensors NAME` one
+preset with its Pd and errors against range.
+
+Written by `python docs/write_presets.py`.
+"""
+
+
+def page() -> str:
+    """All of it."""
+    found = [details(preset(name)) for name in names()]
+    return "\n".join(
+        [HEAD, *_overview(found), *(line for each in found for line in _section(each))]
+    )
+
+
+def _overview(found: list[dict[str, Any]]) -> list[str]:
+    rows = [
+        (
+            f"[{each['name']}](#{each['name']})",
+            f"{each['maker']} {each['title']}",
+            each["type"],
+            shown_reach(each["range_at_pd_80_percent_m"]),
+            each["target"],
+            each["source"],
+        )
+        for each in found
+    ]
+    return _table([("preset", "product", "type", "Pd 0.8 to", "for", "source"), *rows])
+
+
+def _section(each: dict[str, Any]) -> list[str]:
+    lines = [
+        "",
+        f"## {each['name']}",
+        "",
+        f"{each['maker']} {each['title']}, from {each['source']}. Pd is 0.8 to "
+        f"{shown_reach(each['range_at_pd_80_percent_m'])} for {each['target']}; "
+        f"{each['false_alarms_per_scan']:.2g} false alarms a scan.",
+        "",
+        f"Target: {each['target_note']}",
+        "",
+    ]
+    rows = [(f"`{k['key']}`", shown_value(k["value"]), k["mark"], why(k)) for k in each["keys"]]
+    lines += _table([("key", "value", "mark", "why"), *rows])
+    lines += [
+        f"\nFor {other['target']}, Pd is 0.8 to {shown_reach(other['range_at_pd_80_percent_m'])}; "
+        f"{shown_reach(other['quoted_range_m'])} are quoted. {other['note']}"
+        for other in each["other_targets"]
+    ]
+    if each["left_out"]:
+        lines += ["", "Stated and not modelled:", "", *(f"- {text}" for text in each["left_out"])]
+    return lines
+
+
+def _table(rows: list[tuple[str, ...]]) -> list[str]:
+    lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
+    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page() + "\n", encoding="utf-8")
