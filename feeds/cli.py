@@ -261,13 +261,21 @@ def _run() -> int:
         return INTERRUPTED
     except PlotfeedError as error:
         return _failed(str(error), error.exit_code)
-    except BrokenPipeError:  # `plotfeed show ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except (BrokenPipeError, SystemExit) as error:
+        return _nobody_reads_on(error)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _failed(f"{where}{error.strerror or error}", 1)
     return code if isinstance(code, int) else 0
+
+
+def _nobody_reads_on(error: BaseException) -> int:
+    """`plotfeed show ... | head` is no failure; what is left in the buffer must go somewhere."""
+    # click turns a broken pipe that it meets itself into an exit
+    if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+        raise error
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
 
 
 def _failed(text: str, code: int) -> int:

@@ -12,6 +12,9 @@ from plotfeed.feeds.timer import PreciseTimer
 class Clock(Protocol):
     """Tells the session's time, and waits for it. One waiter at a time."""
 
+    def start(self) -> int:
+        """The session begins: the time at which it does so."""
+
     def now_ns(self) -> int:
         """The session's UTC."""
 
@@ -25,17 +28,29 @@ class Clock(Protocol):
 class WallClock:
     """Real time, at `speed` times its pace, from `start_utc_ns` or from now.
 
-    It runs on the monotonic clock: a step of the system's UTC moves no deadline.
+    It runs on the monotonic clock: a step of the system's UTC moves no deadline. A given start
+    stands still until the session begins, so that all sessions begin at exactly that time.
     """
 
     def __init__(self, start_utc_ns: int | None = None, *, speed: float = 1.0) -> None:
         self._zero_monotonic_ns = time.monotonic_ns()
         self._zero_utc_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
         self._speed = speed
+        self._stands = start_utc_ns is not None
         self._timer: PreciseTimer | None = None
+
+    def start(self) -> int:
+        """Let a given start be now."""
+        if not self._stands:
+            return self.now_ns()
+        self._zero_monotonic_ns = time.monotonic_ns()
+        self._stands = False
+        return self._zero_utc_ns
 
     def now_ns(self) -> int:
         """The session's UTC."""
+        if self._stands:
+            return self._zero_utc_ns
         passed_ns = time.monotonic_ns() - self._zero_monotonic_ns
         if self._speed == 1:
             return self._zero_utc_ns + passed_ns
@@ -43,6 +58,8 @@ class WallClock:
 
     async def sleep_until(self, t_utc_ns: int) -> None:
         """Return when it is that time; late by some tens of microseconds on Linux."""
+        if self._stands:
+            self.start()
         if self._timer is None:
             self._timer = PreciseTimer()
         until_ns = t_utc_ns - self._zero_utc_ns
@@ -62,6 +79,10 @@ class InstantClock:
 
     def __init__(self, start_utc_ns: int | None = None) -> None:
         self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+
+    def start(self) -> int:
+        """The time at which it stands."""
+        return self._now_ns
 
     def now_ns(self) -> int:
         """The session's UTC."""

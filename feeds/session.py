@@ -141,6 +141,7 @@ class Session:
                 for link in self._links:
                     await link.wait_until_up(FIRST_CONNECTION_S)
                 on_ready()
+                self._start_ns = self._clock.start()
                 await _first_of(self._work(duration_s), stop)
                 await self._farewell()
             finally:
