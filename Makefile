@@ -50,7 +50,7 @@ pictures: .venv/.ready-test
 constraints: .venv/.ready-test
 	echo "# The versions that the tests run with; made by 'make constraints'." >constraints.new
 	$(BIN)/python -m pip freeze --exclude plotfeed --exclude pip --exclude setuptools \
-	  --exclude asterix_decoder >>constraints.new
+	  --exclude asterix_decoder | LC_ALL=C sort -f >>constraints.new
 	mv constraints.new constraints.txt
 
 clean:
