@@ -35,7 +35,7 @@ def assert_mean(values: Array, expected: Array | float, of: str = "") -> None:
 
 def assert_law(values: Array, cdf: str | Callable[[Array], Array], of: str = "") -> None:
     """Values are drawn from that distribution; Kolmogorov and Smirnov."""
-    assert len(values) >= 500
+    assert len(values) >= 150
     assert_chance(float(stats.kstest(values, cdf).pvalue), of)
 
 

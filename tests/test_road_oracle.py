@@ -101,7 +101,7 @@ def test_it_reads_every_north_marker_and_every_sector_crossing() -> None:
     expected: list[dict[str, list[Any]]] = []
     for k, end_ns in enumerate(ends_ns.tolist(), start=1):
         time_s = float(np.rint(end_ns % DAY_NS * 128 / NS) / 128)
-        source = {"I034/010": [25, 3], "I034/030": [time_s]}
+        source: dict[str, list[Any]] = {"I034/010": [25, 3], "I034/030": [time_s]}
         if k % SECTORS == 0:
             expected.append(source | {"I034/000": [1], "I034/041": [PERIOD_S]})
         azimuth_deg = k % SECTORS * 360 / SECTORS

@@ -9,7 +9,8 @@ import pytest
 from road import SITE, Road, fly, held
 from significance import assert_sum
 
-from plotfeed.feeds.scene import Drone, example
+from plotfeed.feeds.drones import Drone
+from plotfeed.feeds.scene import example
 
 TURNS = 100
 DRONES = 200
