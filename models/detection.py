@@ -25,6 +25,7 @@ from scipy.special import (
     xlogy,
 )
 
+from plotfeed.models import looks_chain
 from plotfeed.models.state import Bools, Floats
 
 _QUADRATURE_POINTS = 128
@@ -121,6 +122,27 @@ def miss_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
 
 
 @np.errstate(all="ignore")
+def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> Floats:
+    """Probability of detection of the sum of looks of any SNRs against a sum of reference samples.
+
+    Exact, CFAR loss included; (..., K) in, (...) out. `n_reference_total` counts the samples of all
+    the looks together; `pfa` broadcasts against the leading axes.
+    """
+    power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
+    # Rounding may carry a certainty above one.
+    return np.minimum(looks_chain.outlasting(power, ratio, n_reference_total), 1.0)
+
+
+@np.errstate(all="ignore")
+def miss_noncoherent_unequal_cfar(
+    snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
+) -> Floats:
+    """One less `pd_noncoherent_unequal_cfar`."""
+    power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
+    return np.minimum(looks_chain.falling_short(power, ratio, n_reference_total), 1.0)
+
+
+@np.errstate(all="ignore")
 def pd_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
@@ -177,6 +199,42 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     gamma = gammaincinv(n_reference, (nodes + 1) / 2)
     y = alpha * gamma / (mean + alpha)
     return np.asarray(np.exp(y) * exp1(y) / mean @ (weights / 2))
+
+
+@np.errstate(all="ignore")
+def draw_detected_power_noncoherent(
+    snrs: ArrayLike, pfa: float, n_reference_total: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """The sums of the looks of cells that were detected, and the thresholds; (n, K) in, (n,) out.
+
+    The exact joint law given the hit, of looks of mean `snrs` (0 for a false alarm) and of the sum
+    of their reference samples.
+    """
+    power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
+    power_sum, reference_sum = looks_chain.draw_outlasting(
+        power, float(ratio), n_reference_total, rng
+    )
+    return power_sum, _floats(ratio * reference_sum)
+
+
+@np.errstate(all="ignore")
+def inverse_detected_power_noncoherent(
+    snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
+) -> Floats:
+    """Mean of 1/x over detections, x the sum of looks of mean `snrs`; (..., K) in, (...) out.
+
+    A quadrature of the exact law, good to 1e-8: what turns mean signal-to-noise ratios into the
+    rms error of the plots.
+    """
+    power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
+    return looks_chain.mean_inverse(power, ratio, n_reference_total)
+
+
+def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tuple[Floats, Floats]:
+    """The looks, and the threshold over the reference sum, which broadcasts against (...)."""
+    power = _power(snrs)
+    ratio = threshold_noncoherent_cfar(pfa, power.shape[-1], n_reference_total)
+    return power, ratio
 
 
 def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:

@@ -1,0 +1,114 @@
+"""The keys that radars share which measure range, azimuth and elevation."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.parts import (
+    Azimuth,
+    Beamwidth,
+    Decibels,
+    Elevation,
+    Frequency,
+    Loss,
+    NotNegative,
+    Positive,
+    Probability,
+    Resolution,
+    Site,
+)
+from plotfeed.feeds.sensors.base import SensorPart
+from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.polar_radar import PolarRadar
+from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.proto.asterix.plots import RHO_LSB_M
+
+
+class PolarRadarSensor(SensorPart):
+    """Everything but what makes the echoes. The defaults are the paper's typical values."""
+
+    report: Annotated[
+        tuple[Literal["asterix-048", "plots"], ...], Field(strict=False, min_length=1)
+    ] = ("asterix-048", "plots")
+    """asterix-048 brings the service messages of category 034 along for a rotating scan."""
+    frequency_hz: Frequency
+    gain_tx_dbi: Decibels
+    gain_rx_dbi: Decibels | None = None
+    """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
+    antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    integration_s: Positive
+    """Coherent."""
+    loss_db: Loss = 4.0
+    """Of the system; the CFAR loss is in the detector already."""
+    noise_figure_db: Loss = 5.0
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one resolution cell."""
+    n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
+    """Reference cells of the CA-CFAR."""
+    range_resolution_m: Resolution
+    range_min_m: NotNegative = 0.0
+    """The blind range."""
+    range_max_m: Annotated[float, Field(gt=0, le=470_000)]
+    """Instrumented."""
+    azimuth_beamwidth_deg: Beamwidth
+    elevation_beamwidth_deg: Beamwidth
+    azimuth_min_deg: Azimuth = -180.0
+    azimuth_max_deg: Azimuth = 180.0
+    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
+    elevation_min_deg: Elevation
+    elevation_max_deg: Elevation
+    doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    range_floor_m: NotNegative = 0.0
+    azimuth_floor_deg: NotNegative = 0.0
+    elevation_floor_deg: NotNegative = 0.0
+    """Errors that remain however strong the echo; added in quadrature."""
+    measures_elevation: bool = True
+    """False for a two-dimensional radar, whose plots have neither elevation nor height."""
+
+    @model_validator(mode="after")
+    def _covers_something(self) -> Self:
+        if not self.range_min_m < self.range_max_m:
+            raise ValueError("range_min_m: must be less than range_max_m")
+        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
+            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
+        if not self.elevation_min_deg < self.elevation_max_deg:
+            raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
+        return self
+
+    def model(self, site: Site, /) -> PolarRadar:
+        """The model that these keys make, at that site."""
+        raise NotImplementedError
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """A format coarser than the radar."""
+        strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
+        best_m = float(self.model(site).sigmas(np.array(strongest_snr))[0])
+        added_m = RHO_LSB_M / 12**0.5
+        if "asterix-048" not in self.report or added_m <= best_m:
+            return []
+        return [
+            f"asterix-048 counts range in steps of {RHO_LSB_M:.3g} m, an error of {added_m:.2g} m "
+            f"beside the radar's own of {best_m:.2g} m for a strong echo"
+        ]
+
+    def _polar(self) -> dict[str, Any]:
+        """What the model calls by the same names, its cover and its receive gain."""
+        names = {f.name for f in fields(PolarRadar)} & type(self).model_fields.keys()
+        return {name: getattr(self, name) for name in names} | {
+            "azimuth_cover": AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            "gain_rx_dbi": self._gain_rx_dbi(),
+        }
+
+    def _gain_rx_dbi(self) -> float:
+        """Follows from the beamwidths if it is not given."""
+        if self.gain_rx_dbi is not None:
+            return self.gain_rx_dbi
+        return float(
+            beam_gain_dbi(
+                self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg, self.antenna_efficiency
+            )
+        )

@@ -1,0 +1,233 @@
+"""What radars that measure range, azimuth and elevation share, whatever makes their echoes.
+
+Thermal noise alone, a CFAR detector, and measurement errors that follow the signal-to-noise ratio
+of the very detection: section 3.1.1 of the paper, equations 4, 5 and 9 to 15 in right form.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.scan import Sector, beam_times_ns
+from plotfeed.models.sensor import NO_PLOTS, Prediction
+from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarRadar(ABC):
+    """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
+
+    A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
+    """
+
+    frequency_hz: float
+    gain_rx_dbi: float
+    integration_s: float
+    loss_db: float
+    noise_figure_db: float
+    pfa: float
+    n_reference: int
+    range_resolution_m: float
+    range_min_m: float
+    range_max_m: float
+    azimuth_beamwidth_deg: float
+    elevation_beamwidth_deg: float
+    azimuth_cover: AzimuthCover
+    elevation_min_deg: float
+    elevation_max_deg: float
+    doppler_cells: int
+    range_floor_m: float
+    azimuth_floor_deg: float
+    elevation_floor_deg: float
+    measures_elevation: bool
+
+    @abstractmethod
+    def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
+
+    @abstractmethod
+    def pd(self, snrs: Floats) -> Floats:
+        """Probability of detection by all signals; (n, K) in, (n,) out."""
+
+    @abstractmethod
+    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Powers a signal of detections, and thresholds, in mean noise powers; each (n,)."""
+
+    @abstractmethod
+    def inverse_detected(self, snrs: Floats) -> Floats:
+        """Mean of 1/x over detections, x the power that `draw_detected` draws; (n,)."""
+
+    @property
+    @abstractmethod
+    def n_signals(self) -> int:
+        """K."""
+
+    @cached_property
+    def resolution_cells(self) -> int:
+        """Range cells x azimuth beams x elevation beams x Doppler cells (eq 9, right form)."""
+        range_cells = round((self.range_max_m - self.range_min_m) / self.range_resolution_m)
+        azimuth_beams = round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg)
+        elevation_span_deg = self.elevation_max_deg - self.elevation_min_deg
+        elevation_beams = round(elevation_span_deg / self.elevation_beamwidth_deg)
+        return (
+            max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
+        ) * self.doppler_cells
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """Light takes no time worth modelling."""
+        return
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
+
+    @cached_property
+    def noise_dbm(self) -> float:
+        """Noise power in the matched filter's bandwidth, 1/integration time (eqs 5, 21)."""
+        density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
+        return float(10 * np.log10(density_w_hz / self.integration_s) + 30)
+
+    def sigmas(self, snr: Floats) -> tuple[Floats, Floats, Floats]:
+        """Standard deviations of range, azimuth and elevation at a detection's own SNR."""
+        return (
+            accuracy.with_floor(
+                accuracy.sigma_range_m(snr, self.range_resolution_m), self.range_floor_m
+            ),
+            accuracy.with_floor(
+                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
+            ),
+            accuracy.with_floor(
+                accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg),
+                self.elevation_floor_deg,
+            ),
+        )
+
+    def in_cover(self, range_m: Floats, azimuth_deg: Floats, elevation_deg: Floats) -> Bools:
+        """Beyond the blind range and within cover; a target with an undefined angle is not."""
+        return (
+            (range_m >= self.range_min_m)
+            & (range_m > 0)
+            & (range_m <= self.range_max_m)
+            & self.azimuth_cover.holds(azimuth_deg)
+            & (elevation_deg >= self.elevation_min_deg)
+            & (elevation_deg <= self.elevation_max_deg)
+        )
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """One look at each target: those within cover, and the plots of those detected.
+
+        Heights are left out: they take the sensor's place on Earth.
+        """
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        snrs = self.signal_snrs(targets.position_enu_m[covered], targets.rcs_m2(covered))
+        pd = self.pd(snrs)
+        looks = Looks(
+            drone=targets.drone[covered],
+            channel=np.zeros(len(covered), np.int64),
+            t_utc_ns=targets.t_utc_ns[covered],
+            range_m=range_m[covered],
+            azimuth_deg=azimuth_deg[covered],
+            elevation_deg=elevation_deg[covered],
+            snr=snrs.mean(axis=-1),  # eq 18
+            pd=pd,
+            detected=detection.draw_hits(pd, rng),  # eq 8
+        )
+        if not looks.detected.any():
+            return looks, NO_PLOTS
+        return looks, self._measure(looks.rows(looks.detected), snrs[looks.detected], rng)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Closed forms at the targets' mean signal-to-noise ratios."""
+        rcs_m2 = targets.rcs_m2(np.arange(len(targets)))
+        snrs = self.signal_snrs(targets.position_enu_m, rcs_m2)
+        # Error variances go as one over the detection's own power.
+        effective_snr = 1.0 / self.inverse_detected(snrs)
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)
+        return Prediction(
+            snr=snrs.mean(axis=-1),
+            pd=self.pd(snrs),
+            sigma_range_m=sigma_range_m,
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            sigma_elevation_deg=(
+                sigma_elevation_deg if self.measures_elevation else np.full(len(snrs), np.nan)
+            ),
+        )
+
+    def _measure(self, hits: Looks, snrs: Floats, rng: np.random.Generator) -> Plots:
+        """True geometry plus errors (eqs 13 to 15) by the SNR of each very detection."""
+        snr, threshold = self.draw_detected(snrs, rng)
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
+        errors = rng.standard_normal((3, len(hits)))
+        azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
+            hits.azimuth_deg + errors[1] * sigma_azimuth_deg,
+            hits.elevation_deg + errors[2] * sigma_elevation_deg,
+        )
+        plots = self._plots(
+            snr,
+            threshold,
+            t_utc_ns=hits.t_utc_ns,
+            range_m=hits.range_m + errors[0] * sigma_range_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            drone=hits.drone,
+            true_range_m=hits.range_m,
+            true_azimuth_deg=hits.azimuth_deg,
+            true_elevation_deg=hits.elevation_deg,
+        )
+        inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
+        return plots.rows(inside & (plots.range_m > 0))
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """The false alarms of one sector: binomial over its resolution cells, uniform in them.
+
+        Uniform in range, azimuth and elevation (eqs 9 to 12; elevation is drawn, not height).
+        """
+        azimuth_deg = false_alarms.draw_azimuths(
+            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+        )
+        n = len(azimuth_deg)
+        if not n:
+            return NO_PLOTS
+        snr, threshold = self.draw_detected(np.zeros((n, self.n_signals)), rng)
+        return self._plots(
+            snr,
+            threshold,
+            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+            range_m=false_alarms.draw_uniform(self.range_min_m, self.range_max_m, n, rng),
+            azimuth_deg=azimuth_deg,
+            elevation_deg=false_alarms.draw_uniform(
+                self.elevation_min_deg, self.elevation_max_deg, n, rng
+            ),
+        )
+
+    def _plots(self, snr: Floats, threshold: Floats, **columns: NDArray[Any]) -> Plots:
+        """With what follows from a detection's power alone: amplitude, run length, stated sigmas.
+
+        The run length is the width over which a Gaussian receive beam keeps the echo above the
+        threshold: the transmit beam is taken as the wider one.
+        """
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
+        if self.measures_elevation:
+            columns["sigma_elevation_deg"] = sigma_elevation_deg
+        else:
+            del columns["elevation_deg"]
+        return Plots.of(
+            snr=snr,
+            amplitude_dbm=self.noise_dbm + 10 * np.log10(snr),
+            run_length_deg=self.azimuth_beamwidth_deg * np.sqrt(np.log2(snr / threshold)),
+            sigma_range_m=sigma_range_m,
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            **columns,
+        )
