@@ -24,7 +24,21 @@ INTERRUPTED = 130
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class Commands(click.Group):
+    """For `plotfeed show ... | head`: that nobody reads on is no failure."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Before click itself hears of the broken pipe."""
+        try:
+            code = super().invoke(ctx)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left
+            return 0
+        return code
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(version("plotfeed"), prog_name="plotfeed")
 def cli() -> None:
     """Drone telemetry in; what counter-UAS sensors would have reported out, in real time."""
@@ -253,7 +267,6 @@ def _run() -> int:
     logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
     try:
         code = cli.main(standalone_mode=False)
-        sys.stdout.flush()
     except click.ClickException as error:
         error.show()
         return error.exit_code
@@ -261,21 +274,10 @@ def _run() -> int:
         return INTERRUPTED
     except PlotfeedError as error:
         return _failed(str(error), error.exit_code)
-    except (BrokenPipeError, SystemExit) as error:
-        return _nobody_reads_on(error)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _failed(f"{where}{error.strerror or error}", 1)
     return code if isinstance(code, int) else 0
-
-
-def _nobody_reads_on(error: BaseException) -> int:
-    """`plotfeed show ... | head` is no failure; what is left in the buffer must go somewhere."""
-    # click turns a broken pipe that it meets itself into an exit
-    if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
-        raise error
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
 
 
 def _failed(text: str, code: int) -> int:
