@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import command
 import pytest
 from brokers import deaf_server, free_port, is_listening, mosquitto, wait_until_silent
+from command import PLOTFEED, Running
 from mqtt_client import PATIENCE_S, Client, Heard, listening
 from scene_files import radar, scene_file, scene_text
 
@@ -23,53 +25,14 @@ from plotfeed.feeds.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
-PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
 FAST = radar(period_s=0.2, sectors=8)
-
-
-class Running:
-    """A session in a process of its own, as a user starts it."""
-
-    def __init__(self, scene: Path, *options: str) -> None:
-        self.process = subprocess.Popen(
-            [*PLOTFEED, "run", str(scene), *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.introduction: list[str] = []
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.introduction.append(line.rstrip())
-            if line.startswith("look at it"):
-                return
-        raise AssertionError(f"it ended: {self.process.communicate()}")
-
-    def port(self, protocol: str) -> int:
-        (line,) = (x for x in self.introduction if x.strip().startswith(protocol))
-        return int(line.split("://")[1].split(":")[1].split()[0])
-
-    def ports(self) -> list[tuple[int, int]]:
-        """Ports and versions of the embedded broker."""
-        return [(self.port("MQTT 3.1.1"), 4), (self.port("MQTT 5"), 5)]
-
-    def end(self, how: signal.Signals) -> tuple[int, str, str]:
-        """Exit code, and what was written after the introduction."""
-        self.process.send_signal(how)
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode, out, err
 
 
 @contextmanager
 def running(folder: Path, *options: str, text: str | None = None) -> Iterator[Running]:
     scene = scene_file(folder, scene_text(sensors=FAST) if text is None else text)
-    session = Running(scene, *options)
-    try:
+    with command.running("run", scene, *options) as session:
         yield session
-    finally:
-        if session.process.poll() is None:
-            session.process.kill()
-        session.process.communicate(timeout=PATIENCE_S)
 
 
 def is_status(state: str) -> Callable[[Heard], bool]:
