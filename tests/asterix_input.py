@@ -23,11 +23,10 @@ ETHERNET, UDP = 14, 8
 
 
 def plots(**columns: Any) -> Plots:
-    """Plots with those columns and NaN in the others; all are as long as the longest."""
+    """Plots with those columns, and not measured in the others; all are as long as the longest."""
     n = max(np.size(column) for column in columns.values())
-    filled: dict[str, Any] = dict.fromkeys(Plots.__dataclass_fields__, np.nan)
-    filled |= {"t_utc_ns": 0, "drone": 0, "range_m": 1000.0, "azimuth_deg": 0.0} | columns
-    return Plots(**{name: np.broadcast_to(np.asarray(v), (n,)) for name, v in filled.items()})
+    given = {"t_utc_ns": 0, "drone": 0, "range_m": 1000.0, "azimuth_deg": 0.0} | columns
+    return Plots.of(**{name: np.broadcast_to(np.asarray(v), (n,)) for name, v in given.items()})
 
 
 def udp_payloads(pcap: Path) -> list[bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -70,20 +71,27 @@ class Encoder:
             values: list[Any] = [columns[path] for path in self.columns]
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
-        values = [np.asarray(c, np.object_) if isinstance(c, str) else c for c in values]
-        try:
-            lengths = set(map(len, values))
-        except TypeError:  # a number for all records has no length
-            lengths = {len(column) for column in values if np.ndim(column)} or {1}
-            n = max(lengths)
-            values = [c if np.ndim(c) else np.broadcast_to(np.asarray(c), n) for c in values]
+        lengths = {len(c) for c in values if not _is_one(c)}
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
         n = lengths.pop() if lengths else 1
         if n >= CROSSOVER and self._many is not None:
             return self._many(values, n)
         # Python's own numbers cost less than NumPy's one by one.
-        return self._few([c.tolist() if isinstance(c, np.ndarray) else c for c in values])
+        return self._few([_each(column, n) for column in values])
+
+
+def _is_one(column: Any) -> bool:
+    """Whether it is one value for all records."""
+    if isinstance(column, np.ndarray):
+        return not column.ndim
+    return isinstance(column, str) or not hasattr(column, "__len__")
+
+
+def _each(column: Any, n: int) -> Iterable[Any]:
+    """The values of a column, or n times the one for all."""
+    values = column.tolist() if isinstance(column, np.ndarray | np.generic) else column
+    return repeat(values, n) if _is_one(values) else values
 
 
 def blocks_of(

@@ -6,20 +6,13 @@ that sector ends, both in one datagram; at north it sends a north marker.
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
-from plotfeed.models.state import Floats, Plots
+from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.cat034 import CAT034
 from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.encode import UDP_OCTETS, Encoder, blocks_of
-from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.asterix.reports import FOOT_M, NM_M, TIME_LSB_NS, Reports, measured
 
-NM_M = 1852.0  # m, exact; BIPM, The International System of Units
-FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
 RHO_LSB_M = NM_M / 256  # I048/040
-TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s
 PRIMARY = 1  # I048/020/TYP: single primary detection
 NORTH_MARKER, SECTOR_CROSSING = 1, 2  # I034/000
 
@@ -47,19 +40,23 @@ class PlotEncoder048:
         geoid_undulation_m: float = 0.0,
         max_octets: int = UDP_OCTETS,
     ) -> None:
-        self._constants: dict[str, float | str] = {
-            "I048/010/SAC": sac,
-            "I048/010/SIC": sic,
-            "I048/020/TYP": PRIMARY,
-            "I048/020/SIM": int(simulated),
-            "I048/020/RDP": 0,
-            "I048/020/SPI": 0,
-            "I048/020/RAB": 0,
-        }
         self._geoid_undulation_m = geoid_undulation_m
-        self._max_octets = max_octets
-        self._encoders: dict[tuple[str, ...], Encoder] = {}
-        blocks_of(CAT048.number, b"", self._encoder(tuple(OPTIONAL)).record_length, max_octets)
+        self._reports = Reports(
+            CAT048,
+            ("I048/010", "I048/140", "I048/020", "I048/040"),
+            OPTIONAL.values(),
+            constants={
+                "I048/010/SAC": sac,
+                "I048/010/SIC": sic,
+                "I048/020/TYP": PRIMARY,
+                "I048/020/SIM": int(simulated),
+                "I048/020/RDP": 0,
+                "I048/020/SPI": 0,
+                "I048/020/RAB": 0,
+            },
+            lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": RHO_LSB_M, "I048/110": 25 * FOOT_M},
+            max_octets=max_octets,
+        )
 
     def blocks(self, plots: Plots) -> list[bytes]:
         """Data blocks of all plots, in their order, none longer than `max_octets`.
@@ -68,45 +65,17 @@ class PlotEncoder048:
         """
         if not len(plots):
             return []
-        measured = tuple(name for name in OPTIONAL if _measured(name, getattr(plots, name)))
-        encoder = self._encoder(measured)
-        columns = {
-            "I048/140": plots.t_utc_ns,
-            "I048/040/RHO": plots.range_m,
-            "I048/040/THETA": plots.azimuth_deg,
-        }
-        for name in measured:
-            columns[OPTIONAL[name]] = getattr(plots, name)
-        if "height_m" in measured and self._geoid_undulation_m:
-            columns[OPTIONAL["height_m"]] = plots.height_m - self._geoid_undulation_m
-        records = encoder.records(columns)
-        return blocks_of(CAT048.number, records, encoder.record_length, self._max_octets)
-
-    def _encoder(self, measured: tuple[str, ...]) -> Encoder:
-        if measured not in self._encoders:
-            self._encoders[measured] = Encoder(
-                CAT048,
-                (
-                    "I048/010",
-                    "I048/140",
-                    "I048/020",
-                    "I048/040",
-                    *(OPTIONAL[name] for name in measured),
-                ),
-                constants=self._constants,
-                lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": RHO_LSB_M}
-                | ({"I048/110": 25 * FOOT_M} if "height_m" in measured else {}),
-            )
-        return self._encoders[measured]
-
-
-def _measured(name: str, column: Floats) -> bool:
-    """Whether a column holds numbers. The encoder finds a NaN among them by itself."""
-    if not math.isnan(column[0]):
-        return True
-    if np.isnan(column).all():
-        return False
-    raise EncodeError(f"{name} is NaN in some plots and not in others", field=OPTIONAL[name])
+        optional = measured({path: getattr(plots, name) for name, path in OPTIONAL.items()})
+        if "I048/110" in optional and self._geoid_undulation_m:
+            optional["I048/110"] = plots.height_m - self._geoid_undulation_m
+        return self._reports.blocks(
+            {
+                "I048/140": plots.t_utc_ns,
+                "I048/040/RHO": plots.range_m,
+                "I048/040/THETA": plots.azimuth_deg,
+                **optional,
+            }
+        )
 
 
 class ServiceEncoder034:

@@ -51,7 +51,7 @@ def profile(category: Category, paths: Iterable[str]) -> Profile:
     places = [
         place
         for place, item in enumerate(category.uap)
-        if item and any(_is_at(path, item.name) for path in chosen)
+        if item and any(is_at(path, item.name) for path in chosen)
     ]
     drawing.flags(places)
     for place in places:
@@ -146,16 +146,16 @@ class _Drawing:
         subfields = {
             place: sub
             for place, sub in enumerate(item.subfields)
-            if sub and any(_is_at(path, f"{item.name}/{sub.name}") for path in self.chosen)
+            if sub and any(is_at(path, f"{item.name}/{sub.name}") for path in self.chosen)
         }
         if not subfields:
-            asked = min(path for path in self.chosen if _is_at(path, item.name))
+            asked = min(path for path in self.chosen if is_at(path, item.name))
             raise EncodeError("name a subfield that it has", field=asked)
         self.flags(list(subfields))
         for sub in subfields.values():
             self.item(sub, f"{item.name}/{sub.name}")
 
 
-def _is_at(path: str, name: str) -> bool:
+def is_at(path: str, name: str) -> bool:
     """Whether a path is that of `name` or of something in it."""
     return path == name or path.startswith(f"{name}/")

@@ -45,7 +45,7 @@ class Draw:
     """Octets at random for a specification of libasterix: everything, or some of it."""
 
     def __init__(self, seed: int, *, everything: bool) -> None:
-        self._random = random.Random(seed)
+        self._random = random.Random(seed)  # noqa: S311 - not for secrets
         self._everything = everything
 
     def _take(self) -> bool:
