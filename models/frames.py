@@ -18,6 +18,9 @@ from plotfeed.models.state import Floats
 RESOLUTION_M = 5e-9
 """Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
 
+BOWRING_STEPS = 2
+"""One is enough for heights; two leave latitudes nothing but rounding, at any height."""
+
 MIN_GEOCENTRIC_M = 100e3
 """Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
 
@@ -62,9 +65,10 @@ def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     x, y, z = np.moveaxis(np.asarray(ecef_m, dtype=np.float64), -1, 0)
     p = np.hypot(x, y)
     north, out = _unit(z, (1 - WGS84_F) * p)  # of the parametric latitude
-    for _ in range(4):
+    for _ in range(BOWRING_STEPS):
         sin_lat, cos_lat = _unit(
-            z + WGS84_EP2 * WGS84_B_M * north**3, p - WGS84_E2 * WGS84_A_M * out**3
+            z + WGS84_EP2 * WGS84_B_M * (north * north * north),
+            p - WGS84_E2 * WGS84_A_M * (out * out * out),
         )
         north, out = _unit((1 - WGS84_F) * sin_lat, cos_lat)
     height = p * cos_lat + z * sin_lat - WGS84_A_M * np.sqrt(1 - WGS84_E2 * sin_lat**2)

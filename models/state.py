@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -27,11 +28,25 @@ class Columns:
     """Equally long columns, selected and joined by row."""
 
     def __len__(self) -> int:
-        return len(getattr(self, fields(self)[0].name))
+        return len(getattr(self, self._names()[0]))
 
-    def rows(self, which: NDArray[Any] | slice) -> Self:
-        """Those rows: a boolean mask (n,), indices (m,) or a slice."""
-        return type(self)(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+    @classmethod
+    @cache
+    def _names(cls) -> tuple[str, ...]:
+        return tuple(f.name for f in fields(cls))
+
+    def rows(self, which: NDArray[Any]) -> Self:
+        """Those rows: a boolean mask (n,), or distinct indices (m,)."""
+        if which.dtype == np.bool_:
+            which = np.flatnonzero(which)
+        columns = {name: getattr(self, name) for name in self._names()}
+        return type(self)(
+            **{
+                # What is the same throughout is not copied, value by value, to be the same again.
+                name: column[: len(which)] if column.strides[0] == 0 else column[which]
+                for name, column in columns.items()
+            }
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -39,8 +54,9 @@ class Columns:
         parts = [p for p in parts if len(p)] or [parts[0]]
         if len(parts) == 1:
             return parts[0]
-        names = [f.name for f in fields(cls)]
-        return cls(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+        return cls(
+            **{name: np.concatenate([getattr(p, name) for p in parts]) for name in cls._names()}
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,14 +186,27 @@ class Plots(Columns):
         A plot of no stated drone is a false alarm.
         """
         n = len(columns["t_utc_ns"])
-        unmeasured = np.full(n, np.nan)
-        columns.setdefault("drone", np.full(n, FALSE_ALARM, np.int64))
-        columns.setdefault("channel", np.zeros(n, np.int64))
-        for name in ("kind", "identity"):
-            columns.setdefault(name, np.full(n, "", np.object_))
-        missing = [f.name for f in fields(cls) if f.name not in columns]
-        return cls(**columns, **dict.fromkeys(missing, unmeasured))
+        return cls(
+            **{
+                name: columns[name] if name in columns else np.broadcast_to(_absent(name), n)
+                for name in cls._names()
+            }
+        )
 
     def in_order_of_time(self) -> Self:
         """The same plots, earliest first; ties keep their order."""
         return self.rows(np.argsort(self.t_utc_ns, kind="stable"))
+
+
+_ABSENT = {
+    "drone": np.array(FALSE_ALARM, np.int64),
+    "channel": np.array(0, np.int64),
+    "kind": np.array("", np.object_),
+    "identity": np.array("", np.object_),
+}
+_UNMEASURED = np.array(np.nan)
+
+
+def _absent(name: str) -> NDArray[Any]:
+    """What stands in a column of plots that a sensor does not fill; ()."""
+    return _ABSENT.get(name, _UNMEASURED)
