@@ -12,7 +12,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, TypeAdapter, model_validator
 
-from plotfeed.feeds.preset_rules import AnyRule, CataloguePart, PresetTarget, derive
+from plotfeed.feeds.preset_rules import AnyRule
+from plotfeed.feeds.preset_solver import derive
+from plotfeed.feeds.preset_target import CataloguePart, PresetTarget
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.sensors.base import SensorPart
 from plotfeed.proto.errors import PlotfeedError

@@ -9,7 +9,9 @@ from typing import Any
 import click
 
 from plotfeed.feeds.check import TestTarget, row_lines, sensor_report
-from plotfeed.feeds.preset_rules import SITE, PresetTarget
+from plotfeed.feeds.preset_rules import short
+from plotfeed.feeds.preset_solver import SITE
+from plotfeed.feeds.preset_target import PresetTarget
 from plotfeed.feeds.presets import Preset, names, preset
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
@@ -76,7 +78,7 @@ def shown_value(value: Any) -> str:
         return ", ".join(map(shown_value, value))
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    return short(value) if isinstance(value, float) else str(value)
 
 
 def shown_reach(range_m: float | None) -> str:

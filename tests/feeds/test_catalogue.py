@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from plotfeed.feeds.preset_rules import SITE, PresetTarget, Solve, predicted
+from plotfeed.feeds.preset_rules import Solve
+from plotfeed.feeds.preset_solver import SITE, predicted
+from plotfeed.feeds.preset_target import PresetTarget
 from plotfeed.feeds.presets import SCENE_ONLY, Preset, names, preset
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.show_presets import reach_m
@@ -245,4 +247,5 @@ def test_a_preset_leaves_to_the_scene_what_is_the_scenes() -> None:
 
 def test_the_page_is_what_its_script_writes() -> None:
     written = runpy.run_path(str(DOCS / "write_presets.py"))["page"]()
-    assert (DOCS / "presets.md").read_text(encoding="utf-8") == written + "\n"
+    kept = (DOCS / "presets.md").read_text(encoding="utf-8")
+    assert kept == written + "\n", "out of date: python docs/write_presets.py"

@@ -11,7 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from plotfeed.feeds.cli import cli
-from plotfeed.feeds.preset_rules import AnyRule, PresetTarget, Solve, derive
+from plotfeed.feeds.preset_rules import AnyRule, Solve
+from plotfeed.feeds.preset_solver import derive
+from plotfeed.feeds.preset_target import PresetTarget
 from plotfeed.feeds.presets import UnknownPresetError, names, preset
 from plotfeed.feeds.scene import Scene, SceneError, from_tree
 from plotfeed.feeds.schema import text_of
