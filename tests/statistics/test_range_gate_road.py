@@ -1,0 +1,115 @@
+"""The range gate's messages: every drone within at every scan, its noise Gaussian on each axis.
+
+Each test of significance fails for one seed in 10,000 (`significance.FALSE_ALARM_RATE`); the seeds
+are those of the scenes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from road import NS, SITE, START_NS, Road, flown, fly, held, scene, staring, waypoint
+from significance import assert_standard_normal, assert_uncorrelated
+
+from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef, wrap_180
+
+SIGMA_M = 4.0
+INSIDE_M = (5.0, 100.0, 900.0, 1999.9)
+OUTSIDE_M = (2000.2, 2100.0, 9000.0)
+AT_EACH = 10
+SCANS = 150
+POSITION_ENU_M = (120.0, -40.0, 12.0)
+
+
+def gate(**changes: Any) -> dict[str, Any]:
+    keys = {
+        "id": "gate",
+        "type": "range_gate",
+        "scan": staring(),
+        "range_max_m": 2000.0,
+        "sigma_m": SIGMA_M,
+    }
+    return keys | changes
+
+
+@cache
+def rings() -> Road:
+    drones = [
+        held(f"{range_m}:{i}", 36 * i + 5, 25.0, range_m)
+        for range_m in INSIDE_M + OUTSIDE_M
+        for i in range(AT_EACH)
+    ]
+    return fly(scene([gate()], drones, seed=81), SCANS)
+
+
+def test_every_drone_within_is_reported_at_every_scan_and_no_other() -> None:
+    plots = rings().plots("gate")
+    seen, times = np.unique(plots.drone, return_counts=True)
+    assert sorted(seen) == sorted(f"{r}:{i}" for r in INSIDE_M for i in range(AT_EACH))
+    assert set(times) == {SCANS}
+    pairs = np.unique(np.stack([plots.scan.astype(str), plots.drone], axis=1), axis=0)
+    assert len(pairs) == len(plots) == len(rings().looks("gate"))
+
+
+@pytest.mark.parametrize("range_m", INSIDE_M)
+def test_noise_is_gaussian_and_independent_on_each_axis(range_m: float) -> None:
+    everything = rings().plots("gate")
+    plots = everything.rows(np.char.startswith(everything.drone, f"{range_m}:"))
+    measured = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
+    noise = (measured - true) / SIGMA_M
+    for axis, values in zip(("east", "north", "up"), noise.T, strict=True):
+        assert_standard_normal(values, f"{axis}, {range_m:g} m")
+    for a, b in combinations(noise.T, 2):
+        assert_uncorrelated(a, b, f"{range_m:g} m")
+
+
+def test_noise_of_a_scan_says_nothing_of_the_next() -> None:
+    everything = rings().plots("gate")
+    plots = everything.rows(everything.true_range_m > 500)  # close by, ranges err to the far side
+    order = np.lexsort((plots.scan, plots.drone))
+    error_m = (plots.range_m - plots.true_range_m)[order]
+    assert_uncorrelated(error_m[:-1], error_m[1:], "scan by scan")
+
+
+def test_stated_sigmas_are_the_noise_over_the_range() -> None:
+    everything = rings().plots("gate")
+    plots = everything.rows(everything.true_range_m > 500)
+    assert_standard_normal((plots.range_m - plots.true_range_m) / plots.sigma_range_m, "range")
+    azimuth_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
+    assert_standard_normal(azimuth_deg / plots.sigma_azimuth_deg, "azimuth")
+    elevation_deg = plots.elevation_deg - plots.true_elevation_deg
+    assert_standard_normal(elevation_deg / plots.sigma_elevation_deg, "elevation")
+
+
+def test_heights_and_places_are_those_of_a_sensor_beside_the_site() -> None:
+    """Without noise the plot is the drone's own place above the ellipsoid."""
+    place = waypoint(75.0, 8.0, 1500.0)
+    drone = flown("d", place, waypoint(75.0, 8.0, 1500.01), speed_m_s=0.01)
+    sensor = gate(sigma_m=0.0, position_enu_m=POSITION_ENU_M)
+    plots = fly(scene([sensor], [drone], seed=82), 20).plots("gate")
+    assert len(plots) == 20
+    np.testing.assert_allclose(plots.height_m, place["height_m"], atol=0.02)
+    here = LocalFrame(*(float(x) for x in SITE.to_geodetic(np.array(POSITION_ENU_M))))
+    measured = here.to_ecef(aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m))
+    expected = geodetic_to_ecef(place["latitude_deg"], place["longitude_deg"], place["height_m"])
+    assert np.abs(measured - expected).max() < 0.02
+
+
+def test_a_drone_is_reported_from_the_scan_in_which_it_comes_within() -> None:
+    path = (waypoint(30.0, 3.0, 2200.0), waypoint(30.0, 3.0, 200.0))
+    drone = flown("d", *path, speed_m_s=20.0, repeat=False)
+    plots = fly(scene([gate()], [drone], seed=83), 99).plots("gate")
+    t_s = (plots.time_utc_ns - START_NS) / NS
+    assert t_s.min() == pytest.approx(10.0, abs=1.0)
+    np.testing.assert_allclose(np.diff(t_s), 1.0)
+    np.testing.assert_allclose(plots.true_range_m, 2200 - 20 * t_s, atol=0.5)
+
+
+def test_there_are_no_false_alarms() -> None:
+    assert not len(fly(scene([gate()], [], seed=84), 200).plots("gate"))
+    assert (rings().plots("gate").drone != "").all()
