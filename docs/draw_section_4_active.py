@@ -3,7 +3,8 @@
     python docs/draw_section_4_active.py
 
 Drones of three sizes hover at set ranges all around the radar of scene section-4. Bars are 95 %
-intervals: of the share detected after Wilson, of the rms errors by the spread of their squares.
+intervals: of the share detected after Wilson, of the rms errors by the spread that theory gives to
+the mean of their squares. That is wide for strong echoes, where the few weak ones decide.
 The lines are computed here, apart from the models' own detection and errors.
 """
 
@@ -38,13 +39,13 @@ mpl.rcParams.update({"font.family": "DejaVu Sans", "font.size": 12, "svg.hashsal
 
 
 def hovering() -> list[Tree]:
-    """Drones that move a millimetre a second."""
+    """Drones that move a centimetre a second, across the line of sight."""
     return [
         {
             "id": f"{size_m2}-{range_m}-{k}",
             "rcs_m2": size_m2,
-            "speed_m_s": 0.001,
-            "path": [_waypoint(range_m + d, radians((k + 0.5) * 360 / BEARINGS)) for d in (-1, 1)],
+            "speed_m_s": 0.01,
+            "path": [_waypoint(range_m, radians((k + 0.5) * 360 / BEARINGS), d) for d in (-3, 3)],
         }
         for size_m2 in SIZES_M2
         for range_m in RANGES_M
@@ -52,13 +53,17 @@ def hovering() -> list[Tree]:
     ]
 
 
-def _waypoint(range_m: float, azimuth: float) -> dict[str, float]:
-    east_m, north_m = range_m * sin(azimuth), range_m * cos(azimuth)
+def _waypoint(range_m: float, azimuth: float, across_m: float) -> dict[str, float]:
+    east_m = range_m * sin(azimuth) + across_m * cos(azimuth)
+    north_m = range_m * cos(azimuth) - across_m * sin(azimuth)
     return {"east_m": east_m, "north_m": north_m, "above_site_m": 50.0}
 
 
-def predicted(radar: Tree, range_m: Floats, size_m2: float) -> list[Floats]:
-    """Pd and the rms errors of range, azimuth and elevation, by docs/equations.md."""
+def predicted(radar: Tree, range_m: Floats, size_m2: float) -> tuple[list[Floats], Floats]:
+    """Pd and the rms errors of range, azimuth and elevation, by docs/equations.md.
+
+    Beside them the standard deviation of one squared error, over its mean.
+    """
     beam_deg2 = radar["azimuth_beamwidth_deg"] * radar["elevation_beamwidth_deg"]
     snr = radar_snr(
         radar["power_w"],
@@ -76,14 +81,17 @@ def predicted(radar: Tree, range_m: Floats, size_m2: float) -> list[Floats]:
     alpha = radar["pfa"] ** (-1 / n) - 1
     shares = (np.arange(2000) + 0.5) / 2000  # the threshold's distribution, in equal parts
     y = alpha * gammaincinv(n, shares) / (1 + snr[:, None] + alpha)
-    inverse_snr = np.mean(np.exp(y) * exp1(y), axis=1) / (1 + snr)  # mean of 1/x of a detection
+    tail = np.exp(y) * exp1(y)
+    inverse_snr = np.mean(tail, axis=1) / (1 + snr)  # mean of 1/x of a detection
+    inverse_square = np.mean(1 / y - tail, axis=1) / (1 + snr) ** 2  # and of 1/x squared
     spread = np.sqrt(inverse_snr / 2)
-    return [
+    values = [
         (1 + alpha / (1 + snr)) ** -n,
         radar["range_resolution_m"] / 1.63 * spread,
         radar["azimuth_beamwidth_deg"] / 1.6 * spread,
         radar["elevation_beamwidth_deg"] / 1.6 * spread,
     ]
+    return values, np.sqrt(3 * inverse_square / inverse_snr**2 - 1)
 
 
 def _place(drone: str) -> tuple[float, int]:
@@ -118,11 +126,10 @@ def wilson(hits: Floats) -> tuple[float, float, float]:
     return p, middle - half, middle + half
 
 
-def rms(values: Floats) -> tuple[float, float, float]:
+def rms(values: Floats, expected: float, deviation: float) -> tuple[float, float, float]:
     """Root mean square, and the ends of its 95 % interval."""
-    squares = values**2
-    mean = float(squares.mean())
-    half = Z * float(squares.std(ddof=1)) / np.sqrt(len(squares))
+    mean = float(np.mean(values**2))
+    half = Z * expected**2 * deviation / np.sqrt(len(values))
     return mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5
 
 
@@ -134,20 +141,23 @@ def draw() -> None:
     hits, missed_by = detections(sent), errors(sent)
     looks, plots = sum(map(len, hits.values())), sum(map(len, missed_by.values()))
     figure, panels = plt.subplots(2, 2, figsize=(16, 10.5), dpi=100, layout="constrained")
-    line_m = np.linspace(500, 10_000, 200)
+    line_m = np.linspace(500, 10_000, 381)
     within = [0, 0]
     titles = ("Probability of detection", "Rms error of range, m", "Rms error of azimuth, degrees",
               "Rms error of elevation, degrees")  # fmt: skip
     for size_m2, colour in SIZES_M2.items():
-        lines = predicted(radar, line_m, size_m2)
+        lines, deviations = predicted(radar, line_m, size_m2)
         for column, axes in enumerate(panels.flat):
             axes.plot(line_m / 1000, lines[column], color=colour, lw=1.6, zorder=2)
             for range_m in RANGES_M:
                 here = (size_m2, range_m)
-                value, low, high = (
-                    rms(missed_by[here][:, column - 1]) if column else wilson(hits[here])
-                )
                 wanted = float(np.interp(range_m, line_m, lines[column]))
+                deviation = float(np.interp(range_m, line_m, deviations))
+                value, low, high = (
+                    rms(missed_by[here][:, column - 1], wanted, deviation)
+                    if column
+                    else wilson(hits[here])
+                )
                 within[0] += low <= wanted <= high
                 within[1] += 1
                 bar = [[value - low], [high - value]]

@@ -38,7 +38,11 @@ PATH = {
     "observe": (ActiveRadar, "looks, hits, errors"),
     "_with_heights": (Station, "heights of plots"),
 }
-DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
+DETAIL = {
+    name: (ActiveRadar, what)
+    for name, what in {"_measure": "errors and plots, within observe"}.items()
+    if hasattr(ActiveRadar, name)
+}
 
 
 def scene_of(n: int) -> Scene:
@@ -51,7 +55,7 @@ def scene_of(n: int) -> Scene:
     ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
     tree["sensor"] = [radar]
     tree["drone"] = [
-        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.001, "path": _path(r, a)}
+        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
         for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
     ]
     return from_tree(tree, Path("bench.toml"))
