@@ -101,12 +101,23 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
     return {
         "id": sensor.id,
         "type": sensor.type,
-        "rcs_m2": target.signature.rcs_m2,
+        "target": _described(target.signature),
         "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "table": _rows(ranges_m, predicted),
         "warnings": sensor.warnings(site),
     }
+
+
+def _described(signature: Signature) -> str:
+    """What of the target the sensors can sense, in words."""
+    parts = []
+    if np.isfinite(signature.rcs_m2):
+        parts.append(f"{signature.rcs_m2:g} m2")
+    if np.isfinite(signature.sound_power_db):
+        parts.append(f"{signature.sound_power_db:g} dB")
+    parts.extend(f"{e.eirp_dbm:g} dBm at {e.frequency_hz / 1e6:g} MHz" for e in signature.emitters)
+    return ", ".join(parts) or "nothing to sense"
 
 
 def _predicted(
@@ -163,7 +174,7 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
     furthest_m = sensor["range_at_pd_80_percent_m"]
     reach = "nowhere" if furthest_m is None else f"to {furthest_m / 1000:.2f} km"
     heading = (
-        f"{sensor['id']} ({sensor['type']}), target of {sensor['rcs_m2']:g} m2: "
+        f"{sensor['id']} ({sensor['type']}), target of {sensor['target']}: "
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
     return ["", heading, *row_lines(sensor)]

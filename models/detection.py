@@ -26,6 +26,7 @@ from scipy.special import (
 )
 
 from plotfeed.models import looks_chain
+from plotfeed.models.quadrature import unit_interval
 from plotfeed.models.state import Bools, Floats
 
 _QUADRATURE_POINTS = 128
@@ -195,10 +196,10 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     """
     mean = 1.0 + np.asarray(snr, dtype=np.float64)[..., None]
     alpha = cfar_multiplier(pfa, n_reference)
-    nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE_POINTS)
-    gamma = gammaincinv(n_reference, (nodes + 1) / 2)
+    nodes, weights = unit_interval(_QUADRATURE_POINTS)
+    gamma = gammaincinv(n_reference, nodes)
     y = alpha * gamma / (mean + alpha)
-    return np.asarray(np.exp(y) * exp1(y) / mean @ (weights / 2))
+    return np.asarray(np.exp(y) * exp1(y) / mean @ weights)
 
 
 @np.errstate(all="ignore")

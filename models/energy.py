@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import gammainccinv
 
 from plotfeed.models.detection import pd_noncoherent_swerling2, threshold_noncoherent
+from plotfeed.models.quadrature import unit_interval
 from plotfeed.models.state import Floats
 
 _QUADRATURE_POINTS = 128
@@ -43,11 +44,10 @@ def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Float
     Error variances go as that. Gauss and Legendre average over the tail, whose dense end, just
     above the threshold, gets most of the points.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_QUADRATURE_POINTS)
-    root = (nodes + 1) / 2
+    root, weights = unit_interval(_QUADRATURE_POINTS)
     mean_snr = np.asarray(snr, dtype=np.float64)[..., None]
     energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
-    return _floats(1 / estimated_snr(energy, n_samples) @ (1.5 * root**2 * weights))
+    return _floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
 
 
 def _energy_exceeded_by(
