@@ -55,7 +55,7 @@ def assert_uncorrelated(a: Array, b: Array, of: str = "") -> None:
 
 def assert_counts(counts: Array, law: Any, of: str = "") -> None:
     """Whole numbers are drawn from a discrete law; chi-square over classes of 10 or more."""
-    low, high = int(law.ppf(10 / len(counts))), int(law.isf(10 / len(counts)))
+    low, high = int(law.ppf(10 / len(counts))), int(law.isf(10 / len(counts))) - 1
     edges = np.arange(low, high + 1)  # classes: up to low, each in between, above high
     expected = len(counts) * np.diff([0.0, *law.cdf(edges), 1.0])
     seen = np.bincount(np.clip(counts - low, 0, len(edges)), minlength=len(edges) + 1)

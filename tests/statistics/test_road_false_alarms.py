@@ -69,6 +69,17 @@ def test_alarms_of_a_scan_are_binomial_over_its_resolution_cells(kind: str, cove
     assert_counts(total, stats.binom(n, p), "law")
 
 
+def test_alarms_of_few_cells_are_too_regular_for_a_poisson_law() -> None:
+    """Six cells that alarm with one scan in ten each, over ten thousand scans."""
+    few = EXTENT | FEW_CELLS | {"range_resolution_m": 2000.0, "scan": staring(0.1)}
+    scans = 10_000
+    table = fly(scene([radar(**few)], seed=52), scans * 0.1).plots()
+    found = np.bincount(table.scan - START_NS // (NS // 10), minlength=scans)
+    assert_counts(found, stats.binom(6, 0.1))
+    with pytest.raises(AssertionError, match="p ="):
+        assert_counts(found, stats.poisson(0.6))
+
+
 def test_alarms_of_a_sector_are_binomial_over_its_own_cells() -> None:
     for sector in counts("rotating", "full").T:
         assert_counts(sector, stats.binom(CELLS["full"] // SECTORS, PFA["full"]))
