@@ -77,7 +77,17 @@ def _record_line(record: Record) -> str:
     return f"CAT{record.category:03d}  {when}  {parts}"
 
 
-_TIME_ITEM = {34: "030", 48: "140"}
+_TIME_ITEM = {
+    15: "145",
+    16: "140",
+    25: "070",
+    34: "030",
+    48: "140",
+    62: "070",
+    63: "030",
+    129: "070",
+    205: "030",
+}
 
 
 def _clock(time_of_day_s: float) -> str:

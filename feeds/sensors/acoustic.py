@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,7 +29,10 @@ class AcousticSensor(SensorPart):
     """A microphone array, which hears bearings. The defaults are the paper's typical values."""
 
     type: Literal["acoustic"]
-    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    report: Annotated[
+        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, both; asterix-015 brings 025 along."""
     scan: StaringScan
     noise_db: Decibels
     """Of the surroundings and the microphones, in the band; re 20 uPa."""
@@ -70,6 +73,11 @@ class AcousticSensor(SensorPart):
     """Errors that remain however loud the drone: wind, and places of microphones."""
     kind: str = ""
     """What the array calls everything that it hears, such as drone; "" if it does not classify."""
+
+    @classmethod
+    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for such sensors, and all that was measured."""
+        return ("asterix-015", "plots")
 
     @model_validator(mode="after")
     def _covers_something(self) -> Self:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.parts import Enu, Name, Part, Site
 from plotfeed.models.sensor import SensorModel
@@ -40,6 +40,19 @@ class SensorPart(Part):
     """The sensor's name in ASTERIX: system area and identification codes."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
     """Of the antenna or microphone: east, north and up of the site."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reports_as_usual(cls, keys: Any) -> Any:
+        """A sensor whose formats are not given reports as its kind usually does."""
+        if not isinstance(keys, dict) or "report" in keys:
+            return keys
+        return {**keys, "report": cls.usual_report(keys)}
+
+    @classmethod
+    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The formats of such a sensor, given its other keys, not validated yet."""
+        return ("plots",)
 
     def model(self, site: Site, /) -> SensorModel:
         """The model that these keys make, at that site."""

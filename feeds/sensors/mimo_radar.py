@@ -29,9 +29,6 @@ class MimoRadarSensor(PolarRadarSensor):
     """
 
     type: Literal["mimo_radar"]
-    report: Annotated[
-        tuple[Literal["asterix-048", "plots"], ...], Field(strict=False, min_length=1)
-    ] = ("plots",)
     scan: StaringScan
     transmitters: Annotated[
         tuple[MimoTransmitterPart, ...], Field(strict=False, min_length=1, max_length=32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -52,7 +52,10 @@ class PassiveRadarSensor(SensorPart):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
     type: Literal["passive_radar"]
-    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    report: Annotated[
+        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, both; asterix-015 brings 025 along, and 016."""
     scan: StaringScan
     transmitters: Annotated[
         tuple[TransmitterPart, ...], Field(strict=False, min_length=1, max_length=256)
@@ -94,6 +97,11 @@ class PassiveRadarSensor(SensorPart):
     bistatic_range_floor_m: NotNegative = 0.0
     azimuth_floor_deg: NotNegative = 0.0
     """Errors that remain however strong the echo; added in quadrature."""
+
+    @classmethod
+    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for such sensors, and all that was measured."""
+        return ("asterix-015", "plots")
 
     @model_validator(mode="after")
     def _covers_something(self) -> Self:

@@ -32,9 +32,11 @@ class PolarRadarSensor(SensorPart):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
     report: Annotated[
-        tuple[Literal["asterix-048", "plots"], ...], Field(strict=False, min_length=1)
-    ] = ("asterix-048", "plots")
-    """asterix-048 brings the service messages of category 034 along for a rotating scan."""
+        tuple[Literal["asterix-015", "asterix-048", "plots"], ...],
+        Field(strict=False, min_length=1),
+    ] = ()
+    """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
+    else the finer asterix-015, which brings 025 along."""
     frequency_hz: Frequency
     gain_tx_dbi: Decibels
     gain_rx_dbi: Decibels | None = None
@@ -68,6 +70,13 @@ class PolarRadarSensor(SensorPart):
     """Errors that remain however strong the echo; added in quadrature."""
     measures_elevation: bool = True
     """False for a two-dimensional radar, whose plots have neither elevation nor height."""
+
+    @classmethod
+    def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
+        """What every tracker reads, where a beam turns; where none does, the finer category."""
+        scan = keys.get("scan")
+        rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
+        return ("asterix-048" if rotates else "asterix-015", "plots")
 
     @model_validator(mode="after")
     def _covers_something(self) -> Self:

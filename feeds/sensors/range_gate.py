@@ -15,7 +15,10 @@ class RangeGateSensor(SensorPart):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
 
     type: Literal["range_gate"]
-    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    report: Annotated[
+        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, plots."""
     scan: StaringScan
     range_max_m: Positive
     sigma_m: NotNegative

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -45,7 +45,10 @@ class RfSensor(SensorPart):
     """A receiver of what drones emit: control, video, remote identification."""
 
     type: Literal["rf"]
-    report: Annotated[tuple[Literal["plots"], ...], Field(strict=False, min_length=1)] = ("plots",)
+    report: Annotated[
+        tuple[Literal["asterix-205", "plots"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
     scan: StaringScan
     frequency_min_hz: Frequency
     frequency_max_hz: Frequency
@@ -85,6 +88,11 @@ class RfSensor(SensorPart):
     decodes: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Kinds of emission that the sensor reads: their plots carry kind and identity."""
 
+    @classmethod
+    def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for bearings, if there are any, and all that was measured."""
+        return ("asterix-205", "plots") if keys.get("measures_azimuth", True) else ("plots",)
+
     @model_validator(mode="after")
     def _receives_something(self) -> Self:
         if not self.frequency_min_hz < self.frequency_max_hz:
@@ -107,6 +115,8 @@ class RfSensor(SensorPart):
             raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
         if self.measures_azimuth and self.baseline_m is None:
             raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
+        if "asterix-205" in self.report and not self.measures_azimuth:
+            raise ValueError("report: asterix-205 carries bearings, and measures_azimuth is off")
         return self
 
     def _heard_at_once_hz(self) -> float:
