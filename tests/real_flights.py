@@ -51,7 +51,7 @@ class RealFlight:
     def times_s(self) -> Array:
         """Since its start."""
         t_ns = np.array([r.t_utc_ns for r in self.flight.reports])
-        return (t_ns - t_ns[0]) / NS
+        return np.asarray((t_ns - t_ns[0]) / NS)
 
     @cached_property
     def knots_enu_m(self) -> Array:
