@@ -16,6 +16,7 @@ from plotfeed.proto.asterix.layout import (
     Extended,
     Fixed,
     Item,
+    Repetitive,
 )
 from plotfeed.proto.asterix.profile import Slot, profile
 
@@ -50,22 +51,31 @@ def every_path(category: Category) -> list[str]:
     return [path for item in category.uap if item for path in _paths(item)]
 
 
-def _paths(item: Item) -> list[str]:
+def _paths(item: Item, name: str = "") -> list[str]:
+    name = name or item.name
     match item:
-        case Fixed(name):
-            return [name]
-        case Extended(name, groups):
+        case Extended(_, groups):
             return [name, f"{name}/{groups[-1].fields[0][0].name}"]
-        case Compound(name, subfields):
-            return [f"{name}/{sub.name}" for sub in subfields if isinstance(sub, Fixed)]
+        case Compound(_, subfields):
+            return [path for sub in subfields if sub for path in _paths(sub, f"{name}/{sub.name}")]
+        case Repetitive():
+            return [f"{name}*2"]
+        case Fixed():
+            return [name]
         case _:
             return []
+
+
+def _text(part: Characters) -> str:
+    """A text that every reader shows as it is."""
+    usual = [character for character in "ABC1234" if character in part.alphabet]
+    return "".join((usual * 4)[: part.count])
 
 
 def text_constants(category: Category) -> dict[str, float | str]:
     """A text for every part of characters."""
     return {
-        slot.path: (slot.part.alphabet[1:5] * 2)[: slot.part.count]
+        slot.path: _text(slot.part)
         for slot in profile(category, every_path(category)).slots
         if isinstance(slot.part, Characters)
     }

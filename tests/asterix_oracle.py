@@ -22,6 +22,7 @@ _SECONDS = 120
 
 PER_HOUR = 3600
 IN_KNOTS = ("CGS", "SigmaV")
+IN_HEXADECIMAL = ("ACAddr", "ADR")
 
 
 def read_blocks(blocks: Iterable[bytes]) -> list[list[dict[str, Any]]]:
@@ -62,7 +63,7 @@ def _values(item: Any) -> Iterator[Any]:
             yield from _values(value)
         elif name in IN_KNOTS:
             yield value["val"] / PER_HOUR
-        elif name == "ACAddr":
+        elif name in IN_HEXADECIMAL:
             yield int(value["val"], 16)
         elif name not in ("FX", "fx") and not name.startswith("spare"):
             yield value["val"]

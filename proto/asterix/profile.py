@@ -100,11 +100,12 @@ class _Drawing:
             bits = sum(1 << 7 - place % 7 for place in places if place // 7 == octet)
             self.append(1, bits | (octet < last))
 
-    def group(self, prefix: str, group: Group, *, more: bool = False) -> None:
+    def group(self, prefix: str, group: Group, *, more: bool = False, named: bool = False) -> None:
+        """A group; its only part needs no name unless `named`. `more` is its extension bit."""
         self.append(group.octets, int(more))
         end = self.octets * 8
         for part, right in group.fields:
-            path = prefix if len(group.fields) == 1 and not group.fx else f"{prefix}/{part.name}"
+            path = f"{prefix}/{part.name}" if named or len(group.fields) > 1 else prefix
             self.slots.append((path, part, end - right))
 
     def item(self, item: Item, path: str = "") -> None:
@@ -131,7 +132,7 @@ class _Drawing:
                 self.used |= found
                 last = index
         for index, group in enumerate(groups[: last + 1]):
-            self.group(path, group, more=index < last)
+            self.group(path, group, more=index < last, named=True)
 
     def repetitive(self, path: str, group: Group) -> None:
         times = self.chosen.get(path)
