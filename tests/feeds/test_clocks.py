@@ -158,7 +158,12 @@ def test_things_are_done_in_the_order_of_their_deadlines(due: list[int]) -> None
 
 def test_what_is_put_meanwhile_is_done_if_it_is_due() -> None:
     agenda, done = Agenda(), list[str]()
-    agenda.put(5, lambda: (done.append("first"), agenda.put(3, lambda: done.append("late")))[0])
+
+    def first() -> None:
+        done.append("first")
+        agenda.put(3, lambda: done.append("late"))
+
+    agenda.put(5, first)
     agenda.put(7, lambda: done.append("last"))
     for action in agenda.due_by(6):
         action()

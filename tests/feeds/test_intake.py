@@ -39,7 +39,7 @@ def report(seconds: float = 0.0, **changes: Any) -> bytes:
     message.time_utc.FromNanoseconds(NOW + round(seconds * S))
     for name, value in changes.items():
         if value is None:
-            message.ClearField(name)  # type: ignore[arg-type]
+            message.ClearField(name)
         else:
             setattr(message, name, value)
     return message.SerializeToString()

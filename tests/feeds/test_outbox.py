@@ -34,7 +34,7 @@ class Link:
     [([], True), ([True], True), ([False], False), ([True, False], False), ([True, True], True)],
 )
 def test_a_message_is_delivered_if_every_link_took_it(takes: list[bool], delivered: bool) -> None:
-    outbox = Outbox(InstantClock(100), [Link(takes=t) for t in takes])  # type: ignore[misc]
+    outbox = Outbox(InstantClock(100), [Link(takes=t) for t in takes])
     sent = outbox.send(message(due_utc_ns=60))
     assert sent.delivered == delivered
     assert (outbox.sent, outbox.undelivered) == (1, 0 if delivered else 1)
@@ -46,7 +46,7 @@ def test_a_message_is_delivered_if_every_link_took_it(takes: list[bool], deliver
 def test_the_tap_sees_every_message_even_when_nobody_takes_it() -> None:
     seen: list[tuple[bytes, int]] = []
     links = [Link(takes=False)]
-    outbox = Outbox(InstantClock(7), links, lambda m, t: seen.append((m.payload, t)))  # type: ignore[arg-type]
+    outbox = Outbox(InstantClock(7), links, lambda m, t: seen.append((m.payload, t)))
     for payload in (b"1", b"2"):
         outbox.send(message(payload))
     assert seen == [(b"1", 7), (b"2", 7)]
@@ -54,7 +54,7 @@ def test_the_tap_sees_every_message_even_when_nobody_takes_it() -> None:
 
 def test_every_link_is_drained() -> None:
     links = [Link(takes=True), Link(takes=True)]
-    asyncio.run(Outbox(InstantClock(0), links).drain())  # type: ignore[arg-type]
+    asyncio.run(Outbox(InstantClock(0), links).drain())
     assert [link.drained for link in links] == [1, 1]
 
 

@@ -415,4 +415,4 @@ def test_no_microsecond_of_the_start_is_lost(start: datetime) -> None:
 def test_a_scene_cannot_be_changed(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path, TEXT))
     with pytest.raises(ValueError, match="frozen"):
-        scene.scene.seed = 4  # type: ignore[misc]
+        scene.scene.seed = 4

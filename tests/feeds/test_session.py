@@ -23,7 +23,7 @@ Sent = list[tuple[Message, int]]
 
 
 def scene(folder: Path, **changes: str) -> Scene:
-    return load(scene_file(folder, scene_text(**{"start_utc": START, **changes}, port=1883)))  # type: ignore[arg-type]
+    return load(scene_file(folder, scene_text(**{"start_utc": START, **changes}, port=1883)))
 
 
 async def session(

@@ -215,13 +215,18 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
         broker = ExitStack()
         await asyncio.to_thread(broker.enter_context, mosquitto(tmp_path, port))
         grown: list[Totals] = []
+
+        def on_ready(_urls: dict[str, str], totals: Totals) -> None:
+            grown.append(totals)
+            ready.set()
+
         working = asyncio.create_task(
             run(
                 scene,
                 clock=WallClock(),
                 broker=f"mqtt://127.0.0.1:{port}",
                 stop=stop,
-                on_ready=lambda _urls, totals: (grown.append(totals), ready.set()),
+                on_ready=on_ready,
             )
         )
         await asyncio.wait_for(ready.wait(), PATIENCE_S)
