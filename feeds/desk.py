@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Protocol
 
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock
@@ -64,6 +65,22 @@ def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Mes
     )
 
 
+class Herald(Protocol):
+    """Says of a sensor, in a format that has words for it, that it comes, is there, and goes."""
+
+    every_ns: int
+    """From one regular message to the next."""
+
+    def opening(self, now_utc_ns: int) -> list[Message]:
+        """Before anything else, on every connection."""
+
+    def regular(self, now_utc_ns: int) -> list[Message]:
+        """As long as it works."""
+
+    def closing(self, now_utc_ns: int) -> list[Message]:
+        """At the end."""
+
+
 class Desk:
     """Does a station's reports when they are due, and keeps its account."""
 
@@ -77,6 +94,7 @@ class Desk:
         agenda: Agenda,
         totals: Totals,
         keep_ledger: Callable[[SectorReport, Sequence[pb.Sent]], None],
+        herald: Herald | None = None,
     ) -> None:
         self.outbox = outbox
         self._station = station
@@ -85,6 +103,7 @@ class Desk:
         self._agenda = agenda
         self._totals = totals
         self._keep_ledger = keep_ledger
+        self._herald = herald
         self._status = pb.SensorStatus(sensor=station.sensor.id)
 
     def open(self, start_utc_ns: int) -> None:
@@ -95,9 +114,14 @@ class Desk:
         self._status.scan = sector.scan
         self._plan(sector)
         self._tell_status(start_utc_ns)
+        if self._herald is not None:
+            self._send_all(self._herald.opening(start_utc_ns))
+            self._plan_herald(start_utc_ns + self._herald.every_ns, self._herald)
 
     def close(self) -> None:
         """Say that the sensor is no longer there."""
+        if self._herald is not None:
+            self._send_all(self._herald.closing(self._clock.now_ns()))
         self._publish_status(pb.SensorStatus.OFFLINE)
 
     def _plan(self, sector: Sector) -> None:
@@ -130,6 +154,17 @@ class Desk:
         self._publish_status(pb.SensorStatus.ONLINE)
         next_ns = due_utc_ns + STATUS_EVERY_NS
         self._agenda.put(next_ns, partial(self._tell_status, next_ns))
+
+    def _plan_herald(self, due_utc_ns: int, herald: Herald) -> None:
+        def tell() -> None:
+            self._send_all(herald.regular(due_utc_ns))
+            self._plan_herald(due_utc_ns + herald.every_ns, herald)
+
+        self._agenda.put(due_utc_ns, tell)
+
+    def _send_all(self, messages: Sequence[Message]) -> None:
+        for message in messages:
+            self.outbox.send(message)
 
     def _publish_status(self, state: pb.SensorStatus.State) -> None:
         status = self._status

@@ -105,9 +105,13 @@ def _introduce(scene: Scene, urls: dict[str, str]) -> None:
             click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/asterix/048 and /034")
         if "plots" in sensor.report:
             click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/plots (protobuf)")
+        if "sapient" in sensor.report:
+            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/sapient")
     click.echo(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
     if scene.mqtt.truth:
         click.echo(f"  truth       {prefix}/truth, not for the tracker")
+    if scene.sapient.middleware is not None:
+        click.echo(f"  SAPIENT     tcp://{scene.sapient.middleware}, a connection each")
     if urls:
         example = next(iter(urls.values()))
         click.echo(f"look at it: plotfeed show {example}; stop: Ctrl-C")

@@ -25,6 +25,18 @@ class Link(Protocol):
         """Wait until everything has left, or the time is up."""
 
 
+class Connection(Link, Protocol):
+    """A link that has to be made, and made again, while the session runs."""
+
+    name: str
+
+    async def run(self) -> None:
+        """Keep it up until cancelled."""
+
+    async def wait_until_up(self, timeout_s: float | None = ...) -> None:
+        """Return once it is up; raises `PlotfeedError` if it is not in that time."""
+
+
 Tap = Callable[[Message, int], None]
 """Called with every message and the time at which it left."""
 

@@ -10,10 +10,12 @@ from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
+from plotfeed.feeds.sapient_extra import need_sapient
+from plotfeed.feeds.sapient_text import sapient_line
 from plotfeed.feeds.times import iso_utc
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.decode import Record, decode_lenient
-from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 MAX_TEXT = 2000
 
@@ -32,12 +34,14 @@ def message_lines(
     try:
         if kind == "asterix":
             yield from _asterix(topic, payload, as_json=as_json)
+        elif kind == "sapient":
+            yield from _sapient(topic, payload, as_json=as_json)
         elif isinstance(kind, str):
             yield from _json(topic, payload, as_json=as_json)
         else:
             message = kind.FromString(payload)
             yield from _protobuf(topic, message, as_json=as_json)
-    except (ValueError, RecursionError, ProtobufDecodeError) as error:
+    except (ValueError, RecursionError, ProtobufDecodeError, DecodeError) as error:
         text = f"{len(payload)} octets that are not what the topic says: {error}"
         yield _object(topic, {"error": text}) if as_json else f"{topic}  {text}"
 
@@ -49,6 +53,8 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
         return "asterix"
     if (content_type or "").startswith("application/json") or levels[-1] in ("errors", "status"):
         return "json"
+    if levels[-1] == "sapient":
+        return "sapient"
     if levels[-2:-1] == ["telemetry"]:
         return pb.Telemetry
     kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
@@ -64,6 +70,21 @@ def _asterix(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
             yield f"{topic}  {_record_line(record)}"
     for error in errors:
         yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+
+
+def _sapient(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+    try:
+        need_sapient()
+    except PlotfeedError as error:
+        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+        return
+    from plotfeed.proto.sapient.decode import decode  # noqa: PLC0415 - an extra
+
+    message = decode(payload)
+    if as_json:
+        yield _object(topic, {"SapientMessage": message})
+    else:
+        yield f"{topic}  {sapient_line(message)}"
 
 
 def _record_line(record: Record) -> str:

@@ -18,6 +18,7 @@ from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
+from plotfeed.feeds.sapient_settings import Sapient
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.udp import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
@@ -132,6 +133,7 @@ class Scene(Part):
     telemetry: Telemetry = Telemetry()
     mqtt: Mqtt = Mqtt()
     udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
+    sapient: Sapient = Sapient()
     sensor: Annotated[
         tuple[Sensor, ...],
         Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),

@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from functools import partial
 from pathlib import Path
 
+from plotfeed.feeds import sapient_extra
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
 from plotfeed.feeds.broker_address import VERSIONS, Access, BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.desk import Desk, Totals, status_message
+from plotfeed.feeds.desk import Desk, Herald, Totals, status_message
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.outbox import Outbox, Tap
+from plotfeed.feeds.outbox import Connection, Outbox, Tap
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.station import SectorReport, Station
@@ -126,7 +128,7 @@ class Session:
         self._trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
         self._intake = Intake(scene, self._trajectories)
         launch(scene, self._trajectories, self._start_ns)
-        self._links: list[MqttLink] = []
+        self._links: list[Connection] = []
         self._udp = [(settings, UdpLink(settings)) for settings in scene.udp]
         self._office = Outbox(clock, self._office_links(addresses), tap)
         self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
@@ -168,7 +170,13 @@ class Session:
         prefix = self._scene.mqtt.prefix
         offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
         will = status_message(prefix, offline, self._start_ns)
-        links = [MqttLink(address, f"plotfeed-{sensor.id}", will=will) for address in addresses]
+        herald = sapient_extra.herald(self._scene, sensor)
+        greet = None if herald is None else partial(self._greet_again, herald)
+        links: list[Connection] = [
+            MqttLink(address, f"plotfeed-{sensor.id}", will=will, on_connect=greet)
+            for address in addresses
+        ]
+        links += sapient_extra.middleware_links(self._scene, herald, self._clock)
         self._links.extend(links)
         udp_links = [link for settings, link in self._udp if settings.takes(sensor.id)]
         return Desk(
@@ -179,7 +187,14 @@ class Session:
             agenda=self._agenda,
             totals=self._totals,
             keep_ledger=self._keep_ledger,
+            herald=herald,
         )
+
+    def _greet_again(self, herald: Herald, link: MqttLink) -> None:
+        """A connection that was lost hears anew who the sensor is; the first one is told anyway."""
+        if link.connections > 1:
+            for message in herald.opening(self._clock.now_ns()):
+                link.publish(message)
 
     def _telemetry_came(self, topic: str, payload: bytes, content_type: str | None) -> None:
         refusal = self._intake.take(topic, payload, content_type, self._clock.now_ns())

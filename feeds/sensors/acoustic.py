@@ -30,9 +30,9 @@ class AcousticSensor(SensorPart):
 
     type: Literal["acoustic"]
     report: Annotated[
-        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
-    """Without it, both; asterix-015 brings 025 along."""
+    """Without it, the first two; asterix-015 brings 025 along."""
     scan: StaringScan
     noise_db: Decibels
     """Of the surroundings and the microphones, in the band; re 20 uPa."""

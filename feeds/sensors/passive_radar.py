@@ -53,9 +53,9 @@ class PassiveRadarSensor(SensorPart):
 
     type: Literal["passive_radar"]
     report: Annotated[
-        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
-    """Without it, both; asterix-015 brings 025 along, and 016."""
+    """Without it, the first two; asterix-015 brings 025 along, and 016."""
     scan: StaringScan
     transmitters: Annotated[
         tuple[TransmitterPart, ...], Field(strict=False, min_length=1, max_length=256)

@@ -32,7 +32,7 @@ class PolarRadarSensor(SensorPart):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
     report: Annotated[
-        tuple[Literal["asterix-015", "asterix-048", "plots"], ...],
+        tuple[Literal["asterix-015", "asterix-048", "plots", "sapient"], ...],
         Field(strict=False, min_length=1),
     ] = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,

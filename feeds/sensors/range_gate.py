@@ -16,7 +16,7 @@ class RangeGateSensor(SensorPart):
 
     type: Literal["range_gate"]
     report: Annotated[
-        tuple[Literal["asterix-015", "plots"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
     """Without it, plots."""
     scan: StaringScan

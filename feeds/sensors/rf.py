@@ -46,7 +46,7 @@ class RfSensor(SensorPart):
 
     type: Literal["rf"]
     report: Annotated[
-        tuple[Literal["asterix-205", "plots"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-205", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
     """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
     scan: StaringScan

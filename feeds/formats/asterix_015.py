@@ -1,0 +1,93 @@
+"""ASTERIX as staring, MIMO and passive radars and microphones speak it: 015, 016 and 025."""
+
+from __future__ import annotations
+
+from plotfeed.feeds.formats.asterix_025 import Status025
+from plotfeed.feeds.formats.base import (
+    SERVICE_PERIOD_NS,
+    Topics,
+    comes_up,
+    max_block_octets,
+)
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.places import frame_at, geodetic, site_frame
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.sensors.base import RotatingScan
+from plotfeed.feeds.sensors.passive_radar import PassiveRadarSensor
+from plotfeed.feeds.times import NS
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.scan import Sector
+from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
+
+OBSERVATIONS_A_SCAN = 4096
+"""Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
+BEARINGS = frozenset({"acoustic"})
+
+
+class Asterix015:
+    """Measurement plots of 015 at their full precision, 016 for a passive radar, and 025.
+
+    Each scan's plots come first, then what there is to say of the system.
+    """
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._topics = Topics(scene, sensor)
+        rotating = isinstance(sensor.scan, RotatingScan)
+        self._plots = PlotEncoder015(
+            sensor.sac,
+            sensor.sic,
+            geometry=_geometry(sensor),
+            scanning=Scanning.FORWARD if rotating else Scanning.STATIC,
+            max_octets=max_block_octets(scene, sensor),
+        )
+        self._status = Status025(scene, sensor)
+        self._system = None
+        if isinstance(sensor, PassiveRadarSensor):
+            self._system = _system(scene, sensor)
+
+    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+        """Blocks of category 015, then those of 016 and 025 if they are due."""
+        first = sector.scan * OBSERVATIONS_A_SCAN
+        blocks = [(15, block) for block in self._plots.blocks(plots, first_observation=first)]
+        if self._system is not None and comes_up(SERVICE_PERIOD_NS, sector):
+            blocks.extend((16, block) for block in self._system.blocks(sector.end_ns))
+        blocks.extend(self._status.blocks(sector))
+        return self._topics.asterix(sector, blocks)
+
+
+def _geometry(sensor: Sensor) -> Geometry:
+    if isinstance(sensor, PassiveRadarSensor):
+        return Geometry.MULTISTATIC
+    return Geometry.OTHER if sensor.type in BEARINGS else Geometry.MONOSTATIC
+
+
+def _system(scene: Scene, sensor: PassiveRadarSensor) -> SystemEncoder016:
+    """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
+    site = scene.scene.site
+    transmitters = [
+        _station(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
+        for number, transmitter in enumerate(sensor.transmitters)
+    ]
+    return SystemEncoder016(
+        sensor.sac,
+        sensor.sic,
+        period_s=SERVICE_PERIOD_NS // NS,
+        pairs=[Pair(identity=n, transmitter=n, receiver=0) for n in range(len(transmitters))],
+        transmitters=transmitters,
+        receivers=[_station(0, frame_at(site, sensor.position_enu_m))],
+        reference=_station(0, site_frame(site)),
+        geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+        max_octets=max_block_octets(scene, sensor),
+    )
+
+
+def _station(identity: int, place: LocalFrame) -> Station:
+    return Station(
+        identity=identity,
+        latitude_deg=place.latitude_deg,
+        longitude_deg=place.longitude_deg,
+        height_m=place.height_m,
+    )

@@ -1,0 +1,38 @@
+"""ASTERIX as radio direction finders speak it: categories 205 and 025."""
+
+from __future__ import annotations
+
+from plotfeed.feeds.formats.asterix_025 import Status025
+from plotfeed.feeds.formats.base import Topics
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.places import frame_at
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.models.scan import Sector
+from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
+
+REPORTS_A_SCAN = 16
+"""Numbers set aside for the reports of a scan, so that they do not depend on earlier ones."""
+
+
+class Asterix205:
+    """Sensor data of 205, a block a bearing, and 025."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._topics = Topics(scene, sensor)
+        place = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._bearings = BearingEncoder205(
+            sensor.sac,
+            sensor.sic,
+            latitude_deg=place.latitude_deg,
+            longitude_deg=place.longitude_deg,
+        )
+        self._status = Status025(scene, sensor)
+
+    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+        """Blocks of category 205, then 025 if it is due."""
+        first = sector.scan * REPORTS_A_SCAN
+        bearings = self._bearings.blocks(plots, sector.end_ns, first_report=first)
+        blocks = [(205, block) for block in bearings]
+        return self._topics.asterix(sector, [*blocks, *self._status.blocks(sector)])

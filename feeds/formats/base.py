@@ -1,0 +1,87 @@
+"""What formats have in common: topics, attributes, sizes of blocks, and what is periodic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.times import NS, iso_utc
+from plotfeed.models.scan import Sector
+from plotfeed.models.state import Plots
+
+MAX_BLOCK_OCTETS = 65535
+"""What the length field of an ASTERIX data block can say."""
+SERVICE_PERIOD_NS = 10 * NS
+"""How often a sensor says where it stands and that it works."""
+
+
+class Format(Protocol):
+    """Makes the messages that carry one sector's plots."""
+
+    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+        """Due when the sector ends, in the order in which they are to leave."""
+
+
+FormatMaker = Callable[[Scene, Sensor], Format]
+
+
+class Topics:
+    """Addresses a sensor's messages, with CloudEvents attributes as MQTT 5 user properties."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._root = f"{scene.mqtt.prefix}/{sensor.id}"
+        self._sensor = sensor.id
+        self._qos = scene.mqtt.qos
+
+    def asterix(self, sector: Sector, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
+        """A message for each data block, given with its category, numbered within its category."""
+        counts: dict[int, int] = {}
+        messages = []
+        for category, block in blocks:
+            counts[category] = counts.get(category, -1) + 1
+            messages.append(
+                self.message(
+                    f"asterix/{category:03d}",
+                    f"application/x-asterix; cat={category}",
+                    block,
+                    sector,
+                    counts[category],
+                )
+            )
+        return messages
+
+    def message(
+        self, kind: str, content_type: str, payload: bytes, sector: Sector, number: int = 0
+    ) -> Message:
+        """One message; `number` tells those of one kind and sector apart."""
+        return Message(
+            topic=f"{self._root}/{kind}",
+            payload=payload,
+            content_type=content_type,
+            due_utc_ns=sector.end_ns,
+            qos=self._qos,
+            properties=(
+                ("specversion", "1.0"),
+                ("id", f"{sector.scan}-{sector.index}-{number}"),
+                ("source", self._root),
+                ("type", f"plotfeed.{kind.replace('/', '.')}"),
+                ("time", iso_utc(sector.end_ns)),
+                ("sensor", self._sensor),
+                ("scan", str(sector.scan)),
+                ("sector", str(sector.index)),
+            ),
+        )
+
+
+def max_block_octets(scene: Scene, sensor: Sensor) -> int:
+    """What a data block may hold so that it fits wherever the sensor's messages go."""
+    datagrams = (udp.max_octets for udp in scene.udp if udp.takes(sensor.id))
+    return min(datagrams, default=MAX_BLOCK_OCTETS)
+
+
+def comes_up(period_ns: int, sector: Sector) -> bool:
+    """Whether something periodic, at whole multiples of its period, is due in a sector."""
+    return sector.end_ns // period_ns != sector.start_ns // period_ns

@@ -1,0 +1,56 @@
+"""The door to SAPIENT: behind it is plotfeed[sapient], which no other scene imports."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.clock import Clock
+    from plotfeed.feeds.formats.sapient import SapientReports
+    from plotfeed.feeds.sapient_herald import SapientHerald
+    from plotfeed.feeds.sapient_tcp import SapientTcpLink
+    from plotfeed.feeds.scene import Scene
+    from plotfeed.feeds.sensors import Sensor
+
+# ruff: noqa: PLC0415 - importing late is what this file is for
+
+
+def need_sapient() -> None:
+    """Raise `PlotfeedError` if the extra is not installed."""
+    try:
+        import sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2  # noqa: F401
+    except ImportError:
+        raise PlotfeedError(
+            "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
+        ) from None
+
+
+def reports(scene: Scene, sensor: Sensor) -> SapientReports:
+    """The format; raises `PlotfeedError`."""
+    need_sapient()
+    from plotfeed.feeds.formats.sapient import SapientReports
+
+    return SapientReports(scene, sensor)
+
+
+def herald(scene: Scene, sensor: Sensor) -> SapientHerald | None:
+    """Whoever announces the sensor, if it reports in SAPIENT; raises `PlotfeedError`."""
+    if "sapient" not in sensor.report:
+        return None
+    need_sapient()
+    from plotfeed.feeds.sapient_herald import SapientHerald
+
+    return SapientHerald(scene, sensor)
+
+
+def middleware_links(
+    scene: Scene, herald: SapientHerald | None, clock: Clock
+) -> list[SapientTcpLink]:
+    """A sensor's own connection to the scene's middleware, if there is one."""
+    if herald is None or scene.sapient.middleware is None:
+        return []
+    from plotfeed.feeds.sapient_tcp import SapientTcpLink
+
+    return [SapientTcpLink(scene.sapient.middleware, herald, clock)]

@@ -1,0 +1,189 @@
+"""A sensor of the scene as SAPIENT knows it: what it is, where it looks, what it will tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+
+from plotfeed.feeds.parts import Site
+from plotfeed.feeds.places import frame_at
+from plotfeed.feeds.sapient_groups import Groups
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.sensors.base import RotatingScan
+from plotfeed.feeds.times import NS
+from plotfeed.models.frames import aer_to_enu, wrap_360
+from plotfeed.models.sensor import Prediction
+from plotfeed.models.state import Emitter, Signatures, Targets
+from plotfeed.proto.sapient.detections import AGE, BISTATIC_RANGE, SNR, TRANSMITTER, Manner
+from plotfeed.proto.sapient.ids import node_id
+from plotfeed.proto.sapient.node import Field, Node, NodeType, Quantity
+
+NODE_TYPES: dict[str, NodeType] = {
+    "active_radar": "RADAR",
+    "mimo_radar": "RADAR",
+    "passive_radar": "RADAR",
+    "acoustic": "ACOUSTIC",
+    "rf": "PASSIVE_RF",
+    "camera": "CAMERA",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """What the plots of a sensor hold."""
+
+    snr: bool
+    azimuth: bool
+    place: bool
+    """In three dimensions."""
+
+
+def groups_of(sensor: Sensor) -> Groups:
+    """Which of its sectors are reported together."""
+    sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
+    return Groups(round(sensor.scan.period_s * NS), sectors)
+
+
+def manner_of(scene: Scene, sensor: Sensor) -> Manner:
+    """What its detections say."""
+    settings = scene.sapient
+    confidence = settings.detection_confidence
+    pfa = getattr(sensor, "pfa", None)
+    if confidence is None and pfa is not None:
+        confidence = 1.0 - pfa
+    return Manner(
+        detection_confidence=confidence,
+        default_class=settings.default_class,
+        class_confidence=settings.default_class_confidence,
+        band_hz=_band_hz(sensor),
+        transmitters=tuple(t.id for t in getattr(sensor, "transmitters", ())),
+        tells_age=isinstance(sensor.scan, RotatingScan) or groups_of(sensor).size > 1,
+    )
+
+
+def node_of(scene: Scene, sensor: Sensor) -> Node:
+    """What it registers as."""
+    site, manner, measures = scene.scene.site, manner_of(scene, sensor), measures_of(scene, sensor)
+    frame = frame_at(site, sensor.position_enu_m)
+    rate_per_s = sensor.model(site).false_alarms_per_scan / sensor.scan.period_s
+    return Node(
+        seed=scene.scene.seed,
+        sensor=sensor.id,
+        node_id=node_id(scene.scene.seed, sensor.id),
+        node_type=NODE_TYPES.get(sensor.type, "OTHER"),
+        sub_type=sensor.type.replace("_", " "),
+        latitude_deg=frame.latitude_deg,
+        longitude_deg=frame.longitude_deg,
+        height_m=frame.height_m,
+        field=_field(sensor),
+        scanning=isinstance(sensor.scan, RotatingScan),
+        settle_s=sensor.scan.period_s,
+        latency_s=groups_of(sensor).longest_ns / NS,
+        status_interval_s=scene.sapient.status_interval_s,
+        tells_location=tells_location(scene, measures),
+        capabilities=(
+            Quantity(name="range", units="m", value=f"{sensor.range_max_m:g}"),
+            Quantity(name="scan period", units="s", value=f"{sensor.scan.period_s:g}"),
+        ),
+        performance=(Quantity(name="FAR", units="per second", value=f"{rate_per_s:.6g}"),),
+        objects=_objects(manner, measures),
+        signals=_signals(manner),
+        classes=_classes(sensor, manner),
+        model=sensor.preset or sensor.type,
+        software_version=version("plotfeed"),
+    )
+
+
+def tells_location(scene: Scene, measures: Measures) -> bool:
+    """Whether detections are places on the Earth, rather than range and bearing.
+
+    Of a detector that finds no direction it is its own place: to a consumer, a missing azimuth may
+    be north.
+    """
+    return not measures.azimuth or (measures.place and scene.sapient.location == "location")
+
+
+def measures_of(scene: Scene, sensor: Sensor) -> Measures:
+    """By what the model predicts of a target amidst its cover."""
+    predicted = _predicted(scene.scene.site, sensor)
+    azimuth, elevation, distance, snr = (
+        bool(np.isfinite(column[0]))
+        for column in (
+            predicted.sigma_azimuth_deg,
+            predicted.sigma_elevation_deg,
+            predicted.sigma_range_m,
+            predicted.snr,
+        )
+    )
+    return Measures(snr=snr, azimuth=azimuth, place=azimuth and elevation and distance)
+
+
+def _predicted(site: Site, sensor: Sensor) -> Prediction:
+    field = _field(sensor)
+    band_hz = _band_hz(sensor) or (0.0, 0.0)
+    enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
+    return sensor.model(site).predict(
+        Targets(
+            drone=np.zeros(1, np.int64),
+            t_utc_ns=np.zeros(1, np.int64),
+            position_enu_m=enu_m,
+            true_position_enu_m=enu_m,
+            signatures=Signatures(
+                rcs_m2=np.ones(1),
+                sound_power_db=np.full(1, 100.0),
+                emitters=[(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),)],
+            ),
+        )
+    )
+
+
+def _field(sensor: Sensor) -> Field:
+    """The cover; all directions where the sensor has no limits."""
+    azimuths = [
+        getattr(sensor, f"azimuth_{end}_deg", d) for end, d in (("min", -180), ("max", 180))
+    ]
+    elevations = [
+        getattr(sensor, f"elevation_{end}_deg", d) for end, d in (("min", -90), ("max", 90))
+    ]
+    return Field(
+        azimuth_deg=float(wrap_360(sum(azimuths) / 2)),
+        horizontal_extent_deg=float(azimuths[1] - azimuths[0]),
+        elevation_deg=sum(elevations) / 2,
+        vertical_extent_deg=float(elevations[1] - elevations[0]),
+        range_max_m=sensor.range_max_m,
+    )
+
+
+def _band_hz(sensor: Sensor) -> tuple[float, float] | None:
+    """Of a receiver of what drones emit."""
+    low_hz, high_hz = (getattr(sensor, f"frequency_{end}_hz", None) for end in ("min", "max"))
+    return None if low_hz is None or high_hz is None else (low_hz, high_hz)
+
+
+def _objects(manner: Manner, measures: Measures) -> tuple[Quantity, ...]:
+    told = {
+        Quantity(name=SNR, units="dB"): measures.snr,
+        Quantity(name=BISTATIC_RANGE, units="m"): bool(manner.transmitters),
+        Quantity(name=TRANSMITTER, units="name"): bool(manner.transmitters),
+        Quantity(name=AGE, units="s"): manner.tells_age,
+    }
+    return tuple(quantity for quantity, is_told in told.items() if is_told)
+
+
+def _signals(manner: Manner) -> tuple[Quantity, ...]:
+    if manner.band_hz is None:
+        return ()
+    return (
+        Quantity(name="amplitude", units="dBm"),
+        *(Quantity(name=f"{part} frequency", units="Hz") for part in ("start", "centre", "stop")),
+    )
+
+
+def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
+    if manner.default_class is not None:
+        return (manner.default_class,)
+    found = (getattr(sensor, "kind", ""), *getattr(sensor, "decodes", ()))
+    return tuple(name for name in found if name)

@@ -1,0 +1,183 @@
+"""DetectionReports: one for each plot, with names of their own, for nothing is tracked here.
+
+One prepared message is filled in anew for each plot: made from its parts every time it takes three
+times as long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.models.state import Floats, Plots
+from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.sapient.checks import check_column, check_number, check_text, none_for_nan
+from plotfeed.proto.sapient.envelope import envelope, set_stamp, stamp_ns
+from plotfeed.proto.sapient.ids import MAX_IDS, Ulids
+from plotfeed.proto.sapient.locations import MAX_RANGE_M, Locations, Positions
+from plotfeed.proto.sapient.node import Node
+
+SNR, AGE, BISTATIC_RANGE, TRANSMITTER = "SNR", "age", "bistatic range", "transmitter"
+"""Types of object_info; as track_info a consumer would take the plot for a track."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manner:
+    """What is said of every detection, and what of each."""
+
+    detection_confidence: float | None = None
+    default_class: str | None = None
+    """The class of what the sensor does not classify; of what it does, the class above."""
+    class_confidence: float = 1.0
+    band_hz: tuple[float, float] | None = None
+    """Of a receiver: each detection is a signal, somewhere in that band."""
+    transmitters: tuple[str, ...] = ()
+    """Of a bistatic radar, by channel."""
+    tells_age: bool = False
+    """Whether the time from measurement to timestamp is told."""
+
+
+class DetectionEncoder:
+    """Serialises the plots of a sensor. Numbers are checked, for the message classes check none."""
+
+    def __init__(self, node: Node, manner: Manner) -> None:
+        self._node = node
+        self._manner = manner
+        self._message = envelope(node.node_id, 0)
+        self._report = self._message.detection_report
+        check_number("class confidence", manner.class_confidence, 0, 1)
+        if manner.default_class is not None:
+            check_text("class", manner.default_class)
+        if manner.detection_confidence is not None:
+            check_number("detection_confidence", manner.detection_confidence, 0, 1)
+            self._report.detection_confidence = manner.detection_confidence
+        if manner.band_hz is not None:
+            low_hz, high_hz = manner.band_hz
+            check_number("start_frequency", low_hz, 0, high_hz)
+            check_number("stop_frequency", high_hz, low_hz, 1e15)
+        self._kind: str | None = None
+
+    def messages(
+        self, t_utc_ns: int, plots: Plots, positions: Positions | None = None
+    ) -> list[bytes]:
+        """Serialised SapientMessages, one a plot, all stamped that time; raises `EncodeError`."""
+        if not len(plots):
+            return []
+        if 2 * len(plots) > MAX_IDS:
+            raise EncodeError(f"{len(plots)} plots at one time", field="report_id")
+        set_stamp(self._message, t_utc_ns)
+        ids = Ulids(self._node.seed, self._node.sensor, "detections", stamp_ns(t_utc_ns))
+        locations = Locations(plots, positions)
+        infos = self._infos(t_utc_ns, plots)
+        amplitudes_dbm = self._amplitudes_dbm(plots)
+        report = self._report
+        encoded = []
+        for i, (kind, identity) in enumerate(zip(plots.kind, plots.identity, strict=True)):
+            report.report_id = ids[2 * i]
+            report.object_id = ids[2 * i + 1]
+            locations.write(i, report)
+            self._classify(kind)
+            self._fill_infos(infos, i)
+            if identity:
+                report.id = identity
+            else:
+                report.ClearField("id")
+            self._fill_signal(amplitudes_dbm[i])
+            encoded.append(self._message.SerializeToString())
+        return encoded
+
+    def _amplitudes_dbm(self, plots: Plots) -> list[float | None]:
+        if self._manner.band_hz is not None:
+            check_column("amplitude", plots.amplitude_dbm, -1000, 1000)
+        return none_for_nan(plots.amplitude_dbm)
+
+    def _classify(self, kind: str) -> None:
+        """The sensor's own class below the scene's, or either alone."""
+        if kind == self._kind:
+            return
+        self._kind = kind
+        del self._report.classification[:]
+        above, confidence = self._manner.default_class, self._manner.class_confidence
+        if not above and not kind:
+            return
+        found = self._report.classification.add(type=above or kind, confidence=confidence)
+        if above and kind:
+            found.sub_class.add(type=kind, confidence=confidence, level=1)
+
+    def _infos(self, t_utc_ns: int, plots: Plots) -> list[_Info]:
+        """The columns of object_info that have anything in them."""
+        check_column(SNR, plots.snr, 0, np.finfo(np.float64).max)
+        check_column(BISTATIC_RANGE, plots.bistatic_range_m, 0, MAX_RANGE_M)
+        check_column("bistatic range error", plots.sigma_bistatic_range_m, 0, MAX_RANGE_M)
+        with np.errstate(divide="ignore"):
+            snr_db = 10.0 * np.log10(plots.snr)
+        infos = [
+            _Info.of(SNR, snr_db, "{:.2f}"),
+            _Info.of(
+                BISTATIC_RANGE,
+                plots.bistatic_range_m,
+                "{:.2f}",
+                none_for_nan(plots.sigma_bistatic_range_m),
+            ),
+        ]
+        if self._manner.transmitters:
+            names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
+            infos.append(_Info(TRANSMITTER, names))
+        if self._manner.tells_age:
+            age_s = (stamp_ns(t_utc_ns) - plots.t_utc_ns) / 1e9
+            infos.append(_Info.of(AGE, age_s, "{:.6f}"))
+        return [info for info in infos if any(info.texts)]
+
+    def _fill_infos(self, infos: list[_Info], i: int) -> None:
+        told = self._report.object_info
+        present = [info for info in infos if info.texts[i]]
+        if len(told) != len(present):
+            del told[:]
+            for _ in present:
+                told.add()
+        for entry, info in zip(told, present, strict=True):
+            entry.type, entry.value = info.type, info.texts[i]
+            error = None if info.errors is None else info.errors[i]
+            if error is None:
+                entry.ClearField("error")
+            else:
+                entry.error = error
+
+    def _fill_signal(self, amplitude_dbm: float | None) -> None:
+        """Amplitude and frequency, which is known as well as the band is narrow."""
+        if self._manner.band_hz is None:
+            return
+        del self._report.signal[:]
+        if amplitude_dbm is None:
+            return
+        low_hz, high_hz = self._manner.band_hz
+        self._report.signal.add(
+            amplitude=amplitude_dbm,
+            start_frequency=low_hz,
+            centre_frequency=(low_hz + high_hz) / 2,
+            stop_frequency=high_hz,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Info:
+    """A type of object_info: its text for each plot, "" where there is none."""
+
+    type: str
+    texts: list[str]
+    errors: list[float | None] | None = None
+
+    @classmethod
+    def of(
+        cls, kind: str, values: Floats, form: str, errors: list[float | None] | None = None
+    ) -> _Info:
+        """Texts of what is finite."""
+        finite = np.isfinite(values)
+        if not finite.any():
+            return cls(kind, [""] * len(values))
+        texts = [
+            form.format(value) if known else ""
+            for value, known in zip(values.tolist(), finite.tolist(), strict=True)
+        ]
+        return cls(kind, texts, errors)
