@@ -114,7 +114,8 @@ def access_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _take_access(options: dict[str, Any]) -> dict[str, Any]:
     """What `access_options` gave, taken out of a command's options: for BrokerAddress.parse."""
-    from plotfeed.feeds.broker_address import VERSIONS, Access
+    from plotfeed.feeds.broker_address import VERSIONS
+    from plotfeed.feeds.mqtt_access import Access
 
     access = Access(
         ca_file=options.pop("ca_file"),

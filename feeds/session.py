@@ -11,13 +11,14 @@ from pathlib import Path
 from plotfeed.feeds import sapient_extra
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
-from plotfeed.feeds.broker_address import VERSIONS, Access, BrokerAddress
+from plotfeed.feeds.broker_address import VERSIONS, BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.desk import Desk, Herald, Totals, status_message
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.mqtt_access import Access
 from plotfeed.feeds.outbox import Connection, Outbox, Tap
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
@@ -250,8 +251,6 @@ class Session:
         for desk in self._desks:
             desk.close()
         await self._drain()
-        if self._links:
-            await asyncio.sleep(0.05)  # the broker's acknowledgements of the last statuses
 
     async def _drain(self) -> None:
         for outbox in (self._office, *(desk.outbox for desk in self._desks)):

@@ -9,7 +9,12 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.broker_address import DEFAULT_PORTS, AddressError, BrokerAddress
+from plotfeed.feeds.broker_address import (
+    DEFAULT_PORTS,
+    AddressError,
+    BrokerAddress,
+    without_secrets,
+)
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.readable import asterix_lines, message_lines
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
@@ -101,5 +106,6 @@ def _split(url: str) -> tuple[str, str]:
     scheme, _, rest = url.partition("://")
     place, _, topic_filter = rest.partition("/")
     if scheme not in DEFAULT_PORTS:
-        raise AddressError(f"{url!r}: expected a file or mqtt://HOST:PORT/TOPIC-FILTER")
+        shown = without_secrets(url)
+        raise AddressError(f"{shown!r}: expected a file or mqtt://HOST:PORT/TOPIC-FILTER")
     return f"{scheme}://{place}", topic_filter or DEFAULT_FILTER

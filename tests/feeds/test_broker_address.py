@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.broker import free_ports
-from plotfeed.feeds.broker_address import Access, AddressError, BrokerAddress
+from plotfeed.feeds.broker_address import AddressError, BrokerAddress
+from plotfeed.feeds.mqtt_access import Access, AccessError
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_credentials_that_cannot_be_read_are_one_line_without_them(tmp_path: Pat
     path = tmp_path / "credentials.toml"
     for text in ('username = "me"\npassword = secret', 'password = "secret"', "username = 5"):
         path.write_text(text)
-        with pytest.raises(AddressError) as caught:
+        with pytest.raises(AccessError) as caught:
             Access().with_credentials(path, {})
         assert "secret" not in str(caught.value)
         assert str(path) in str(caught.value)
