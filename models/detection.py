@@ -34,14 +34,14 @@ _QUADRATURE_POINTS = 128
 
 @np.errstate(all="ignore")
 def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """Threshold of a cell-averaging CFAR over the *sum* of its reference cells (eq 7)."""
+    """Threshold of a cell-averaging CFAR over the *sum* of its reference cells (eq 6)."""
     exponent = -np.log(_probability(pfa)) / np.asarray(n_reference, dtype=np.float64)
-    return _floats(np.expm1(exponent))  # eq 7 as printed loses digits when N is large
+    return _floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
 
 
 @np.errstate(all="ignore")
 def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """Probability of detection, one look, cell-averaging CFAR (eq 6); holds the CFAR loss."""
+    """Probability of detection, one look, cell-averaging CFAR (eq 7); holds the CFAR loss."""
     return _floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
 
 
@@ -239,7 +239,7 @@ def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tu
 
 
 def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """Minus the logarithm of eq 6."""
+    """Minus the logarithm of eq 7."""
     alpha = cfar_multiplier(pfa, n_reference)
     n = np.asarray(n_reference, dtype=np.float64)
     return _floats(n * np.log1p(alpha / (1 + _power(snr))))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models.constants import C_M_S
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
@@ -94,9 +95,13 @@ class PolarRadar(ABC):
 
     @cached_property
     def noise_dbm(self) -> float:
-        """Noise power in the matched filter's bandwidth, 1/integration time (eqs 5, 21)."""
+        """Noise power of the receiver, in the bandwidth of a range cell, c/2D (eqs 5, 21).
+
+        The amplitude of a plot is its SNR above this: what the integration gains is counted in.
+        """
         density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
-        return float(10 * np.log10(density_w_hz / self.integration_s) + 30)
+        bandwidth_hz = C_M_S / (2 * self.range_resolution_m)
+        return float(10 * np.log10(density_w_hz * bandwidth_hz) + 30)
 
     def sigmas(self, snr: Floats) -> tuple[Floats, Floats, Floats]:
         """Standard deviations of range, azimuth and elevation at a detection's own SNR."""

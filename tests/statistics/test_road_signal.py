@@ -49,9 +49,10 @@ def test_power_of_false_alarms_has_the_law_of_noise_that_was_detected(name: str)
 
 @NAMES
 def test_amplitude_is_noise_power_and_signal(name: str) -> None:
-    """Noise of the matched filter's bandwidth, one over the integration time."""
+    """Noise of the bandwidth of a range cell, half the speed of light over its length."""
     plots = plots_of(name)
-    noise_w = BOLTZMANN_J_K * 290 * 10**0.5 / 0.06
+    bandwidth_hz = 299_792_458.0 / (2 * radar()["range_resolution_m"])
+    noise_w = BOLTZMANN_J_K * 290 * 10**0.5 * bandwidth_hz
     noise_dbm = 10 * np.log10(noise_w) + 30
     np.testing.assert_allclose(plots.amplitude_dbm - plots.snr_db, noise_dbm, rtol=0, atol=1e-9)
 
