@@ -29,6 +29,8 @@ from plotfeed.proto.errors import PlotfeedError
 LOOPBACK = "127.0.0.1"
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
+SETTLE_S = 0.1
+"""By then a child whose port somebody else took has ended, although that port answers."""
 MAX_MESSAGE_OCTETS = 1 << 20
 
 
@@ -71,9 +73,16 @@ class EmbeddedBroker:
     async def start(cls, preferred_port: int = 1883) -> Self:
         """Listen on `preferred_port` and the two after it, or on free ones where they are taken.
 
-        Raises `BrokerError` if it does not listen within ten seconds.
+        Raises `BrokerError` if it does not listen within ten seconds, twice.
         """
-        broker = cls(free_ports(preferred_port))
+        try:
+            return await cls._listening(free_ports(preferred_port))
+        except BrokerError:  # somebody may have taken a port that was free a moment ago
+            return await cls._listening(free_ports(preferred_port))
+
+    @classmethod
+    async def _listening(cls, ports: Ports) -> Self:
+        broker = cls(ports)
         try:
             await broker._wait_until_it_listens()
         except BaseException:
@@ -96,16 +105,20 @@ class EmbeddedBroker:
         deadline = time.monotonic() + START_TIMEOUT_S
         waiting = [self.ports.mqtt3, self.ports.mqtt5, self.ports.websocket]
         while waiting:
-            ended = any(child.poll() is not None for child in self._children)
-            if ended or time.monotonic() > deadline:
-                raise BrokerError(
-                    f"the embedded broker did not start on port {waiting[0]}; "
-                    "give the address of a broker of your own with --broker mqtt://HOST:PORT"
-                )
+            self._check_children(in_time=time.monotonic() <= deadline)
             with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, waiting[0]), 1):
                 waiting.pop(0)
                 continue
             await asyncio.sleep(0.01)
+        await asyncio.sleep(SETTLE_S)
+        self._check_children()
+
+    def _check_children(self, *, in_time: bool = True) -> None:
+        if not in_time or any(child.poll() is not None for child in self._children):
+            raise BrokerError(
+                f"the embedded broker did not start on port {self.ports.mqtt3}; "
+                "give the address of a broker of your own with --broker mqtt://HOST:PORT"
+            )
 
     def stop(self) -> None:
         """End the children and take away their files."""

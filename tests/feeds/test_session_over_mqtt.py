@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,6 +19,8 @@ from command import PLOTFEED, Running
 from mqtt_client import PATIENCE_S, Client, Heard, listening
 from scene_files import radar, scene_file, scene_text
 
+from plotfeed.feeds import broker
+from plotfeed.feeds.broker import Ports, free_ports
 from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.desk import Totals
 from plotfeed.feeds.scene import load
@@ -179,6 +182,24 @@ def test_a_port_that_is_taken_is_passed_over(tmp_path: Path) -> None:
                     client.wait_for(lambda m: m.topic.endswith("/plots"))
 
 
+def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        taken = holder.getsockname()[1]
+        found = iter([Ports(free_port(), taken, free_port())])
+        monkeypatch.setattr(
+            broker, "free_ports", lambda port: next(found, None) or free_ports(port)
+        )
+        started = asyncio.run(broker.EmbeddedBroker.start(free_port()))
+        try:
+            assert started.ports.mqtt5 != taken
+            assert is_listening(started.ports.mqtt5)
+        finally:
+            started.stop()
+
+
 def test_two_sessions_find_brokers_of_their_own(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST)
     with running(tmp_path, text=text) as one, running(tmp_path, text=text) as other:
@@ -212,8 +233,8 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
 
     async def session() -> tuple[Totals, bool]:
         stop, ready = asyncio.Event(), asyncio.Event()
-        broker = ExitStack()
-        await asyncio.to_thread(broker.enter_context, mosquitto(tmp_path, port))
+        mosquitto_runs = ExitStack()
+        await asyncio.to_thread(mosquitto_runs.enter_context, mosquitto(tmp_path, port))
         grown: list[Totals] = []
 
         def on_ready(_urls: dict[str, str], totals: Totals) -> None:
@@ -231,10 +252,10 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
         )
         await asyncio.wait_for(ready.wait(), PATIENCE_S)
         (totals,) = grown
-        await asyncio.to_thread(broker.close)
+        await asyncio.to_thread(mosquitto_runs.close)
         await until(lambda: totals.undelivered > 5)
-        broker = ExitStack()
-        await asyncio.to_thread(broker.enter_context, mosquitto(tmp_path, port))
+        mosquitto_runs = ExitStack()
+        await asyncio.to_thread(mosquitto_runs.enter_context, mosquitto(tmp_path, port))
         client = await asyncio.to_thread(Client, port, 5, "plotfeed/#")
         while totals.telemetry == 0:
             client.publish("plotfeed/telemetry/d", telemetry(time.time_ns()))
@@ -245,7 +266,7 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
         await asyncio.to_thread(client.wait_for, is_status("OFFLINE"))
         totals = await working
         await asyncio.to_thread(client.close)
-        await asyncio.to_thread(broker.close)
+        await asyncio.to_thread(mosquitto_runs.close)
         return totals, json.loads(status.payload)["sensor"] == "radar"
 
     totals, told = asyncio.run(asyncio.wait_for(session(), 60))
