@@ -12,7 +12,6 @@ import numpy as np
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.state import Floats
 
@@ -46,7 +45,7 @@ class ActiveRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Its one signal's; (n, 3) and (n,) in, (n, 1) out."""
-        return self.mean_snr(enu_to_aer(position_enu_m)[2], rcs_m2)[:, None]
+        return self.mean_snr(np.linalg.norm(position_enu_m, axis=-1), rcs_m2)[:, None]
 
     def pd(self, snrs: Floats) -> Floats:
         """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""

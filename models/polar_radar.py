@@ -173,7 +173,7 @@ class PolarRadar(ABC):
     def _measure(self, hits: Looks, snrs: Floats, rng: np.random.Generator) -> Plots:
         """True geometry plus errors (eqs 13 to 15) by the SNR of each very detection."""
         snr, threshold = self.draw_detected(snrs, rng)
-        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
+        sigmas = sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
         errors = rng.standard_normal((3, len(hits)))
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             hits.azimuth_deg + errors[1] * sigma_azimuth_deg,
@@ -182,6 +182,7 @@ class PolarRadar(ABC):
         plots = self._plots(
             snr,
             threshold,
+            sigmas,
             t_utc_ns=hits.t_utc_ns,
             range_m=hits.range_m + errors[0] * sigma_range_m,
             azimuth_deg=azimuth_deg,
@@ -209,6 +210,7 @@ class PolarRadar(ABC):
         return self._plots(
             snr,
             threshold,
+            self.sigmas(snr),
             t_utc_ns=beam_times_ns(sector, azimuth_deg),
             range_m=false_alarms.draw_uniform(self.range_min_m, self.range_max_m, n, rng),
             azimuth_deg=azimuth_deg,
@@ -217,22 +219,27 @@ class PolarRadar(ABC):
             ),
         )
 
-    def _plots(self, snr: Floats, threshold: Floats, **columns: NDArray[Any]) -> Plots:
+    def _plots(
+        self,
+        snr: Floats,
+        threshold: Floats,
+        sigmas: tuple[Floats, Floats, Floats],
+        **columns: NDArray[Any],
+    ) -> Plots:
         """With what follows from a detection's power alone: amplitude, run length, stated sigmas.
 
         The run length is the width over which a Gaussian receive beam keeps the echo above the
         threshold: the transmit beam is taken as the wider one.
         """
-        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
         if self.measures_elevation:
-            columns["sigma_elevation_deg"] = sigma_elevation_deg
+            columns["sigma_elevation_deg"] = sigmas[2]
         else:
             del columns["elevation_deg"]
         return Plots.of(
             snr=snr,
             amplitude_dbm=self.noise_dbm + 10 * np.log10(snr),
             run_length_deg=self.azimuth_beamwidth_deg * np.sqrt(np.log2(snr / threshold)),
-            sigma_range_m=sigma_range_m,
-            sigma_azimuth_deg=sigma_azimuth_deg,
+            sigma_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
             **columns,
         )

@@ -38,6 +38,8 @@ class Columns:
     def rows(self, which: NDArray[Any]) -> Self:
         """Those rows: a boolean mask (n,), or distinct indices (m,)."""
         if which.dtype == np.bool_:
+            if which.all():
+                return self
             which = np.flatnonzero(which)
         columns = {name: getattr(self, name) for name in self._names()}
         return type(self)(
