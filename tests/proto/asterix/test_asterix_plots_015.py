@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix_input import plots
+from asterix_oracle import items_of, read_blocks, values_of
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from plotfeed.proto.asterix.decode import Record, decode
+from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.errors import EncodeError
+
+MANY = 100
+MONOSTATIC = PlotEncoder015(25, 3)
+MULTISTATIC = PlotEncoder015(25, 3, geometry=Geometry.MULTISTATIC, pairs={0: 7})
+BEARINGS = PlotEncoder015(25, 3, geometry=Geometry.OTHER)
+MEASURED = {
+    "sigma_range_m": 1.0,
+    "sigma_azimuth_deg": 1.0,
+    "elevation_deg": 1.0,
+    "sigma_elevation_deg": 1.0,
+    "snr": 10.0,
+    "amplitude_dbm": -90.0,
+}
+
+
+def one_plot(encoder: PlotEncoder015 = MONOSTATIC, **columns: Any) -> Record:
+    """One plot there and back, by both paths."""
+    (block,) = encoder.blocks(plots(**columns))
+    many = encoder.blocks(plots(**{name: [value] * MANY for name, value in columns.items()}))
+    (record,) = decode(block)
+    if encoder is not MULTISTATIC:  # whose observations are numbered
+        assert {other.octets for block in many for other in decode(block)} == {record.octets}
+    return record
+
+
+def test_a_plot_has_all_that_is_measured() -> None:
+    encoder = PlotEncoder015(25, 3, scanning=Scanning.FORWARD, classes={"bird": 3})
+    (record,) = decode(encoder.blocks(plots(kind="bird", **MEASURED))[0])
+    assert record.items == {
+        "I015/010": {"SAC": 25, "SIC": 3},
+        "I015/000": {"MT": 1, "RG": 0},
+        "I015/020": {"MOMU": 0, "TTAX": 3, "SCD": 1},
+        "I015/145": 0.0,
+        "I015/300": [{"CLS": 3, "PRB": 100}],
+        "I015/625": {"R": 1000.0, "SDR": 1.0},
+        "I015/627": {"AZ": 0.0, "SDASZ": 1456 * 360 / 2**19},
+        "I015/628": {"EL": 364 * 360 / 2**17, "SDEL": 1456 * 360 / 2**19},
+        "I015/630": {"RPP": -90.0, "RPS": 10.0},
+    }
+
+
+def test_a_live_sensor_is_not_simulated() -> None:
+    encoder = PlotEncoder015(1, 1, simulated=False)
+    assert decode(encoder.blocks(plots(range_m=1.0))[0])[0].get("I015/020/TTAX") == 0
+
+
+def test_a_passive_radar_sends_bistatic_ranges_with_pairs_and_numbers() -> None:
+    measured = plots(bistatic_range_m=[-1.5, 2.5], range_m=[9.0, 9.0], sigma_bistatic_range_m=4.0)
+    (block,) = MULTISTATIC.blocks(measured, first_observation=2**24 - 1)
+    first, second = decode(block)
+    assert first.get("I015/625") == {"R": -1.5, "SDR": 4.0}
+    assert first.get("I015/400") == {"PID": 7, "ON": 2**24 - 1}
+    assert second.get("I015/400") == {"PID": 7, "ON": 0}
+
+
+def test_microphones_send_no_range() -> None:
+    record = one_plot(BEARINGS, azimuth_deg=30.0, range_m=5.0)
+    assert record.get("I015/020/MOMU") == 2
+    assert record.get("I015/625") is None
+
+
+def test_channels_are_their_own_pairs_unless_told() -> None:
+    encoder = PlotEncoder015(1, 1, geometry=Geometry.MULTISTATIC)
+    (block,) = encoder.blocks(plots(channel=[4, 5], bistatic_range_m=1.0))
+    assert [record.get("I015/400/PID") for record in decode(block)] == [4, 5]
+
+
+def test_unknown_channels_and_kinds_are_refused() -> None:
+    with pytest.raises(EncodeError, match="I015/400/PID: no pair for channel 3"):
+        MULTISTATIC.blocks(plots(channel=3, bistatic_range_m=1.0))
+    encoder = PlotEncoder015(1, 1, classes={"bird": 3})
+    with pytest.raises(EncodeError, match="I015/300/0/CLS: no class for kind 'jet'"):
+        encoder.blocks(plots(kind=np.array(["bird", "jet"], np.object_)))
+    with pytest.raises(EncodeError, match="I015/300/0/CLS"):
+        PlotEncoder015(1, 1, classes={"bird": 512}).blocks(plots(kind="bird"))
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_what_is_measured_now_and_then_is_refused(name: str) -> None:
+    for rows in ([1.0, math.nan], [math.nan, 1.0]):
+        with pytest.raises(EncodeError):
+            MONOSTATIC.blocks(plots(**{name: rows}))
+
+
+@pytest.mark.parametrize("snr", [0.0, -1.0, math.inf])
+def test_an_snr_without_a_level_is_refused(snr: float) -> None:
+    with pytest.raises(EncodeError, match="I015/630/RPS"):
+        MONOSTATIC.blocks(plots(snr=snr))
+
+
+def test_no_plots_make_no_blocks() -> None:
+    assert MONOSTATIC.blocks(plots(range_m=np.empty(0))) == []
+
+
+def test_bad_settings_are_refused_at_once() -> None:
+    for settings in ({"max_octets": 30}, {"class_probability_pct": 128}):
+        with pytest.raises(EncodeError):
+            PlotEncoder015(1, 1, **settings)
+    with pytest.raises(EncodeError, match="I015/010/SAC"):
+        PlotEncoder015(256, 1)
+
+
+@given(st.floats(-2e6, 2e6))
+@example(-838_860.8)
+@example(838_860.7)
+@example(0.05)
+def test_ranges_come_back_to_half_an_lsb_or_saturate(range_m: float) -> None:
+    back = one_plot(MULTISTATIC, bistatic_range_m=range_m).get("I015/625/R")
+    assert isinstance(back, float)
+    assert abs(back - min(max(range_m, -838_860.8), 838_860.7)) <= 0.05 * (1 + 1e-6)
+
+
+@given(st.floats(-720, 720))
+@example(359.999)
+@example(360.0)
+def test_azimuths_come_back_round_the_circle(azimuth_deg: float) -> None:
+    back = one_plot(azimuth_deg=azimuth_deg).get("I015/627/AZ")
+    assert isinstance(back, float)
+    assert 0 <= back < 360
+    assert abs(math.remainder(back - azimuth_deg, 360)) <= 180 / 65536 + 1e-9
+
+
+@given(st.floats(-90, 90), st.floats(0, 60))
+@example(-90.0, 45.0)
+@example(90.0, 0.0)
+def test_elevations_come_back_to_half_an_lsb(elevation_deg: float, sigma_deg: float) -> None:
+    record = one_plot(elevation_deg=elevation_deg, sigma_elevation_deg=sigma_deg)
+    back, sigma = record.get("I015/628/EL"), record.get("I015/628/SDEL")
+    assert isinstance(back, float)
+    assert isinstance(sigma, float)
+    assert abs(back - min(elevation_deg, 32767 * 360 / 2**17)) <= 180 / 2**17
+    assert abs(sigma - min(sigma_deg, 65535 * 360 / 2**19)) <= 180 / 2**19
+
+
+@given(st.integers(0, 2**62))
+def test_times_come_back_within_the_day(t_utc_ns: int) -> None:
+    back = one_plot(t_utc_ns=t_utc_ns).get("I015/145")
+    assert isinstance(back, float)
+    assert 0 <= back < 86_400
+    turned = math.remainder(back - t_utc_ns % 86_400_000_000_000 / 1e9, 86_400)
+    assert abs(turned) <= 0.5 / 128 + 1e-9
+
+
+def test_asterix_decoder_reads_plots_to_half_an_lsb() -> None:
+    n = 300
+    rng = np.random.default_rng(5)
+    sent = {
+        "range_m": rng.uniform(0, 5e5, n),
+        "sigma_range_m": rng.uniform(0, 100, n),
+        "azimuth_deg": rng.uniform(0, 359.99, n),
+        "sigma_azimuth_deg": rng.uniform(0, 40, n),
+        "elevation_deg": rng.uniform(0, 80, n),  # it reads those below 0 wrongly
+        "sigma_elevation_deg": rng.uniform(0, 40, n),
+        "amplitude_dbm": rng.uniform(-150, 0, n),
+        "snr": 10 ** rng.uniform(0, 6, n),
+    }
+    theirs = [r for block in read_blocks(MONOSTATIC.blocks(plots(**sent))) for r in block]
+    read = [[v for item in items_of(record).values() for v in values_of(item)] for record in theirs]
+    columns = np.array(read, dtype=float).T
+    assert columns[:8, 0].tolist() == [25, 3, 1, 0, 0, 3, 3, 0]
+    sent["snr"] = 10 * np.log10(sent["snr"])
+    halves = (0.05, 0.05, 180 / 2**16, 180 / 2**19, 180 / 2**17, 180 / 2**19, 0.5, 0.5)
+    for column, value, half in zip(columns[8:], sent.values(), halves, strict=True):
+        assert np.abs(column - value).max() <= half * (1 + 1e-4)

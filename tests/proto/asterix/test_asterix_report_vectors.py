@@ -1,0 +1,111 @@
+"""Byte for byte what libasterix sends; vectors/make_reports.py made and explains the vectors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix_input import plots
+from asterix_tracks import tracks
+
+from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
+from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.sensors_063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.status_025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
+from plotfeed.proto.asterix.tracks_062 import TrackEncoder062
+
+VECTORS = json.loads((Path(__file__).parent / "vectors" / "reports.json").read_text())
+SOURCE = 25, 3
+SECOND_NS = 1_700_006_401 * 10**9
+BOTH_PATHS = pytest.mark.parametrize("n", [1, 100])
+SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73}
+
+
+def repeated(columns: dict[str, Any], n: int) -> dict[str, list[Any]]:
+    """Columns of n equal rows."""
+    return {name: [value] * n for name, value in columns.items()}
+
+
+def records(blocks: list[bytes]) -> bytes:
+    """What is in data blocks."""
+    assert all(int.from_bytes(block[1:3], "big") == len(block) for block in blocks)
+    return b"".join(block[3:] for block in blocks)
+
+
+@BOTH_PATHS
+@pytest.mark.parametrize("vector", VECTORS["plots"], ids=lambda v: v["case"])
+def test_plots_in_015(vector: dict[str, Any], n: int) -> None:
+    expected = bytes.fromhex(vector["block"])
+    geometry = Geometry(vector["geometry"])
+    encoder = PlotEncoder015(*SOURCE, geometry=geometry, pairs={2: 7}, classes={"multirotor": 300})
+    many = plots(**repeated({"range_m": np.nan} | vector["plot"], n))
+    sent = encoder.blocks(many, first_observation=41)
+    if n == 1:
+        assert sent == [expected]
+    elif geometry is Geometry.MULTISTATIC:  # observations count on
+        assert len(records(sent)) == len(expected[3:]) * n
+        assert records(sent).startswith(expected[3:])
+    else:
+        assert records(sent) == expected[3:] * n
+
+
+@BOTH_PATHS
+@pytest.mark.parametrize("vector", VECTORS["bearings"], ids=lambda v: v["case"])
+def test_bearings_in_205(vector: dict[str, Any], n: int) -> None:
+    expected = bytes.fromhex(vector["block"])
+    encoder = BearingEncoder205(*SOURCE, **SITE, sensor=9, channel_names={0: "2437.00"})
+    sent = encoder.blocks(
+        plots(**repeated(vector["plot"], n)), vector["sent_utc_ns"], first_report=255
+    )
+    assert sent[0] == expected
+    number = expected.index(b"\xff2437")
+    assert {block[:number] + block[number + 1 :] for block in sent} == {
+        expected[:number] + expected[number + 1 :]
+    }
+    assert [block[number] for block in sent] == [(255 + row) % 256 for row in range(n)]
+
+
+@BOTH_PATHS
+@pytest.mark.parametrize("vector", VECTORS["tracks"], ids=lambda v: v["case"])
+def test_tracks_in_062(vector: dict[str, Any], n: int) -> None:
+    expected = bytes.fromhex(vector["block"])
+    sent = TrackEncoder062(*SOURCE).blocks(tracks(**repeated(vector["track"], n)))
+    assert records(sent) == expected[3:] * n
+
+
+def test_systems_in_016() -> None:
+    system = VECTORS["system"]
+    transmitters = [Station(**station) for station in system["transmitters"]]
+    receiver = Station(**system["receiver"])
+    encoder = SystemEncoder016(
+        *SOURCE,
+        period_s=10,
+        pairs=[Pair(identity=p, transmitter=t, receiver=r) for p, t, r in system["pairs"]],
+        transmitters=transmitters,
+        receivers=[receiver],
+        reference=receiver,
+        geoid_undulation_m=52.0,
+    )
+    assert [block.hex() for block in encoder.blocks(SECOND_NS)] == system["blocks"]
+
+
+@pytest.mark.parametrize("vector", VECTORS["status"], ids=lambda v: v["case"])
+def test_status_in_025(vector: dict[str, Any]) -> None:
+    encoder = StatusEncoder025(*SOURCE, **SITE, height_m=652.0, geoid_undulation_m=52.0)
+    kinds = {"operation": Operation, "service": State, "system": State}
+    status = {
+        name: kinds[name](value) if name in kinds else value
+        for name, value in vector["status"].items()
+    }
+    assert encoder.block(SECOND_NS, **status).hex() == vector["block"]
+
+
+def test_sensors_in_063() -> None:
+    well = SensorStatus(sac=25, sic=4)
+    ill = SensorStatus(sac=25, sic=5, condition=Condition.DEGRADED, radar_fails=True)
+    (block,) = SensorStatusEncoder063(*SOURCE).blocks(SECOND_NS, [well, ill])
+    assert block.hex() == VECTORS["sensors"]

@@ -1,0 +1,149 @@
+"""What systems say of themselves: categories 016, 025 and 063."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from asterix_oracle import items_of, read_blocks, values_of
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from plotfeed.proto.asterix.decode import decode
+from plotfeed.proto.asterix.sensors_063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.status_025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
+from plotfeed.proto.errors import EncodeError
+
+MIDNIGHT_NS = 1_700_006_400 * 10**9
+MAST = Station(identity=1, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
+PAIR = Pair(identity=1, transmitter=1, receiver=1)
+STATUS = StatusEncoder025(25, 3, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
+
+
+def system(**changes: Any) -> SystemEncoder016:
+    """A system of one transmitter and one receiver, but for the changes."""
+    settings: dict[str, Any] = {
+        "period_s": 10,
+        "pairs": [PAIR],
+        "transmitters": [MAST],
+        "receivers": [MAST],
+        "reference": MAST,
+    }
+    return SystemEncoder016(25, 3, **settings | changes)
+
+
+@given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-8192, 8191.75))
+@example(90.0, 180.0, 8191.75)
+@example(-90.0, -180.0, -8192.0)
+@example(0.0, 179.99999999, 0.125)
+def test_stations_come_back_to_half_an_lsb(
+    latitude_deg: float, longitude_deg: float, height_m: float
+) -> None:
+    station = replace(
+        MAST, latitude_deg=latitude_deg, longitude_deg=longitude_deg, height_m=height_m
+    )
+    blocks = system(transmitters=[MAST, station]).blocks(MIDNIGHT_NS)
+    _, components = (record for block in blocks for record in decode(block))
+    back = [components.get(f"I016/410/1/{name}") for name in ("LAT", "LON", "ALT")]
+    for value, given_value, half in zip(
+        back, (latitude_deg, longitude_deg, height_m), (90 / 2**31, 90 / 2**31, 0.125), strict=True
+    ):
+        assert isinstance(value, float)
+        assert abs(math.remainder(value - given_value, 360) if half < 0.1 else
+                   value - given_value) <= half * (1 + 1e-6)  # fmt: skip
+
+
+def test_a_system_and_its_components_are_two_messages() -> None:
+    composed, components = system(geoid_undulation_m=50.0).blocks(MIDNIGHT_NS - 10**9)
+    (first,), (second,) = decode(composed), decode(components)
+    assert (first.get("I016/000"), second.get("I016/000")) == (1, 2)
+    assert first.get("I016/140") == second.get("I016/140") == 86_399.0
+    assert first.get("I016/300") == [{"PID": 1, "TID": 1, "RID": 1}]
+    assert first.get("I016/405") == 650.0
+    assert second.get("I016/420/0/ALT") == 700.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"period_s": math.nan},
+        {"pairs": [replace(PAIR, identity=65_536)]},
+        {"pairs": [PAIR] * 256},
+        {"transmitters": [replace(MAST, latitude_deg=90.1)]},
+        {"receivers": [replace(MAST, height_m=math.nan)]},
+        {"reference": replace(MAST, longitude_deg=math.inf)},
+        {"transmitters": [MAST] * 70},  # more than one datagram holds
+    ],
+)
+def test_a_system_that_cannot_be_sent_is_refused_at_once(wrong: dict[str, Any]) -> None:
+    with pytest.raises(EncodeError):
+        system(**wrong)
+
+
+def test_status_has_what_asterix_decoder_reads_of_it() -> None:
+    block = STATUS.block(
+        MIDNIGHT_NS + 10**9,
+        released=False,
+        operation=Operation.STANDBY,
+        service=State.DEGRADED,
+        system=State.FAILED,
+        errors=[2, 3],
+    )
+    ((record,),) = read_blocks([block])
+    assert {name: values_of(item) for name, item in items_of(record).items()} == {
+        "I025/010": [25, 3],
+        "I025/000": [1, 0],
+        "I025/070": [1.0],
+        "I025/100": [1, 1, 2, 1, 2],
+        "I025/105": [2, 3],
+        "I025/600": pytest.approx([40.45, -3.73], abs=5e-8),
+        "I025/610": [700.0],
+    }
+
+
+def test_status_goes_round_the_globe() -> None:
+    encoder = StatusEncoder025(1, 1, latitude_deg=-90.0, longitude_deg=179.0, height_m=-1e6)
+    (record,) = decode(encoder.block(0))
+    assert record.get("I025/600") == {"LAT": -90.0, "LON": pytest.approx(179.0, abs=5e-8)}
+    assert record.get("I025/610") == -8192.0
+
+
+@pytest.mark.parametrize("errors", [[256], [-1], [1] * 256])
+def test_errors_that_cannot_be_sent_are_refused(errors: list[int]) -> None:
+    with pytest.raises(EncodeError):
+        STATUS.block(0, errors=errors)
+
+
+@pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 181.0), (0.0, math.nan)])
+def test_a_place_off_the_globe_is_refused(place: tuple[float, float]) -> None:
+    with pytest.raises(EncodeError, match="I025/600"):
+        StatusEncoder025(1, 1, latitude_deg=place[0], longitude_deg=place[1], height_m=0.0)
+
+
+def test_sensors_are_records_in_their_order() -> None:
+    encoder = SensorStatusEncoder063(25, 3, max_octets=100)
+    sensors = [
+        SensorStatus(sac=25, sic=sic, condition=Condition(sic % 4), radar_fails=bool(sic % 2))
+        for sic in range(256)
+    ]
+    blocks = encoder.blocks(MIDNIGHT_NS, sensors)
+    assert max(map(len, blocks)) <= 100
+    records = [record for block in blocks for record in decode(block)]
+    assert [r.get("I063/050/SIC") for r in records] == list(range(256))
+    assert [r.get("I063/060/CON") for r in records] == [sic % 4 for sic in range(256)]
+    assert [r.get("I063/060/PSR") for r in records] == [sic % 2 for sic in range(256)]
+    assert encoder.blocks(0, []) == []
+
+
+def test_asterix_decoder_reads_the_status_of_sensors() -> None:
+    sensor = SensorStatus(sac=25, sic=9, condition=Condition.NOT_CONNECTED)
+    ((record,),) = read_blocks(SensorStatusEncoder063(25, 3).blocks(10**9, [sensor]))
+    assert {name: values_of(item) for name, item in items_of(record).items()} == {
+        "I063/010": [25, 3],
+        "I063/030": [1.0],
+        "I063/050": [25, 9],
+        "I063/060": [3, 0, 0, 0, 0, 0],
+    }
