@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import hashlib
 import os
 import shutil
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,14 +26,20 @@ def free_port() -> int:
 
 
 @contextmanager
-def mosquitto(folder: Path, port: int) -> Iterator[None]:
-    """Mosquitto on that port, for MQTT 3.1.1 and 5; skips the test where it is not installed."""
+def mosquitto(folder: Path, port: int, settings: str | None = None) -> Iterator[None]:
+    """Mosquitto on that port, for MQTT 3.1.1 and 5; skips the test where it is not installed.
+
+    `settings` stand instead of a listener on loopback for everybody.
+    """
+    if settings is None:
+        settings = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
     search = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
     program = shutil.which("mosquitto", path=search)
     if program is None:
         pytest.skip("mosquitto is not installed")
     config = folder / f"mosquitto-{port}.conf"
-    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
+    user = "user root\n" if os.geteuid() == 0 else ""  # else it may not read what we wrote
+    config.write_text(f"{user}per_listener_settings true\nset_tcp_nodelay true\n{settings}")
     broker = subprocess.Popen(
         [program, "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -42,9 +51,63 @@ def mosquitto(folder: Path, port: int) -> Iterator[None]:
         broker.wait(PATIENCE_S)
 
 
-def wait_until_listening(port: int) -> None:
+def password_file(folder: Path, username: str, password: str) -> Path:
+    """Of mosquitto, which keeps PBKDF2 hashes."""
+    salt, rounds = os.urandom(12), 101
+    digest = hashlib.pbkdf2_hmac("sha512", password.encode(), salt, rounds)
+    packed = [base64.b64encode(octets).decode() for octets in (salt, digest)]
+    path = folder / "passwords"
+    path.write_text(f"{username}:$7${rounds}${'$'.join(packed)}\n")
+    path.chmod(0o600)
+    return path
+
+
+@contextmanager
+def rumqttd(folder: Path, listeners: dict[str, tuple[str, int, str]]) -> Iterator[None]:
+    """iotcore's broker; listeners are named v4.1, v5.1, ...: host, port, more tables."""
+    tables = [
+        "id = 0\n[router]\nid = 0\nmax_connections = 100\nmax_outgoing_packet_count = 1000\n"
+        "max_segment_size = 1048576\nmax_segment_count = 10\n"
+    ]
+    for name, (host, port, more) in listeners.items():
+        place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        tables.append(
+            f'[{name}]\nname = "{name}"\nlisten = "{place}"\nnext_connection_delay_ms = 1\n'
+            f"[{name}.connections]\nconnection_timeout_ms = 5000\nmax_payload_size = 1048576\n"
+            f"max_inflight_count = 100\ndynamic_filters = true\n{more}\n"
+        )
+    config = folder / "rumqttd.toml"
+    config.write_text("".join(tables))
+    broker = subprocess.Popen(
+        [sys.executable, "-m", "plotfeed.feeds.broker", str(config)],
+        stdin=subprocess.PIPE,  # it lives as long as this is open
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for host, port, _ in listeners.values():
+            wait_until_listening(port, host)
+        yield
+    finally:
+        broker.terminate()
+        broker.wait(PATIENCE_S)
+        assert broker.stdin is not None
+        broker.stdin.close()
+
+
+def has_ipv6() -> bool:
+    """Whether this machine has the loopback address of IPv6."""
+    try:
+        with socket.socket(socket.AF_INET6) as listener:
+            listener.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+def wait_until_listening(port: int, host: str = "127.0.0.1") -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while not is_listening(port):
+    while not is_listening(port, host):
         assert time.monotonic() < deadline, f"nobody listens on port {port}"
         time.sleep(0.01)
 
