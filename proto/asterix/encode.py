@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -71,27 +70,26 @@ class Encoder:
             values: list[Any] = [columns[path] for path in self.columns]
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
-        lengths = {len(c) for c in values if not _is_one(c)}
+        if str in map(type, values):  # a text for all records has a length, but not a column's
+            values = [np.asarray(c, np.object_) if isinstance(c, str) else c for c in values]
+        try:
+            lengths = set(map(len, values))
+        except TypeError:  # a number for all records has no length
+            lengths = {len(column) for column in values if not _is_one(column)} or {1}
+            n = max(lengths)
+            values = [np.broadcast_to(np.asarray(c), n) if _is_one(c) else c for c in values]
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
         n = lengths.pop() if lengths else 1
         if n >= CROSSOVER and self._many is not None:
             return self._many(values, n)
         # Python's own numbers cost less than NumPy's one by one.
-        return self._few([_each(column, n) for column in values])
+        return self._few([c.tolist() if isinstance(c, np.ndarray) else c for c in values])
 
 
 def _is_one(column: Any) -> bool:
     """Whether it is one value for all records."""
-    if isinstance(column, np.ndarray):
-        return not column.ndim
-    return isinstance(column, str) or not hasattr(column, "__len__")
-
-
-def _each(column: Any, n: int) -> Iterable[Any]:
-    """The values of a column, or n times the one for all."""
-    values = column.tolist() if isinstance(column, np.ndarray | np.generic) else column
-    return repeat(values, n) if _is_one(values) else values
+    return not (column.ndim if isinstance(column, np.ndarray) else hasattr(column, "__len__"))
 
 
 def blocks_of(

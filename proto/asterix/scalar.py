@@ -7,7 +7,7 @@ arithmetic and one struct.pack a record are left.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, cast
 
 from plotfeed.proto.asterix.layout import Overflow
@@ -18,7 +18,7 @@ from plotfeed.proto.errors import EncodeError
 CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 One = Callable[..., bytes]
-Many = Callable[[Sequence[Iterable[Any]]], bytes]
+Many = Callable[[Sequence[Any]], bytes]
 
 
 def compiled(octets: int, template: int, rules: Sequence[Rule]) -> tuple[One, Many]:

@@ -1,10 +1,10 @@
-"""Microseconds per CAT048 record, ours and libasterix's, taken in turns in the same run.
+"""Microseconds per record of every category, ours and libasterix's, taken in turns in one run.
 
-    python tests/benchmarks/bench_asterix.py
+    python tests/benchmarks/bench_asterix.py [category ...]
 
 libasterix runs in `.venv-libasterix`, which is made where it is missing. Both make the same
-octets from the same plots; that is checked first. A record has items 010, 140, 020, 040, 130 (PRL
-and PAM) and 110.
+octets from the same values; that is checked first. libasterix has no category 129. A record has
+the items that the report encoders send when everything is measured.
 """
 
 from __future__ import annotations
@@ -21,18 +21,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from asterix_cases import CASES, SAC, SIC, SOURCE, theirs
+
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-libasterix"
 LIBASTERIX = "libasterix==0.36.3"
 
-SIZES = (1, 10, 40, 100, 1000, 10_000)
-SIZES_OF_LIBASTERIX = (1, 10, 40, 1000)
-AIMS = {1: 200, 10: 200, 40: 200, 1000: 2000}
-"""Records at once, and how many times as fast as libasterix."""
-REPEATS = 9
-SECONDS_A_REPEAT = 0.05
-SAC, SIC = 25, 3
-ITEMS = tuple(f"I048/{item}" for item in ("010", "140", "020", "040", "130/PRL", "130/PAM", "110"))
+SIZES = (1, 10, 100, 1000)
+REPEATS = 7
+SECONDS_A_REPEAT = 0.03
 
 
 def us_per_call(call: Callable[[], object], seconds: float) -> float:
@@ -48,33 +45,24 @@ def us_per_call(call: Callable[[], object], seconds: float) -> float:
 
 
 def serve_libasterix() -> None:
-    """In the other environment: one question a line, {"plots"} or {"us"}, one answer a line."""
-    from asterix.generated import Cat_048_1_32  # noqa: PLC0415 - only there
+    """In the other environment: one question a line, {"rows"} or {"us"}, one answer a line."""
+    from asterix import generated  # noqa: PLC0415 - only there
 
-    plots: list[tuple[float, ...]] = []
+    editions = {15: "1_2", 16: "1_0", 25: "1_6", 34: "1_29", 48: "1_32", 62: "1_21", 63: "1_7"}
+    category, rows, number = None, [], 0
 
     def encoded(n: int) -> bytes:
-        records = [
-            Cat_048_1_32.cv_record.create(
-                {
-                    "010": (("SAC", SAC), ("SIC", SIC)),
-                    "140": (seconds, "s"),
-                    "020": ((1, 1, 0, 0, 0, None),),
-                    "040": (("RHO", (rho, "NM")), ("THETA", (theta, "°"))),
-                    "130": {"PRL": (prl, "°"), "PAM": (pam, "dBm")},
-                    "110": (0, ("3DH", (height, "ft"))),
-                }
-            )
-            for seconds, rho, theta, prl, pam, height in plots[:n]
-        ]
-        block: bytes = Cat_048_1_32.create(records).unparse().to_bytes()
+        record = category.cv_record
+        records = [record.create({"010": SOURCE} | theirs(number, row)) for row in rows[:n]]
+        block: bytes = category.create(records).unparse().to_bytes()
         return block
 
     for line in sys.stdin:
         question = json.loads(line)
-        if "plots" in question:
-            plots = question["plots"]
-            print(encoded(len(plots)).hex(), flush=True)
+        if "rows" in question:
+            number, rows = question["category"], question["rows"]
+            category = getattr(generated, f"Cat_{number:03}_{editions.get(number, '1_0')}")
+            print(encoded(len(rows)).hex(), flush=True)
         else:
             n = question["us"]
             print(us_per_call(lambda: encoded(n), SECONDS_A_REPEAT), flush=True)  # noqa: B023
@@ -107,80 +95,64 @@ class Libasterix:
         self._process.wait(10)
 
 
-def main() -> None:
+def main(categories: list[int]) -> None:
     """Measures and prints a table."""
-    import numpy as np  # noqa: PLC0415 - the other environment has none of these
-
-    from plotfeed.proto.asterix.cat048 import CAT048  # noqa: PLC0415
-    from plotfeed.proto.asterix.encode import CROSSOVER, Encoder, blocks_of  # noqa: PLC0415
-
-    source: dict[str, float | str] = {"I048/010/SAC": SAC, "I048/010/SIC": SIC}
-    report = dict.fromkeys(("RDP", "SPI", "RAB"), 0) | {"TYP": 1, "SIM": 1}
-    encoder = Encoder(
-        CAT048,
-        (
-            "I048/010",
-            "I048/140",
-            "I048/020",
-            "I048/040",
-            "I048/130/PRL",
-            "I048/130/PAM",
-            "I048/110",
-        ),
-        constants=source | {f"I048/020/{name}": value for name, value in report.items()},
-    )
-    rng = np.random.default_rng(1)
-    most = max(SIZES)
-    limits = [(0, 86_399), (0, 255), (0, 359), (0, 11), (-120, 0), (-500, 30_000)]
-    plots = np.column_stack([rng.uniform(low, high, most) for low, high in limits])
-    columns = dict(zip(encoder.columns, plots.T.copy(), strict=True))
+    import numpy as np  # noqa: PLC0415 - the other environment has none
 
     libasterix = Libasterix()
-    theirs = libasterix.ask(plots=plots[: max(SIZES_OF_LIBASTERIX)].tolist())
-    records = encoder.records({path: c[: max(SIZES_OF_LIBASTERIX)] for path, c in columns.items()})
-    (block,) = blocks_of(48, records, encoder.record_length, 65535)
-    assert block.hex() == theirs, "the two do not make the same octets"
-
-    cut = {n: {path: column[:n] for path, column in columns.items()} for n in SIZES}
-    row = plots[0].tolist()
-    times: dict[tuple[str, int], list[float]] = {}
-    for _ in range(REPEATS):
-        one = us_per_call(lambda: encoder.record(*row), SECONDS_A_REPEAT)
-        times.setdefault(("record", 1), []).append(one)
-        for n in SIZES:
-            us = us_per_call(lambda: encoder.records(cut[n]), SECONDS_A_REPEAT) / n  # noqa: B023
-            times.setdefault(("records", n), []).append(us)
-            if n in SIZES_OF_LIBASTERIX:
-                times.setdefault(("libasterix", n), []).append(float(libasterix.ask(us=n)) / n)
+    print(f"µs a record: median (least to most) of {REPEATS} repeats. {platform.machine()},")
+    print(f"{os.cpu_count()} cores, {platform.system()}; Python {platform.python_version()},")
+    print(f"NumPy {np.__version__}, {LIBASTERIX}.\n")
+    print("| category | octets | records | plotfeed | libasterix | ratio |")
+    print("|--:|--:|--:|--:|--:|--:|")
+    for category in categories:
+        measure(category, libasterix)
     libasterix.close()
 
-    print(f"{encoder.record_length} octets a record; µs a record: median (least to most) of")
-    print(f"{REPEATS} repeats. {platform.machine()}, {os.cpu_count()} cores, {platform.system()};")
-    print(f"Python {platform.python_version()}, NumPy {np.__version__}, {LIBASTERIX}.\n")
-    print("| records | encoder | plotfeed | libasterix | ratio |\n|--:|---|--:|--:|--:|")
-    print(_line(1, "record()", times[("record", 1)], times[("libasterix", 1)]))
-    for n in SIZES:
-        path = "records(), vector" if n >= CROSSOVER else "records(), scalar"
-        print(_line(n, path, times[("records", n)], times.get(("libasterix", n))))
-    print("\nAims, by records() as the plots of a sector go:", "; ".join(_verdicts(times)) + ".")
 
+def measure(number: int, libasterix: Libasterix) -> None:
+    """Prints the lines of one category."""
+    import numpy as np  # noqa: PLC0415
 
-def _verdicts(times: dict[tuple[str, int], list[float]]) -> list[str]:
-    """How each aim was met, in times as fast as libasterix."""
-    verdicts = []
-    for n, aim in AIMS.items():
-        theirs, ours = times["libasterix", n], times["records", n]
-        ratio = statistics.median(theirs) / statistics.median(ours)
-        verdict = "met" if ratio >= aim else f"**missed**, {ratio:.0f}"
-        verdicts.append(f"{aim:,} times at {n:,}: {verdict}")
-    return verdicts
+    from plotfeed.proto.asterix.decode import CATEGORIES  # noqa: PLC0415
+    from plotfeed.proto.asterix.encode import Encoder, blocks_of  # noqa: PLC0415
 
-
-def _line(n: int, path: str, ours: list[float], theirs: list[float] | None) -> str:
-    ratio = f"{statistics.median(theirs) / statistics.median(ours):.0f}" if theirs else ""
-    return (
-        f"| {n} | {path} | {_spread(ours, 3)} | {_spread(theirs, 0) if theirs else ''} | {ratio} |"
+    case, name = CASES[number], f"I{number:03}/"
+    constants = {"010/SAC": SAC, "010/SIC": SIC} | case.constants
+    encoder = Encoder(
+        CATEGORIES[number],
+        [name + path for path in case.paths.split()],
+        constants={name + path: value for path, value in constants.items()},
     )
+    rng = np.random.default_rng(1)
+    whole = {
+        name + path: rng.integers(low, high, max(SIZES), endpoint=True)
+        if isinstance(low, int)
+        else rng.uniform(low, high, max(SIZES))
+        for path, (low, high) in case.columns.items()
+    }
+    assert tuple(sorted(whole)) == tuple(sorted(encoder.columns)), encoder.columns
+    known = number != 129
+    if known:
+        rows = list(zip(*(column.tolist() for column in whole.values()), strict=True))
+        records = encoder.records(whole)
+        (block,) = blocks_of(number, records, encoder.record_length, 65_535)
+        other = libasterix.ask(category=number, rows=rows)
+        assert block.hex() == other, "the two do not make the same octets"
+    for n in SIZES:
+        columns = {path: column[:n] for path, column in whole.items()}
+        ours, others = [], []
+        for _ in range(REPEATS):
+            ours.append(us_per_call(lambda: encoder.records(columns), SECONDS_A_REPEAT) / n)  # noqa: B023
+            if known:
+                others.append(float(libasterix.ask(us=n)) / n)
+        print(_line(number, encoder.record_length, n, ours, others), flush=True)
+
+
+def _line(number: int, octets: int, n: int, ours: list[float], others: list[float]) -> str:
+    spread = _spread(others, 0) if others else "has none"
+    ratio = f"{statistics.median(others) / statistics.median(ours):.0f}" if others else ""
+    return f"| {number:03} | {octets} | {n} | {_spread(ours, 3)} | {spread} | {ratio} |"
 
 
 def _spread(times: list[float], digits: int) -> str:
@@ -189,4 +161,7 @@ def _spread(times: list[float], digits: int) -> str:
 
 
 if __name__ == "__main__":
-    serve_libasterix() if sys.argv[1:] == ["serve"] else main()
+    if sys.argv[1:] == ["serve"]:
+        serve_libasterix()
+    else:
+        main([int(argument) for argument in sys.argv[1:]] or list(CASES))
