@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plotfeed.feeds.formats import Format, formats_of
+from plotfeed.feeds.formats import reporters_of
+from plotfeed.feeds.formats.base import Seen
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.places import frame_at
 from plotfeed.feeds.scene import Scene
@@ -54,7 +55,7 @@ class Station:
         self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
         self._trajectories = trajectories
         self._chance = Chance(scene.scene.seed, sensor.id)
-        self._formats: list[Format] = formats_of(scene, sensor)
+        self._reporters = reporters_of(scene, sensor)
         self._edge = (-1, -1, np.zeros(0))
 
     def sector_at(self, t_utc_ns: int) -> Sector:
@@ -76,7 +77,8 @@ class Station:
             sector, self._chance.rng(Purpose.FALSE_ALARMS, sector.scan, sector.index)
         )
         plots = self._with_heights(Plots.joined([detections, alarms]).in_order_of_time())
-        messages = [m for f in self._formats for m in f.messages(sector, plots)]
+        seen = Seen(sector, looks, plots, self._trajectories.state_at)
+        messages = [message for report in self._reporters for message in report(seen)]
         return SectorReport(self.sensor.id, sector, looks, plots, messages)
 
     def _illuminated(self, sector: Sector) -> TruthState:

@@ -18,6 +18,8 @@ class Purpose(IntEnum):
 
     DETECTION = 0
     FALSE_ALARMS = 1
+    TRACKS = 2
+    COOPERATION = 3
 
 
 class Chance:

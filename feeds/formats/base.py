@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from plotfeed.feeds.message import Message
@@ -10,7 +11,7 @@ from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.times import NS, iso_utc
 from plotfeed.models.scan import Sector
-from plotfeed.models.state import Plots
+from plotfeed.models.state import Ints, Looks, Plots, TruthState
 
 MAX_BLOCK_OCTETS = 65535
 """What the length field of an ASTERIX data block can say."""
@@ -26,6 +27,28 @@ class Format(Protocol):
 
 
 FormatMaker = Callable[[Scene, Sensor], Format]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What came of one sector, and a way to ask where drones, by index, truly are at a time."""
+
+    sector: Sector
+    looks: Looks
+    plots: Plots
+    truth_at: Callable[[int, Ints], TruthState]
+
+
+class TrackFormat(Protocol):
+    """Makes the messages of a sensor that tracks, which for us takes the truth."""
+
+    def messages(self, seen: Seen) -> list[Message]:
+        """Due when the sector ends, in the order in which they are to leave."""
+
+
+TrackFormatMaker = Callable[[Scene, Sensor], TrackFormat]
+Reporter = Callable[[Seen], list[Message]]
+"""The messages of a sector in one format, whatever that needs to know."""
 
 
 class Topics:

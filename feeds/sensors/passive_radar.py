@@ -21,7 +21,8 @@ from plotfeed.feeds.parts import (
     Site,
 )
 from plotfeed.feeds.places import enu_from, frame_at
-from plotfeed.feeds.sensors.base import SensorPart, StaringScan
+from plotfeed.feeds.sensors.base import StaringScan
+from plotfeed.feeds.sensors.tracks import TrackingSensorPart
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.passive_radar import PassiveRadar, Transmitter
@@ -48,14 +49,15 @@ class TransmitterPart(Part):
     """In this channel, in place of the sensor's."""
 
 
-class PassiveRadarSensor(SensorPart):
+class PassiveRadarSensor(TrackingSensorPart):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
     type: Literal["passive_radar"]
     report: Annotated[
-        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
+        Field(strict=False, min_length=1),
     ] = ()
-    """Without it, the first two; asterix-015 brings 025 along, and 016."""
+    """Without it, the first two; asterix-015 brings 025 along, and 016; asterix-062 brings 063."""
     scan: StaringScan
     transmitters: Annotated[
         tuple[TransmitterPart, ...], Field(strict=False, min_length=1, max_length=256)

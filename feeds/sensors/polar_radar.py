@@ -21,22 +21,22 @@ from plotfeed.feeds.parts import (
     Resolution,
     Site,
 )
-from plotfeed.feeds.sensors.base import SensorPart
+from plotfeed.feeds.sensors.tracks import TrackingSensorPart
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.proto.asterix.plots import RHO_LSB_M
 
 
-class PolarRadarSensor(SensorPart):
+class PolarRadarSensor(TrackingSensorPart):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
     report: Annotated[
-        tuple[Literal["asterix-015", "asterix-048", "plots", "sapient"], ...],
+        tuple[Literal["asterix-015", "asterix-048", "asterix-062", "plots", "sapient"], ...],
         Field(strict=False, min_length=1),
     ] = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
-    else the finer asterix-015, which brings 025 along."""
+    else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
     frequency_hz: Frequency
     gain_tx_dbi: Decibels
     gain_rx_dbi: Decibels | None = None

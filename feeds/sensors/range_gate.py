@@ -7,16 +7,18 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from plotfeed.feeds.parts import NotNegative, Positive, Site
-from plotfeed.feeds.sensors.base import SensorPart, StaringScan
+from plotfeed.feeds.sensors.base import StaringScan
+from plotfeed.feeds.sensors.tracks import TrackingSensorPart
 from plotfeed.models.range_gate import RangeGate
 
 
-class RangeGateSensor(SensorPart):
+class RangeGateSensor(TrackingSensorPart):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
 
     type: Literal["range_gate"]
     report: Annotated[
-        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
+        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
+        Field(strict=False, min_length=1),
     ] = ()
     """Without it, plots."""
     scan: StaringScan

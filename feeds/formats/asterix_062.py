@@ -1,0 +1,155 @@
+"""ASTERIX as sensors speak it that track on board: categories 062 and 063."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plotfeed.feeds.formats.base import (
+    SERVICE_PERIOD_NS,
+    Seen,
+    Topics,
+    comes_up,
+    max_block_octets,
+)
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.places import frame_at, site_frame
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.sensors.base import RotatingScan
+from plotfeed.feeds.sensors.tracks import TrackingSensorPart, TracksPart
+from plotfeed.feeds.times import NS
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.plot_covariance import stated_covariance_m2
+from plotfeed.models.scan import Sector
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
+from plotfeed.models.track_lives import TrackRule
+from plotfeed.models.tracks import (
+    LocalStates,
+    SmoothedTruth,
+    TrackerLooks,
+    TrackStates,
+)
+from plotfeed.proto.asterix.sensors_063 import SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.tracks_062 import TrackEncoder062, Tracks
+
+
+class Asterix062:
+    """Tracks of category 062 after each sector, and every ten seconds the sensor in 063.
+
+    The system's reference point is the scene's site.
+    """
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._topics = Topics(scene, sensor)
+        self._site = site_frame(scene.scene.site)
+        here = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._to_site = self._site.rotation_from_ecef @ here.rotation_from_ecef.T
+        self._tracks = _smoothed_truth(sensor)
+        self._has_height = False
+        self._chance = Chance(scene.scene.seed, sensor.id)
+        most = max_block_octets(scene, sensor)
+        self._encoder = TrackEncoder062(sensor.sac, sensor.sic, max_octets=most)
+        self._status = SensorStatus(sac=sensor.sac, sic=sensor.sic)
+        self._service = SensorStatusEncoder063(sensor.sac, sensor.sic, max_octets=most)
+
+    def messages(self, seen: Seen) -> list[Message]:
+        """Blocks of category 062, then 063 if it is due."""
+        sector = seen.sector
+        looks = self._looks(seen.looks, seen.plots)
+        states = self._tracks.take(
+            looks,
+            self._truth(seen, np.union1d(looks.drone, self._tracks.drones)),
+            start_ns=sector.start_ns,
+            end_ns=sector.end_ns,
+            rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
+        )
+        blocks = [(62, b) for b in self._encoder.blocks(self._columns(states, sector.end_ns))]
+        blocks.extend((63, block) for block in self._service_blocks(sector))
+        return self._topics.asterix(sector, blocks)
+
+    def _service_blocks(self, sector: Sector) -> list[bytes]:
+        if not comes_up(SERVICE_PERIOD_NS, sector):
+            return []
+        return self._service.blocks(sector.end_ns, [self._status])
+
+    def _looks(self, looks: Looks, plots: Plots) -> TrackerLooks:
+        """One look a drone, however many signals it was looked at by, and its best plot's error."""
+        drone, at = np.unique(looks.drone, return_index=True)
+        plots = plots.rows(plots.drone != FALSE_ALARM)
+        self._has_height = self._has_height or bool((~np.isnan(plots.sigma_elevation_deg)).any())
+        covariance_m2 = stated_covariance_m2(plots)
+        order = np.lexsort((np.trace(covariance_m2, axis1=1, axis2=2), plots.drone))
+        plotted, best = np.unique(plots.drone[order], return_index=True)
+        covariance_m2 = covariance_m2[order[best]]
+        hit: Bools = np.isin(drone, plotted)
+        errors_m2 = np.full((len(drone), 3, 3), np.nan)
+        errors_m2[hit] = np.einsum("ia,nab,jb->nij", self._to_site, covariance_m2, self._to_site)
+        return TrackerLooks(
+            drone=drone, t_utc_ns=looks.t_utc_ns[at], hit=hit, covariance_m2=errors_m2
+        )
+
+    def _truth(self, seen: Seen, drones: Ints) -> LocalStates:
+        truth = seen.truth_at(seen.sector.end_ns, drones)
+        return LocalStates(
+            drone=truth.drone,
+            position_enu_m=self._site.from_ecef(truth.position_ecef_m),
+            velocity_enu_m_s=self._site.rotate_from_ecef(truth.velocity_ecef_m_s),
+        )
+
+    def _columns(self, states: TrackStates, t_utc_ns: int) -> Tracks:
+        latitude_deg, longitude_deg, height_m = self._site.to_geodetic(states.position_enu_m)
+        climb_m_s = _along_vertical(
+            self._site, states.velocity_enu_m_s, latitude_deg, longitude_deg
+        )
+        if not self._has_height:
+            height_m, climb_m_s = (np.full(len(states), np.nan) for _ in range(2))
+        return Tracks(
+            track=states.track,
+            t_utc_ns=np.full(len(states), t_utc_ns, np.int64),
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            east_m=states.position_enu_m[:, 0],
+            north_m=states.position_enu_m[:, 1],
+            velocity_east_m_s=states.velocity_enu_m_s[:, 0],
+            velocity_north_m_s=states.velocity_enu_m_s[:, 1],
+            height_m=height_m,
+            climb_m_s=climb_m_s,
+            age_s=states.age_s,
+            sigma_east_m=states.sigma_position_m[:, 0],
+            sigma_north_m=states.sigma_position_m[:, 1],
+            tentative=np.zeros(len(states), np.bool_),
+            coasted=states.misses > 0,
+            first=states.first,
+            last=states.last,
+        )
+
+
+def _smoothed_truth(sensor: Sensor) -> SmoothedTruth:
+    part = sensor.tracks if isinstance(sensor, TrackingSensorPart) else TracksPart()
+    period_ns = round(sensor.scan.period_s * NS)
+    rule = TrackRule(
+        confirm_hits=part.confirm_hits,
+        confirm_window=part.confirm_window,
+        drop_misses=part.drop_misses,
+        period_ns=period_ns,
+        patience_ns=period_ns // 2 if isinstance(sensor.scan, RotatingScan) else 0,
+    )
+    return SmoothedTruth(rule, part.smoothing_scans)
+
+
+def _along_vertical(
+    frame: LocalFrame, velocity_enu_m_s: Floats, latitude_deg: Floats, longitude_deg: Floats
+) -> Floats:
+    """The part of velocities in a frame that is upward where each is; (n,)."""
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    up = np.stack(
+        [
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+        ],
+        axis=-1,
+    )
+    climb_m_s: Floats = (frame.rotate_to_ecef(velocity_enu_m_s) * up).sum(axis=-1)
+    return climb_m_s
