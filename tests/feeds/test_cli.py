@@ -9,7 +9,7 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 
 import pytest
-from brokers import free_port
+from brokers import deaf_server, free_port
 from command import PLOTFEED, plotfeed, running
 from mqtt_client import PATIENCE_S, Client, listening
 from scene_files import radar, scene_file, scene_text
@@ -294,22 +294,28 @@ def test_show_prints_what_a_broker_has(tmp_path: Path) -> None:
         assert topics >= {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
 
 
-def test_no_broker_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
-    flight = csv_flight(tmp_path)
-    url = f"mqtt://127.0.0.1:{free_port()}"
-    commands = [
-        [*PLOTFEED, "show", url],
-        [*PLOTFEED, "inject", str(flight), "--broker", url, "--altitude-reference", "ellipsoid"],
-    ]
-    started = [
-        subprocess.Popen(c, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for c in commands
-    ]
-    for process in started:
-        _, err = process.communicate(timeout=60)
-        assert process.returncode == 1
-        assert is_one_line(err)
-        assert url in err
+def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
+    flight, scene = csv_flight(tmp_path), scene_file(tmp_path, scene_text(sensors=FAST))
+    nobody = f"mqtt://127.0.0.1:{free_port()}"
+    with deaf_server() as port:
+        deaf = f"mqtt://127.0.0.1:{port}"
+        commands = {
+            ("run", scene, "--broker", nobody): nobody,
+            ("run", scene, "--broker", deaf): deaf,
+            ("show", nobody): nobody,
+            ("inject", flight, "--broker", deaf, "--altitude-reference", "ellipsoid"): deaf,
+        }
+        started = [
+            subprocess.Popen(
+                [*PLOTFEED, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+            for command in commands
+        ]
+        for process, url in zip(started, commands.values(), strict=True):
+            _, err = process.communicate(timeout=60)
+            assert process.returncode == 1
+            assert is_one_line(err)
+            assert url in err
 
 
 def csv_flight(folder: Path) -> Path:
