@@ -50,6 +50,7 @@ class UasReport:
 def read_129(data: bytes) -> list[UasReport]:
     """The reports in data blocks, of which all must be of category 129.
 
+    A name that is not printable ASCII, whose encoding the standard leaves open, is in hexadecimal.
     One without a time or a position, or with a position off the globe, is a DecodeError.
     """
     return [_report(record) for record in decode(data)]
@@ -62,7 +63,11 @@ def _report(record: Record) -> UasReport:
 
     def text(path: str) -> str:
         value = record.get(path)
-        return value.rstrip(" \0") if isinstance(value, str) else ""
+        if not isinstance(value, str):
+            return ""
+        name = value.rstrip(" \0")
+        readable = name.isascii() and name.isprintable()
+        return name if readable else value.encode("latin-1").hex()
 
     if record.category != CAT129.number:
         raise DecodeError(f"category {record.category}, not 129", at_octet=record.at_octet)

@@ -84,6 +84,13 @@ def test_without_a_serial_number_the_rest_of_the_name_is_the_identity() -> None:
     assert report.identity == "ES-DJI-M4T"
 
 
+def test_a_serial_number_that_is_no_text_is_hexadecimal() -> None:
+    block = BY_HAND["plain"].replace(SN.encode(), b"\x1b[2J\xff1234567")
+    assert read_129(block)[0].identity == "1b5b324aff31323334353637"
+    padded = BY_HAND["plain"].replace(SN.encode(), b"SN1".ljust(12, b"\0"))
+    assert read_129(padded)[0].identity == "SN1"
+
+
 @pytest.mark.parametrize(
     ("block", "reason"),
     [
