@@ -15,6 +15,7 @@ from plotfeed.proto.asterix.decode import Record, decode
 from plotfeed.proto.asterix.reports import TIME_LSB_NS, Reports, checked_position
 from plotfeed.proto.errors import DecodeError, EncodeError
 
+DAY_S = 86_400
 SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
 
 
@@ -51,7 +52,7 @@ def read_129(data: bytes) -> list[UasReport]:
     """The reports in data blocks, of which all must be of category 129.
 
     A name that is not printable ASCII, whose encoding the standard leaves open, is in hexadecimal.
-    One without a time or a position, or with a position off the globe, is a DecodeError.
+    One without a time of the day or a position on the globe is a DecodeError.
     """
     return [_report(record) for record in decode(data)]
 
@@ -74,12 +75,14 @@ def _report(record: Record) -> UasReport:
     for path in ("I129/070", "I129/080/LAT"):
         if record.get(path) is None:
             raise DecodeError(f"a report without {path[:8]}", at_octet=record.at_octet)
+    if number("I129/070") > DAY_S:  # a day's whole length is what a sender without modulo sends
+        raise DecodeError("a time beyond midnight", at_octet=record.at_octet)
     report = UasReport(
         serial=text("I129/040"),
         manufacturer=text("I129/020"),
         model=text("I129/030"),
         country=text("I129/050"),
-        t_of_day_s=number("I129/070"),
+        t_of_day_s=number("I129/070") % DAY_S,
         latitude_deg=number("I129/080/LAT"),
         longitude_deg=number("I129/080/LON"),
         altitude_m=number("I129/090"),

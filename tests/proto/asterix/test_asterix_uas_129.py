@@ -84,6 +84,11 @@ def test_without_a_serial_number_the_rest_of_the_name_is_the_identity() -> None:
     assert report.identity == "ES-DJI-M4T"
 
 
+def test_a_whole_day_is_midnight() -> None:
+    (report,) = read_129(bytes.fromhex("810012 8380 0000 a8c000 00000000 00000000"))
+    assert report.t_of_day_s == 0.0
+
+
 def test_a_serial_number_that_is_no_text_is_hexadecimal() -> None:
     block = BY_HAND["plain"].replace(SN.encode(), b"\x1b[2J\xff1234567")
     assert read_129(block)[0].identity == "1b5b324aff31323334353637"
@@ -97,6 +102,7 @@ def test_a_serial_number_that_is_no_text_is_hexadecimal() -> None:
         ("30000ef01903000000300a004000", "category 48, not 129"),
         ("810006 80 0000", "without I129/070"),
         ("810009 82 0000 546000", "without I129/080"),
+        ("810012 8380 0000 a8c001 00000000 00000000", "beyond midnight"),
         ("810012 8380 0000 546000 20000001 00000000", "off the globe"),
         ("810012 8380 0000 546000 00000000 40000001", "off the globe"),
         ("810012 8380 0000 546000 00000000 400000", "octets"),
