@@ -22,7 +22,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_FILTER = "plotfeed/#"
 CONNECT_S = 5.0
-MAX_FILE_OCTETS = 1 << 30
+MAX_FILE_OCTETS = 1 << 28
 MAX_WAITING_LINES = 100_000
 
 
@@ -46,9 +46,14 @@ def show_source(
 
 
 def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
-    if path.stat().st_size > MAX_FILE_OCTETS:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_OCTETS + 1)
+    except OSError as error:
+        raise PlotfeedError(f"{path}: {error.strerror}") from None
+    if len(data) > MAX_FILE_OCTETS:
         raise PlotfeedError(f"{path}: larger than {MAX_FILE_OCTETS} octets")
-    lines, errors = asterix_lines(path.read_bytes(), as_json=as_json)
+    lines, errors = asterix_lines(data, as_json=as_json)
     for i, line in enumerate(lines):
         if count is not None and i >= count:
             return 0

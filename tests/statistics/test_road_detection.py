@@ -12,9 +12,9 @@ from road import NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 from scipy import stats
 from significance import Array, assert_chance, assert_sum
 
-RANGES_M = (2000.0, 5000.0, 7000.0, 9000.0, 11_000.0, 13_000.0, 18_000.0)
+RANGES_M = (2e3, 4e3, 5.5e3, 7e3, 8.5e3, 10e3, 11.5e3, 13e3, 15e3, 18e3)
 AT_EACH = 24
-SCANS = 300
+SCANS = 240
 SENSORS = {
     "staring": radar(elevation_max_deg=30.0),
     "rotating": radar(elevation_max_deg=30.0, scan=rotating(0.5, sectors=4)),
@@ -26,7 +26,7 @@ KINDS = pytest.mark.parametrize("kind", SENSORS)
 def road(kind: str) -> Road:
     """Rings of drones at each of the ranges."""
     drones = [
-        held(f"{ring}-{i}", 15 * i + 2 * ring + 1, 4.0, range_m)
+        held(f"{ring}-{i}", 15 * i + ring + 1, 4.0, range_m)
         for ring, range_m in enumerate(RANGES_M)
         for i in range(AT_EACH)
     ]
