@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_validator
 
+from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.presets import names as preset_names
@@ -139,6 +140,7 @@ class Scene(Part):
         Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
     ]
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
+    cooperative: Cooperation | None = None
 
     _folder: Path = PrivateAttr(default=Path())
 
@@ -151,10 +153,19 @@ class Scene(Part):
             twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
-        if {"telemetry", "truth", "errors"} & {s.id for s in self.sensor}:
+        if {"telemetry", "truth", "errors", COOPERATIVE} & {s.id for s in self.sensor}:
             raise ValueError(
-                "sensor: the ids telemetry, truth and errors are topics of the session"
+                f"sensor: the ids telemetry, truth, errors and {COOPERATIVE} are the session's own"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _drones_can_cooperate(self) -> Self:
+        if self.cooperative is not None:
+            flown = [drone.id for drone in self.drone]
+            problem = self.cooperative.problem(flown, self.telemetry.geoid_undulation_m)
+            if problem is not None:
+                raise ValueError(f"{COOPERATIVE}: {problem}")
         return self
 
     @model_validator(mode="after")

@@ -13,13 +13,15 @@ from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
 from plotfeed.feeds.broker_address import VERSIONS, BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.cooperation import COOPERATIVE
+from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
 from plotfeed.feeds.desk import Desk, Herald, Totals, status_message
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.mqtt_access import Access
-from plotfeed.feeds.outbox import Connection, Outbox, Tap
+from plotfeed.feeds.outbox import Connection, Link, Outbox, Tap
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.station import SectorReport, Station
@@ -131,8 +133,10 @@ class Session:
         launch(scene, self._trajectories, self._start_ns)
         self._links: list[Connection] = []
         self._udp = [(settings, UdpLink(settings)) for settings in scene.udp]
-        self._office = Outbox(clock, self._office_links(addresses), tap)
+        office_links = self._office_links(addresses)
+        self._office = Outbox(clock, office_links, tap)
         self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
+        self._cooperative = self._cooperative_desk(office_links, tap)
 
     async def run(
         self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
@@ -191,6 +195,22 @@ class Session:
             herald=herald,
         )
 
+    def _cooperative_desk(
+        self, office_links: Sequence[Link], tap: Tap | None
+    ) -> CooperativeDesk | None:
+        """Drones of the scene that report themselves, if it has any."""
+        settings = self._scene.cooperative
+        if settings is None:
+            return None
+        udp_links = [link for udp, link in self._udp if udp.takes(COOPERATIVE)]
+        return CooperativeDesk(
+            CooperativeDrones(self._scene, settings, self._trajectories),
+            Outbox(self._clock, [*office_links, *udp_links], tap),
+            clock=self._clock,
+            agenda=self._agenda,
+            totals=self._totals,
+        )
+
     def _greet_again(self, herald: Herald, link: MqttLink) -> None:
         """A connection that was lost hears anew who the sensor is; the first one is told anyway."""
         if link.connections > 1:
@@ -234,6 +254,8 @@ class Session:
         self._totals.drones = len(self._trajectories.names)
         for desk in self._desks:
             desk.open(self._start_ns)
+        if self._cooperative is not None:
+            self._cooperative.open(self._start_ns)
         drain_ns = self._start_ns
         while (due_ns := self._agenda.next_due_ns()) is not None:
             if end_ns is not None and due_ns > end_ns:
