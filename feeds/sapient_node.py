@@ -11,7 +11,7 @@ from plotfeed.feeds.parts import Site
 from plotfeed.feeds.places import frame_at
 from plotfeed.feeds.sapient_groups import Groups
 from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.sensors import PassiveRadarSensor, Sensor
 from plotfeed.feeds.sensors.base import RotatingScan
 from plotfeed.feeds.times import NS
 from plotfeed.models.frames import aer_to_enu, wrap_360
@@ -59,7 +59,7 @@ def manner_of(scene: Scene, sensor: Sensor) -> Manner:
         default_class=settings.default_class,
         class_confidence=settings.default_class_confidence,
         band_hz=_band_hz(sensor),
-        transmitters=tuple(t.id for t in getattr(sensor, "transmitters", ())),
+        transmitters=_transmitters(sensor),
         tells_age=isinstance(sensor.scan, RotatingScan) or groups_of(sensor).size > 1,
     )
 
@@ -155,6 +155,13 @@ def _field(sensor: Sensor) -> Field:
         vertical_extent_deg=float(elevations[1] - elevations[0]),
         range_max_m=sensor.range_max_m,
     )
+
+
+def _transmitters(sensor: Sensor) -> tuple[str, ...]:
+    """Of a sensor that says by whose signal it found something."""
+    if not isinstance(sensor, PassiveRadarSensor):
+        return ()
+    return tuple(t.id for t in sensor.transmitters)
 
 
 def _band_hz(sensor: Sensor) -> tuple[float, float] | None:

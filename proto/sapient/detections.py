@@ -6,13 +6,12 @@ times as long.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from plotfeed.models.state import Floats, Plots
+from plotfeed.models.state import Plots
 from plotfeed.proto.errors import EncodeError
-from plotfeed.proto.sapient.checks import check_column, check_number, check_text, none_for_nan
+from plotfeed.proto.sapient.checks import check_number, check_text, measured
 from plotfeed.proto.sapient.envelope import envelope, set_stamp, stamp_ns
 from plotfeed.proto.sapient.ids import MAX_IDS, Ulids
 from plotfeed.proto.sapient.locations import MAX_RANGE_M, Locations, Positions
@@ -20,6 +19,8 @@ from plotfeed.proto.sapient.node import Node
 
 SNR, AGE, BISTATIC_RANGE, TRANSMITTER = "SNR", "age", "bistatic range", "transmitter"
 """Types of object_info; as track_info a consumer would take the plot for a track."""
+
+MAX_SNR = 1e30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,9 +89,9 @@ class DetectionEncoder:
         return encoded
 
     def _amplitudes_dbm(self, plots: Plots) -> list[float | None]:
-        if self._manner.band_hz is not None:
-            check_column("amplitude", plots.amplitude_dbm, -1000, 1000)
-        return none_for_nan(plots.amplitude_dbm)
+        if self._manner.band_hz is None:
+            return [None] * len(plots)
+        return measured("amplitude", plots.amplitude_dbm, -1000, 1000)
 
     def _classify(self, kind: str) -> None:
         """The sensor's own class below the scene's, or either alone."""
@@ -107,26 +108,20 @@ class DetectionEncoder:
 
     def _infos(self, t_utc_ns: int, plots: Plots) -> list[_Info]:
         """The columns of object_info that have anything in them."""
-        check_column(SNR, plots.snr, 0, np.finfo(np.float64).max)
-        check_column(BISTATIC_RANGE, plots.bistatic_range_m, 0, MAX_RANGE_M)
-        check_column("bistatic range error", plots.sigma_bistatic_range_m, 0, MAX_RANGE_M)
-        with np.errstate(divide="ignore"):
-            snr_db = 10.0 * np.log10(plots.snr)
+        snr = measured(SNR, plots.snr, 0, MAX_SNR)
+        bistatic_m = measured(BISTATIC_RANGE, plots.bistatic_range_m, 0, MAX_RANGE_M)
+        sigma_m = measured("bistatic range error", plots.sigma_bistatic_range_m, 0, MAX_RANGE_M)
         infos = [
-            _Info.of(SNR, snr_db, "{:.2f}"),
-            _Info.of(
-                BISTATIC_RANGE,
-                plots.bistatic_range_m,
-                "{:.2f}",
-                none_for_nan(plots.sigma_bistatic_range_m),
-            ),
+            _Info(SNR, [f"{10 * math.log10(ratio):.2f}" if ratio else "" for ratio in snr]),
+            _Info(BISTATIC_RANGE, ["" if m is None else f"{m:.2f}" for m in bistatic_m], sigma_m),
         ]
         if self._manner.transmitters:
             names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
             infos.append(_Info(TRANSMITTER, names))
         if self._manner.tells_age:
-            age_s = (stamp_ns(t_utc_ns) - plots.t_utc_ns) / 1e9
-            infos.append(_Info.of(AGE, age_s, "{:.6f}"))
+            stamp = stamp_ns(t_utc_ns)
+            ages_s = [max(stamp - t_ns, 0) / 1e9 for t_ns in plots.t_utc_ns.tolist()]
+            infos.append(_Info(AGE, [f"{age_s:.6f}" for age_s in ages_s]))
         return [info for info in infos if any(info.texts)]
 
     def _fill_infos(self, infos: list[_Info], i: int) -> None:
@@ -167,17 +162,3 @@ class _Info:
     type: str
     texts: list[str]
     errors: list[float | None] | None = None
-
-    @classmethod
-    def of(
-        cls, kind: str, values: Floats, form: str, errors: list[float | None] | None = None
-    ) -> _Info:
-        """Texts of what is finite."""
-        finite = np.isfinite(values)
-        if not finite.any():
-            return cls(kind, [""] * len(values))
-        texts = [
-            form.format(value) if known else ""
-            for value, known in zip(values.tolist(), finite.tolist(), strict=True)
-        ]
-        return cls(kind, texts, errors)

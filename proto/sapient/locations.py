@@ -9,7 +9,7 @@ from sapient_msg.bsi_flex_335_v2_0.location_pb2 import Location
 from sapient_msg.bsi_flex_335_v2_0.range_bearing_pb2 import RangeBearing
 
 from plotfeed.models.state import Columns, Floats, Plots
-from plotfeed.proto.sapient.checks import check_column, none_for_nan
+from plotfeed.proto.sapient.checks import measured
 from plotfeed.proto.sapient.node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
 
 MAX_RANGE_M = 1e9
@@ -70,9 +70,7 @@ _Values = list[tuple[str, list[float | None]]]
 
 
 def _checked(*columns: tuple[str, Floats, float, float]) -> _Values:
-    for column in columns:
-        check_column(*column)
-    return [(name, none_for_nan(values)) for name, values, _, _ in columns]
+    return [(column[0], measured(*column)) for column in columns]
 
 
 def _write(place: Location | RangeBearing, columns: _Values, i: int) -> None:

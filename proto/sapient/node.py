@@ -19,6 +19,7 @@ from sapient_msg.bsi_flex_335_v2_0.range_bearing_pb2 import (
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 
+from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.sapient.checks import check_number, check_text
 from plotfeed.proto.sapient.envelope import ICD_VERSION, envelope
 from plotfeed.proto.sapient.ids import Ulids
@@ -87,6 +88,9 @@ class Node:
 def registration(node: Node, t_utc_ns: int) -> bytes:
     """A serialised SapientMessage with a Registration; raises `EncodeError`."""
     check_text("name", node.sensor)
+    check_text("model", node.model)
+    if not node.capabilities:
+        raise EncodeError("at least one is needed", field="capabilities")
     message = envelope(node.node_id, t_utc_ns)
     message.registration.CopyFrom(
         Registration(

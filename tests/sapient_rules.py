@@ -1,0 +1,83 @@
+"""What a SAPIENT message must be: for sapient-pydantic, for the standard's marks, and for us.
+
+sapient-pydantic takes a confidence of 1.4 and an azimuth of 999, an id in lower case, and mandatory
+fields that are missing further down; here they are refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from google.protobuf.message import Message
+from sapient_msg import proto_options_pb2 as options
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg_pydantic.bsi_flex_335_v2_0.sapient_message import SapientMessage as Model
+
+UUID4 = re.compile("[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}")
+ULID = re.compile("[0-7][0-9A-HJKMNP-TV-Z]{25}")
+LIMITS = {
+    "azimuth": (0.0, math.nextafter(360, 0)),
+    "elevation": (-90.0, 90.0),
+    "range": (0.0, 1e9),
+    "horizontal_extent": (0.0, 360.0),
+    "vertical_extent": (0.0, 180.0),
+    "x": (-180.0, 180.0),
+    "y": (-90.0, 90.0),
+    "confidence": (0.0, 1.0),
+    "detection_confidence": (0.0, 1.0),
+    "centre_frequency": (1.0, 1e12),
+}
+
+
+def checked(payload: bytes) -> SapientMessage:
+    """The message, if nothing whatever is wrong with it."""
+    message = SapientMessage.FromString(payload)
+    assert Model.from_pb2(message).to_pb2() == message
+    faults = list(_faults(message, "SapientMessage"))
+    assert not faults, faults
+    assert message.timestamp.nanos % 1000 == 0
+    assert not message.detection_report.track_info
+    return message
+
+
+def _faults(message: Message, path: str) -> Iterator[str]:
+    present = {field.name: value for field, value in message.ListFields()}
+    for oneof in message.DESCRIPTOR.oneofs:
+        marked: Any = oneof.GetOptions().Extensions[options.oneof_options]  # type: ignore[index]
+        if marked.is_mandatory and message.WhichOneof(oneof.name) is None:
+            yield f"{path}: none of {oneof.name}"
+    for field in message.DESCRIPTOR.fields:
+        here = f"{path}.{field.name}"
+        marks: Any = field.GetOptions().Extensions[options.field_options]  # type: ignore[index]
+        if field.name not in present:
+            if marks.is_mandatory:
+                yield f"{here}: missing"
+            continue
+        values = list(present[field.name]) if field.is_repeated else [present[field.name]]
+        for value in values:
+            yield from _value_faults(field, marks, value, here)
+
+
+def _value_faults(field: Any, marks: Any, value: Any, here: str) -> Iterator[str]:
+    if isinstance(value, Message):
+        if value.DESCRIPTOR.full_name.startswith("sapient_msg."):
+            yield from _faults(value, here)
+    elif field.enum_type is not None:
+        if field.enum_type.values_by_number[value].name.endswith("UNSPECIFIED"):
+            yield f"{here}: unspecified"
+    elif isinstance(value, float):
+        low, high = LIMITS.get(field.name, (-math.inf, math.inf))
+        if not (math.isfinite(value) and low <= value <= high):
+            yield f"{here}: {value}"
+        if field.name.endswith("_error") and value < 0:
+            yield f"{here}: {value}"
+    elif isinstance(value, str):
+        if not value:
+            yield f"{here}: empty"
+        if marks.is_uuid and not UUID4.fullmatch(value):
+            yield f"{here}: {value}"
+        if marks.is_ulid and not ULID.fullmatch(value):
+            yield f"{here}: {value}"
