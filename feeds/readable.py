@@ -124,7 +124,11 @@ def _short(value: Any) -> str:
         return "[" + ", ".join(_short(part) for part in value) + "]"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value.hex() if isinstance(value, bytes) else str(value)
+    if isinstance(value, bytes):
+        return value.hex()
+    # What others sent shall not move the cursor of a terminal.
+    text = str(value)
+    return text if text.isprintable() else ascii(text)
 
 
 def _record_json(record: Record) -> str:

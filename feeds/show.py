@@ -58,8 +58,8 @@ def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
         if count is not None and i >= count:
             return 0
         click.echo(line)
-    for error in errors:
-        click.echo(f"plotfeed: {path}: {error}", err=True)
+    for broken in errors:
+        click.echo(f"plotfeed: {path}: {broken}", err=True)
     return 2 if errors else 0
 
 

@@ -45,7 +45,8 @@ class ActiveRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Its one signal's; (n, 3) and (n,) in, (n, 1) out."""
-        return self.mean_snr(np.linalg.norm(position_enu_m, axis=-1), rcs_m2)[:, None]
+        range_m = np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)
+        return self.mean_snr(range_m, rcs_m2)[:, None]
 
     def pd(self, snrs: Floats) -> Floats:
         """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""

@@ -15,10 +15,8 @@ import numpy as np
 from plotfeed.models import detection, propagation
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.polar_radar import PolarRadar
+from plotfeed.models.propagation import NEAREST_M
 from plotfeed.models.state import Floats
-
-NEAREST_M = 1.0
-"""The radar equation, made for the far field, is not taken closer to an antenna than this."""
 
 
 @dataclass(frozen=True, kw_only=True)

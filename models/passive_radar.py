@@ -25,8 +25,6 @@ from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Targets
 
 _AZIMUTHS = 3600
 """Over which the share of false alarms that have a place is averaged."""
-_NEAREST_M = 1.0
-"""Of either way, for the strength of an echo: on the mast itself no equation holds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,8 +135,10 @@ class PassiveRadar:
             gain_rx_dbi=self.gain_rx_dbi,
             wavelength_m=C_M_S / self._each("frequency_hz"),
             rcs_m2=rcs_m2[:, None],
-            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), _NEAREST_M),
-            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), _NEAREST_M)[:, None],
+            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), propagation.NEAREST_M),
+            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)[
+                :, None
+            ],
             loss_db=self.loss_db,
         )
 

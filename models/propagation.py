@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
 from plotfeed.models.state import Floats
 
+NEAREST_M = 1.0
+"""Echoes, made for the far field, are not taken closer to an antenna than this."""
 DIPOLE_GAIN_DBI = 2.15
 """What effective radiated power is stated over: a half-wave dipole."""
 

@@ -166,7 +166,7 @@ def test_place_of_a_transmitter_is_told_either_way():
         {"scan": {"kind": "rotating", "period_s": 1.0}},
         {"n_reference": 0},
         {"n_reference": 257},
-        {"report": ["asterix-062"]},
+        {"report": ["asterix-205"]},
         {"range_min_m": 10_000.0},
     ],
 )
