@@ -9,6 +9,8 @@ from gmqtt.storage import PersistentStorage
 
 from plotfeed.feeds.message import Message
 
+MAX_UNACKNOWLEDGED = 1000
+"""At once, where the broker does not say how many; gmqtt alone would send 65,535."""
 MAX_WAITING = 10_000
 """Messages that wait for a broker to acknowledge others; more are not taken."""
 
@@ -22,6 +24,7 @@ class InFlight(PersistentStorage):  # type: ignore[misc]
 
     def __init__(self, send: Callable[[Message], None]) -> None:
         super().__init__()
+        self.window = MAX_UNACKNOWLEDGED
         self._send = send
         self._waiting: deque[Message] = deque()
 
@@ -44,7 +47,7 @@ class InFlight(PersistentStorage):  # type: ignore[misc]
         self._send_waiting()
 
     def _send_waiting(self) -> None:
-        while self._waiting:
+        while self._waiting and len(self._messages) < self.window:
             try:
                 self._send(self._waiting[0])
             except OverflowError:

@@ -19,6 +19,8 @@ CONNECT_TIMEOUT_S = 3.0
 OTHER_VERSION_AFTER_S = 1.0
 """A broker that does not know a version may just not answer."""
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
+STABLE_S = 5.0
+"""A connection that lasted longer was a good one; a broker may also take us and end it at once."""
 
 
 class MqttLink:
@@ -69,21 +71,21 @@ class MqttLink:
 
     async def run(self) -> None:
         """Connect, and connect again whenever the connection is lost, until cancelled."""
-        attempt = 0
+        attempt, loop = 0, asyncio.get_running_loop()
         try:
             while True:
                 try:
                     connection = await self._connect()
                 except MqttError as error:
-                    self._failed(error, attempt)
-                    await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
-                    attempt += 1
-                    continue
-                if attempt or self.connections > 1:
-                    log.info("%s: connected to %s again", self.name, self.address)
-                attempt = 0
-                await connection.lost.wait()
-                log.warning("%s: %s", self.name, self._loss(connection))
+                    self._failed(error)
+                else:
+                    began_s = loop.time()
+                    await connection.lost.wait()
+                    log.warning("%s: %s", self.name, self._loss(connection))
+                    if loop.time() - began_s > STABLE_S:
+                        attempt = 0
+                await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
+                attempt += 1
         finally:
             if self._connection is not None:
                 connection, self._connection = self._connection, None
@@ -130,18 +132,21 @@ class MqttLink:
         self._versions = (connection.version,)
         self._connection = connection
         self.connections += 1
+        self.last_error = ""
         self._settled.set()
+        if self.connections > 1:
+            log.info("%s: connected to %s again", self.name, self.address)
         for topic_filter in self._subscribe:
             connection.subscribe(topic_filter)
         if self._on_connect is not None:
             self._on_connect(self)
 
-    def _failed(self, error: MqttError, attempt: int) -> None:
+    def _failed(self, error: MqttError) -> None:
+        if self.connections and str(error) != self.last_error:  # before, whoever waits is told
+            log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
         self.last_error = str(error)
         if error.final:
             self._settled.set()
-        if attempt == 0 and self.connections:  # else whoever waits is told
-            log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
 
     def _loss(self, connection: Connection) -> str:
         """What there is to say of a connection that is lost."""

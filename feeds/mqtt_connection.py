@@ -166,9 +166,10 @@ class Connection:
         return closed.exception() if closed.done() and not closed.cancelled() else None
 
     def _accepted(self, _client: object, _flags: int, _code: int, answer: dict[str, Any]) -> None:
-        largest = answer.get("maximum_packet_size")
-        if largest:
-            self._largest_payload = max(0, largest[0] - HEADER_OCTETS)
+        for largest in answer.get("maximum_packet_size", ()):
+            self._largest_payload = max(0, largest - HEADER_OCTETS)
+        for window in answer.get("receive_maximum", ()):
+            self._in_flight.window = min(self._in_flight.window, window)
 
     def _ended(self, _client: object, packet: bytes, *_: object) -> None:
         if packet and self.version >= 5:

@@ -33,9 +33,11 @@ def failure(error: Exception) -> MqttError:
     """For what went wrong before the broker had an answer, or for the answer that it gave."""
     if isinstance(error, MQTTConnectError):
         code = int(error._code)
-        unknown = code in UNKNOWN_VERSION
-        final = code not in TRANSIENT and not unknown
-        return MqttError(f"it refuses: {reason_name(code)}", final=final, versions=unknown)
+        return MqttError(
+            f"it refuses: {reason_name(code)}",
+            final=code not in TRANSIENT,
+            versions=code in UNKNOWN_VERSION,
+        )
     if isinstance(error, ssl.SSLCertVerificationError):
         return MqttError(f"its certificate is not good: {error.verify_message}", final=True)
     if isinstance(error, ssl.SSLError):

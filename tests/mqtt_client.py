@@ -26,6 +26,7 @@ class Heard:
     content_type: str | None = None
     user_properties: dict[str, str] = field(default_factory=dict)
     expiry_s: int | None = None
+    qos: int = 0
 
 
 class Client:
@@ -144,6 +145,7 @@ class Client:
         properties: dict[str, object] = {}
         if self.version == 5:
             properties, rest = _take_properties(rest)
+        properties["qos"] = kind >> 1 & 3
         message = Heard(topic, rest, bool(kind & 1), **properties)  # type: ignore[arg-type]
         with self._news:
             self.heard.append(message)

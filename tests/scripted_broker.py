@@ -1,0 +1,100 @@
+"""A broker that does what a test says and no more, in the test's own event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+CONNECT, PUBLISH, SUBSCRIBE = 0x10, 0x30, 0x80
+
+
+@dataclass
+class ScriptedBroker:
+    """MQTT 5, for one client."""
+
+    properties: bytes = b""
+    """Of its CONNACK."""
+    code: int = 0
+    """Of its CONNACK."""
+    granted: int = 1
+    """To who subscribes."""
+    reads: bool = True
+    """Whether it takes anything after it has said welcome."""
+    port: int = 0
+    unacknowledged: list[int] = field(default_factory=list)
+    """Ids of QoS 1 messages, in the order in which they came."""
+    received: int = 0
+    """Messages of any QoS."""
+    _writer: asyncio.StreamWriter | None = None
+
+    def acknowledge(self, n: int) -> None:
+        for _ in range(n):
+            self.send(0x40, self.unacknowledged.pop(0).to_bytes(2, "big"))
+
+    def send(self, kind: int, body: bytes) -> None:
+        assert self._writer is not None
+        assert len(body) < 128
+        self._writer.write(bytes([kind, len(body)]) + body)
+
+    def hang_up(self) -> None:
+        assert self._writer is not None
+        self._writer.transport.abort()
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writer = writer
+        try:
+            while True:
+                kind, body = await _packet(reader)
+                self._answer(kind, body)
+                if not self.reads:
+                    writer.transport.pause_reading()  # type: ignore[attr-defined]
+                    await asyncio.Event().wait()
+        except (asyncio.IncompleteReadError, ConnectionError, ssl.SSLError):
+            pass
+        finally:
+            writer.close()
+
+    def _answer(self, kind: int, body: bytes) -> None:
+        if kind & 0xF0 == CONNECT:
+            self.send(0x20, bytes([0, self.code, len(self.properties)]) + self.properties)
+        elif kind & 0xF0 == SUBSCRIBE:
+            self.send(0x90, body[:2] + bytes([0, self.granted]))
+        elif kind & 0xF0 == PUBLISH:
+            self.received += 1
+            if kind & 0x06:
+                end = 2 + int.from_bytes(body[:2], "big")
+                self.unacknowledged.append(int.from_bytes(body[end : end + 2], "big"))
+
+
+async def _packet(reader: asyncio.StreamReader) -> tuple[int, bytes]:
+    kind = (await reader.readexactly(1))[0]
+    length = shift = 0
+    while True:
+        octet = (await reader.readexactly(1))[0]
+        length |= (octet & 0x7F) << shift
+        shift += 7
+        if not octet & 0x80:
+            return kind, await reader.readexactly(length)
+
+
+@asynccontextmanager
+async def serving(
+    broker: ScriptedBroker, tls: ssl.SSLContext | None = None
+) -> AsyncIterator[ScriptedBroker]:
+    tasks: set[asyncio.Task[None]] = set()
+
+    def came(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        tasks.add(asyncio.create_task(broker.serve(reader, writer)))
+
+    server = await asyncio.start_server(came, "127.0.0.1", 0, ssl=tls)
+    broker.port = server.sockets[0].getsockname()[1]
+    try:
+        yield broker
+    finally:
+        server.close()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
