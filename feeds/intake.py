@@ -59,7 +59,7 @@ class Intake:
         """One telemetry message; the refusal to publish if it was not taken and there is room."""
         drone = topic.rpartition("/")[2]
         try:
-            self._admit(drone, decode(payload, content_type), now_utc_ns)
+            self._admit(drone, decode(payload, content_type, now_utc_ns=now_utc_ns), now_utc_ns)
         except Refused as refused:
             count = self.gate.refuse(refused)
             self.last_refusal = f"{topic}: {refused.detail}"

@@ -155,7 +155,8 @@ class Scene(Part):
                 raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
         if {"telemetry", "truth", "errors", COOPERATIVE} & {s.id for s in self.sensor}:
             raise ValueError(
-                f"sensor: the ids telemetry, truth, errors and {COOPERATIVE} are the session's own"
+                f"sensor: the ids telemetry, truth, errors and {COOPERATIVE} "
+                "are topics of the session"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""Telemetry reports from bytes and to bytes, protobuf or JSON.
+"""Telemetry reports from bytes and to bytes, protobuf or JSON, and from ASTERIX 129.
 
 Pure: no sockets, no clock. Bytes give a `Report` or raise `Refused`, whatever they are.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from enum import Enum, auto
 from typing import Any
 
 from google.protobuf import json_format
@@ -22,6 +23,7 @@ from plotfeed.feeds.report import (
     check,
     check_finite,
 )
+from plotfeed.feeds.telemetry_129 import CATEGORY, is_block_129, report_129
 from plotfeed.models.state import Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -51,6 +53,13 @@ _PROTOBUF_TYPES = frozenset(
     }
 )
 _JSON_TYPES = frozenset({"application/json", "text/json"})
+_ASTERIX_TYPES = frozenset({"application/x-asterix", "application/asterix"})
+
+
+class _Kind(Enum):
+    PROTOBUF = auto()
+    JSON = auto()
+    ASTERIX = auto()
 
 
 _REFERENCE_TO_PB = {
@@ -62,17 +71,27 @@ _REFERENCE_FROM_PB = {number: reference for reference, number in _REFERENCE_TO_P
 
 
 def decode(
-    payload: bytes, content_type: str | None = None, *, max_octets: int = MAX_OCTETS
+    payload: bytes,
+    content_type: str | None = None,
+    *,
+    max_octets: int = MAX_OCTETS,
+    now_utc_ns: int | None = None,
 ) -> Report:
-    """The report in a payload, protobuf or JSON as its content type says; raises `Refused`.
+    """The report in a payload, of the kind that its content type says; raises `Refused`.
 
-    Without a content type, which MQTT 3.1.1 cannot carry, an opening brace tells JSON.
+    Without a content type, which MQTT 3.1.1 cannot carry, an opening brace tells JSON, and the
+    category and length of a single data block ASTERIX 129. That one needs `now_utc_ns`.
     """
     if len(payload) > max_octets:
         detail = f"payload of {len(payload)} octets; at most {max_octets} are taken"
         raise Refused(Reason.OVERSIZED, detail)
-    message = _from_json(payload) if _is_json(payload, content_type) else _from_protobuf(payload)
-    report = _report(message)
+    match _kind(payload, content_type):
+        case _Kind.ASTERIX:
+            report = report_129(payload, now_utc_ns)
+        case _Kind.JSON:
+            report = _report(_from_json(payload))
+        case _Kind.PROTOBUF:
+            report = _report(_from_protobuf(payload))
     check(report)
     return report
 
@@ -90,16 +109,30 @@ def encode_json(report: Report) -> bytes:
     return text.encode()
 
 
-def _is_json(payload: bytes, content_type: str | None) -> bool:
-    media_type = (content_type or "").partition(";")[0].strip().lower()
+def _kind(payload: bytes, content_type: str | None) -> _Kind:
+    media_type, _, parameters = (content_type or "").lower().partition(";")
+    media_type = media_type.strip()
     if not media_type:
-        return payload.lstrip(b" \t\r\n").startswith(b"{")
+        return _kind_by_looks(payload)
     if media_type in _JSON_TYPES or media_type.endswith("+json"):
-        return True
+        return _Kind.JSON
     if media_type in _PROTOBUF_TYPES or media_type.endswith("+protobuf"):
-        return False
-    detail = f"content type {media_type!r}; expected application/x-protobuf or application/json"
+        return _Kind.PROTOBUF
+    if media_type in _ASTERIX_TYPES:
+        if parameters.replace(" ", "") in ("", f"cat={CATEGORY}"):
+            return _Kind.ASTERIX
+        raise Refused(Reason.CONTENT_TYPE, f"ASTERIX of {parameters!r}; expected cat={CATEGORY}")
+    detail = (
+        f"content type {media_type!r}; expected application/x-protobuf, application/json or "
+        f"application/x-asterix; cat={CATEGORY}"
+    )
     raise Refused(Reason.CONTENT_TYPE, detail)
+
+
+def _kind_by_looks(payload: bytes) -> _Kind:
+    if payload.lstrip(b" \t\r\n").startswith(b"{"):
+        return _Kind.JSON
+    return _Kind.ASTERIX if is_block_129(payload) else _Kind.PROTOBUF
 
 
 def _from_protobuf(payload: bytes) -> pb.Telemetry:

@@ -119,7 +119,7 @@ MISTAKES = {
     ),
     "name of a topic": (
         ('id = "radar"', 'id = "truth"'),
-        "sensor: the ids telemetry, truth and errors are topics of the session",
+        "sensor: the ids telemetry, truth, errors and cooperative are topics of the session",
     ),
     "half a place": (
         ("{ east_m = 1500.0, north_m", "{ north_m"),
