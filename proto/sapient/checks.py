@@ -17,14 +17,15 @@ def measured(field: str, values: Floats, low: float, high: float) -> list[float 
     Value by value: most columns have a few rows, and NumPy takes longer to begin than these do.
     """
     return [
-        value if low <= value <= high else _missing(field, value, low, high)
+        value if low <= value <= high else _none_for_nan(field, value, low, high)
         for value in values.tolist()
     ]
 
 
-def _missing(field: str, value: float, low: float, high: float) -> None:
-    if not math.isnan(value):
-        raise EncodeError(_not_within(value, low, high), field=field)
+def _none_for_nan(field: str, value: float, low: float, high: float) -> float | None:
+    if math.isnan(value):
+        return None
+    raise EncodeError(_not_within(value, low, high), field=field)
 
 
 def check_number(field: str, value: float, low: float, high: float) -> None:

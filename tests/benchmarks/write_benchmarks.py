@@ -18,6 +18,7 @@ PAGE = HERE.parents[1] / "docs" / "benchmarks.md"
 BENCHMARKS = {
     "bench_model.py": "The physics",
     "bench_asterix.py": "ASTERIX records",
+    "bench_sapient.py": "SAPIENT messages",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
     "bench_mqtt.py": "MQTT clients",
