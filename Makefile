@@ -44,7 +44,11 @@ bench: .venv/.ready-test
 pictures: .venv/.ready-test
 	$(BIN)/python docs/draw_ppi.py
 	$(BIN)/python docs/draw_section_4_active.py
+	$(BIN)/python docs/draw_section_4.py
+	$(BIN)/plotfeed check feeds/scenes/section-4.toml --chart docs/section-4-check.png
+	$(BIN)/python docs/write_section_4.py
 	$(BIN)/python docs/write_scene_reference.py
+	$(BIN)/python docs/write_presets.py
 	$(BIN)/python docs/equation_figures.py
 
 constraints: .venv/.ready-test
@@ -54,4 +58,4 @@ constraints: .venv/.ready-test
 	mv constraints.new constraints.txt
 
 clean:
-	rm -rf .venv .venv-libasterix .typing
+	rm -rf .venv .venv-libasterix .venv-stonesoup .typing

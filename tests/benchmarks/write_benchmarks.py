@@ -17,6 +17,7 @@ HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "benchmarks.md"
 BENCHMARKS = {
     "bench_model.py": "The physics",
+    "bench_sensors.py": "The sensors, beside Stone Soup",
     "bench_asterix.py": "ASTERIX records",
     "bench_sapient.py": "SAPIENT messages",
     "bench_start.py": "Start",
