@@ -17,13 +17,16 @@ from plotfeed.models.state import Floats
 
 @dataclass(frozen=True, slots=True)
 class AlphaBeta:
-    """A critically damped filter: a plot that is n scans old weighs exp(-n / smoothing_scans)."""
+    """The critically damped filter: a straight line by least squares through all plots so far.
+
+    In it a plot that is n scans old weighs theta^n.
+    """
 
     smoothing_scans: float
 
     @property
     def memory(self) -> float:
-        """What is left of a weight after a scan, theta."""
+        """What a scan leaves of a plot's weight, theta = exp(-1 / smoothing_scans)."""
         return math.exp(-1.0 / self.smoothing_scans)
 
     @property

@@ -14,13 +14,12 @@ class TracksPart(Part):
     """How tracks begin and end, and how smooth they are: used by asterix-062 alone."""
 
     confirm_hits: Annotated[int, Field(ge=1, le=50)] = 3
-    """A track begins with so many detections of a drone,"""
+    """Detections of a drone with which a track begins, among its last `confirm_window` looks."""
     confirm_window: Annotated[int, Field(ge=1, le=50)] = 5
-    """among so many looks at it."""
     drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
-    """It ends after so many looks in a row without a detection."""
+    """Looks in a row without a detection after which it ends."""
     smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
-    """Within so many scans the weight of a plot in a track falls to 1/e."""
+    """Memory of the filter: a plot that is so many scans old weighs 1/e."""
 
     @model_validator(mode="after")
     def _can_begin(self) -> Self:
@@ -33,3 +32,4 @@ class TrackingSensorPart(SensorPart):
     """A sensor that may report tracks."""
 
     tracks: TracksPart = TracksPart()
+    """For asterix-062."""
