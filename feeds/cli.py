@@ -225,6 +225,13 @@ def check(scene: Path, **options: Any) -> int:
 @click.option("--count", type=click.IntRange(min=1), help="End after so many lines.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option(
+    "--edition",
+    "editions",
+    multiple=True,
+    type=click.Choice(["025-half-turn", "062-1.18"]),
+    help="Of ASTERIX, where senders differ.",
+)
 @access_options
 def show(source: str, **options: Any) -> int:
     """Print decoded messages, one a line.

@@ -112,6 +112,10 @@ def _introduce(scene: Scene, urls: dict[str, str]) -> None:
         click.echo(f"  truth       {prefix}/truth, not for the tracker")
     if scene.sapient.middleware is not None:
         click.echo(f"  SAPIENT     tcp://{scene.sapient.middleware}, a connection each")
+    for udp in scene.udp:
+        whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
+        how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
+        click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
     if urls:
         example = next(iter(urls.values()))
         click.echo(f"look at it: plotfeed show {example}; stop: Ctrl-C")

@@ -49,7 +49,9 @@ class Site(Part):
     """The point from which positions in the scene are counted."""
 
     latitude_deg: Latitude
+    """WGS-84, north."""
     longitude_deg: Longitude
+    """WGS-84, east."""
     height_m: Height
     """Above the WGS-84 ellipsoid."""
 
@@ -58,11 +60,15 @@ class Place(Part):
     """A place: from the site in metres, or by latitude and longitude."""
 
     east_m: Offset | None = None
+    """Of the site."""
     north_m: Offset | None = None
+    """Of the site."""
     above_site_m: Offset | None = None
     """Difference in height above the ellipsoid."""
     latitude_deg: Latitude | None = None
+    """WGS-84, north."""
     longitude_deg: Longitude | None = None
+    """WGS-84, east."""
     height_m: Height | None = None
     """Above the ellipsoid."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from google.protobuf import json_format
@@ -14,26 +14,46 @@ from plotfeed.feeds.sapient_extra import need_sapient
 from plotfeed.feeds.sapient_text import sapient_line
 from plotfeed.feeds.times import iso_utc
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.decode import Record, decode_lenient
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
+from plotfeed.proto.asterix.decode import CATEGORIES, Record, decode_lenient
+from plotfeed.proto.asterix.layout import Category
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 MAX_TEXT = 2000
 
 
-def asterix_lines(data: bytes, *, as_json: bool) -> tuple[list[str], list[DecodeError]]:
+Categories = Mapping[int, Category]
+EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
+"""Of categories that not all senders write alike."""
+
+
+def categories_of(editions: Iterable[str]) -> Categories:
+    """The layouts to read ASTERIX by, with those editions in place of the usual ones."""
+    return {**CATEGORIES, **{EDITIONS[name].number: EDITIONS[name] for name in editions}}
+
+
+def asterix_lines(
+    data: bytes, *, as_json: bool, categories: Categories = CATEGORIES
+) -> tuple[list[str], list[DecodeError]]:
     """A line for each record of raw ASTERIX, and what could not be read."""
-    records, errors = decode_lenient(data)
+    records, errors = decode_lenient(data, categories)
     return [_record_json(r) if as_json else _record_line(r) for r in records], errors
 
 
 def message_lines(
-    topic: str, payload: bytes, content_type: str | None, *, as_json: bool
+    topic: str,
+    payload: bytes,
+    content_type: str | None,
+    *,
+    as_json: bool,
+    categories: Categories = CATEGORIES,
 ) -> Iterator[str]:
     """The lines of one MQTT message. What cannot be decoded says so in its line."""
     kind = _kind(topic, content_type)
     try:
         if kind == "asterix":
-            yield from _asterix(topic, payload, as_json=as_json)
+            yield from _asterix(topic, payload, categories, as_json=as_json)
         elif kind == "sapient":
             yield from _sapient(topic, payload, as_json=as_json)
         elif isinstance(kind, str):
@@ -61,8 +81,8 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
     return kinds.get(levels[-1], "json")
 
 
-def _asterix(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
-    records, errors = decode_lenient(payload)
+def _asterix(topic: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[str]:
+    records, errors = decode_lenient(payload, categories)
     for record in records:
         if as_json:
             yield _object(topic, {"category": record.category, "items": _plain(record.items)})

@@ -117,6 +117,14 @@ class Mqtt(Part):
     """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
 
 
+class Asterix(Part):
+    """Where decoders of ASTERIX differ."""
+
+    longitude_025: Literal["full-turn", "half-turn"] = "full-turn"
+    """Of a sensor in category 025: the LSB is 360 or 180 degrees over 2^32. libasterix reads the
+    second, which reaches from -90 to 90 degrees; asterix-decoder and jASTERIX the first."""
+
+
 def _or_of_a_preset(schema: dict[str, Any]) -> None:
     """Let the JSON schema pass a sensor whose keys its preset gives."""
     of_a_preset = {
@@ -133,6 +141,7 @@ class Scene(Part):
     scene: General
     telemetry: Telemetry = Telemetry()
     mqtt: Mqtt = Mqtt()
+    asterix: Asterix = Asterix()
     udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
     sapient: Sapient = Sapient()
     sensor: Annotated[
@@ -178,6 +187,14 @@ class Scene(Part):
                     f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
                     f"at most {MAX_FALSE_ALARMS} are taken"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _udp_is_of_sensors(self) -> Self:
+        known = {COOPERATIVE, *(s.id for s in self.sensor)}
+        for name in (name for udp in self.udp for name in udp.sensors):
+            if name not in known:
+                raise ValueError(f"udp: sensors: no sensor has the id {name!r}")
         return self
 
     @property

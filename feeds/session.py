@@ -132,7 +132,7 @@ class Session:
         self._intake = Intake(scene, self._trajectories)
         launch(scene, self._trajectories, self._start_ns)
         self._links: list[Connection] = []
-        self._udp = [(settings, UdpLink(settings)) for settings in scene.udp]
+        self._udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
         office_links = self._office_links(addresses)
         self._office = Outbox(clock, office_links, tap)
         self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
@@ -142,6 +142,15 @@ class Session:
         self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
     ) -> None:
         """Connect, work until the end, say goodbye."""
+        with contextlib.ExitStack() as sockets:
+            for udp_link in self._udp:
+                sockets.callback(udp_link.close)
+                udp_link.open()
+            await self._run(duration_s, stop, on_ready)
+
+    async def _run(
+        self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
+    ) -> None:
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
             try:
@@ -154,8 +163,6 @@ class Session:
             finally:
                 for task in running:
                     task.cancel()
-                for _, udp_link in self._udp:
-                    udp_link.close()
 
     def _office_links(self, addresses: Sequence[BrokerAddress]) -> list[MqttLink]:
         links = [
@@ -183,7 +190,7 @@ class Session:
         ]
         links += sapient_extra.middleware_links(self._scene, herald, self._clock)
         self._links.extend(links)
-        udp_links = [link for settings, link in self._udp if settings.takes(sensor.id)]
+        udp_links = [link for link in self._udp if link.settings.takes(sensor.id)]
         return Desk(
             Station(self._scene, sensor, self._trajectories),
             Outbox(self._clock, [*links, *udp_links], tap),
@@ -202,7 +209,7 @@ class Session:
         settings = self._scene.cooperative
         if settings is None:
             return None
-        udp_links = [link for udp, link in self._udp if udp.takes(COOPERATIVE)]
+        udp_links = [link for link in self._udp if link.settings.takes(COOPERATIVE)]
         return CooperativeDesk(
             CooperativeDrones(self._scene, settings, self._trajectories),
             Outbox(self._clock, [*office_links, *udp_links], tap),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,9 @@ from plotfeed.feeds.broker_address import (
     without_secrets,
 )
 from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.readable import asterix_lines, message_lines
+from plotfeed.feeds.readable import asterix_lines, categories_of, message_lines
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
-from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 DEFAULT_FILTER = "plotfeed/#"
 CONNECT_S = 5.0
@@ -33,19 +35,35 @@ def show_source(
     count: int | None,
     duration: float | None,
     as_json: bool,
+    editions: Sequence[str] = (),
 ) -> int:
     """Print the messages of a broker or a file; the exit code. Raises `PlotfeedError`.
 
     `access` holds the keyword arguments of `BrokerAddress.parse`.
     """
+    categories = categories_of(editions)
     if "://" in source:
         place, topic_filter = _split(source)
         address = BrokerAddress.parse(place, **access)
-        return asyncio.run(_show_broker(address, topic_filter, count, duration, as_json=as_json))
-    return _show_file(Path(source), count, as_json=as_json)
+        return asyncio.run(
+            _show_broker(
+                address,
+                topic_filter,
+                count,
+                duration,
+                partial(message_lines, as_json=as_json, categories=categories),
+            )
+        )
+    return _show_file(
+        Path(source), count, partial(asterix_lines, as_json=as_json, categories=categories)
+    )
 
 
-def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
+def _show_file(
+    path: Path,
+    count: int | None,
+    lines_of: Callable[[bytes], tuple[list[str], list[DecodeError]]],
+) -> int:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_OCTETS + 1)
@@ -53,7 +71,7 @@ def _show_file(path: Path, count: int | None, *, as_json: bool) -> int:
         raise PlotfeedError(f"{path}: {error.strerror}") from None
     if len(data) > MAX_FILE_OCTETS:
         raise PlotfeedError(f"{path}: larger than {MAX_FILE_OCTETS} octets")
-    lines, errors = asterix_lines(data, as_json=as_json)
+    lines, errors = lines_of(data)
     for i, line in enumerate(lines):
         if count is not None and i >= count:
             return 0
@@ -68,15 +86,14 @@ async def _show_broker(
     topic_filter: str,
     count: int | None,
     duration_s: float | None,
-    *,
-    as_json: bool,
+    lines_of: Callable[[str, bytes, str | None], Iterator[str]],
 ) -> int:
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
     dropped = 0
 
     def heard(topic: str, payload: bytes, content_type: str | None) -> None:
         nonlocal dropped
-        for line in message_lines(topic, payload, content_type, as_json=as_json):
+        for line in lines_of(topic, payload, content_type):
             if lines.full():
                 dropped += 1
             else:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import struct
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.parts import Name, Part
@@ -32,19 +33,35 @@ class Endpoint:
     @classmethod
     def parse(cls, text: str) -> Endpoint:
         """From 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
-        host, colon, port = text.rpartition(":")
+        host, _, port = text.rpartition(":")
+        number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
+        bracketed = host.startswith("[") and host.endswith("]")
         try:
-            address = ipaddress.ip_address(host.removeprefix("[").removesuffix("]"))
-            number = int(port) if port.isascii() and port.isdigit() else 0
+            if bracketed:
+                return cls(ipaddress.IPv6Address(host[1:-1]), _port(number))
+            return cls(ipaddress.IPv4Address(host), _port(number))
         except ValueError:
-            number, colon = 0, ""
-        if not colon or not 0 < number < 65536:
-            raise ValueError(f"expected ADDRESS:PORT such as 239.255.0.1:8600, not {text!r}")
-        return cls(address, number)
+            raise ValueError(
+                f"expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not {text!r}"
+            ) from None
+
+
+def _port(number: int) -> int:
+    if not 0 < number < 65536:
+        raise ValueError(number)
+    return number
 
 
 def _endpoint(text: str) -> str:
-    Endpoint.parse(text)
+    address = Endpoint.parse(text).address
+    if address.is_unspecified:
+        raise ValueError(f"expected the address of one host or a multicast group, not {address}")
+    if (
+        isinstance(address, ipaddress.IPv6Address)
+        and address.is_link_local
+        and not address.scope_id
+    ):
+        raise ValueError(f"a link-local address needs its interface, such as {address}%eth0")
     return text
 
 
@@ -58,9 +75,24 @@ class UdpDestination(Part):
     ttl: Annotated[int, Field(ge=0, le=255)] = 1
     """Of multicast datagrams: 1 stays in the local network."""
     interface: str | None = None
-    """By which multicast leaves: its IPv4 address, or for IPv6 its name."""
+    """By which multicast leaves: its name or IPv4 address; without it, by the system's route."""
     max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
     """Of a datagram; data blocks are cut to fit."""
+
+    @model_validator(mode="after")
+    def _interface_is_for_multicast(self) -> Self:
+        if self.interface is None:
+            return self
+        if not self.is_multicast:
+            raise ValueError(f"interface: only for multicast, which {self.destination} is not")
+        if not self.interface or "\0" in self.interface:
+            raise ValueError("interface: expected the name of one, or its address")
+        return self
+
+    @property
+    def is_multicast(self) -> bool:
+        """Whether it goes to a group."""
+        return Endpoint.parse(self.destination).address.is_multicast
 
     def takes(self, sensor: str) -> bool:
         """Whether that sensor's messages go there."""
@@ -70,24 +102,40 @@ class UdpDestination(Part):
 class UdpLink:
     """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
 
-    def __init__(self, settings: UdpDestination) -> None:
-        endpoint = Endpoint.parse(settings.destination)
+    def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
+        """`key` is the destination's place in the scene."""
+        self.settings = settings
+        self._key = key
+        self._socket: socket.socket | None = None
+        self._target: tuple[object, ...] = ()
+
+    def open(self) -> None:
+        """Make the socket; raises `UdpError`."""
+        endpoint = Endpoint.parse(self.settings.destination)
         family = socket.AF_INET if endpoint.address.version == 4 else socket.AF_INET6
-        self._target = (str(endpoint.address), endpoint.port)
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
         try:
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+            # With the scope of a link-local address, which only the system can number.
+            found = socket.getaddrinfo(
+                str(endpoint.address), endpoint.port, family, socket.SOCK_DGRAM
+            )
+            self._target = found[0][4]
             if endpoint.address.is_multicast:
-                self._prepare_multicast(family, settings)
-        except (OSError, ValueError) as error:
-            self._socket.close()
-            why = f"interface {settings.interface!r}, ttl {settings.ttl}: {error}"
-            raise UdpError(f"udp {settings.destination}: {why}") from None
+                self._prepare_multicast(self._socket)
+            elif family == socket.AF_INET:
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        except OSError as error:
+            self.close()
+            what = f"{self._key}.destination: {self.settings.destination}"
+            raise UdpError(f"{what}: {_why(error)}") from None
 
     def publish(self, message: Message) -> bool:
         """Send what is ASTERIX; False if the system did not take it."""
         if not message.content_type.startswith("application/x-asterix"):
             return True
+        if self._socket is None:
+            return False
         try:
             self._socket.sendto(message.payload, self._target)
         except ConnectionRefusedError:  # nobody listened to an earlier one: that is their affair
@@ -101,16 +149,37 @@ class UdpLink:
 
     def close(self) -> None:
         """Close the socket."""
-        self._socket.close()
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
 
-    def _prepare_multicast(self, family: int, settings: UdpDestination) -> None:
-        if family == socket.AF_INET:
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, settings.ttl)
-            if settings.interface is not None:
-                packed = ipaddress.IPv4Address(settings.interface).packed
-                self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, packed)
+    def _prepare_multicast(self, opened: socket.socket) -> None:
+        is_4 = opened.family == socket.AF_INET
+        level = socket.IPPROTO_IP if is_4 else socket.IPPROTO_IPV6
+        hops = socket.IP_MULTICAST_TTL if is_4 else socket.IPV6_MULTICAST_HOPS
+        opened.setsockopt(level, hops, self.settings.ttl)
+        interface = self.settings.interface
+        if interface is None:
             return
-        self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, settings.ttl)
-        if settings.interface is not None:
-            index = socket.if_nametoindex(settings.interface)
-            self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_IF, index)
+        try:
+            if is_4:
+                opened.setsockopt(level, socket.IP_MULTICAST_IF, _interface_4(interface))
+            else:
+                index = socket.if_nametoindex(interface)
+                opened.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
+        except OSError as error:
+            self.close()
+            what = f"{self._key}.interface: {interface!a}"
+            raise UdpError(f"{what}: {_why(error)}") from None
+
+
+def _interface_4(interface: str) -> bytes:
+    """An address, or a name as its number in a struct ip_mreqn."""
+    try:
+        return ipaddress.IPv4Address(interface).packed
+    except ValueError:
+        return struct.pack("@4s4si", b"", b"", socket.if_nametoindex(interface))
+
+
+def _why(error: OSError) -> str:
+    return error.strerror or str(error)

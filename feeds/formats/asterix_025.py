@@ -7,7 +7,10 @@ from plotfeed.feeds.places import frame_at
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.models.scan import Sector
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
 from plotfeed.proto.asterix.status_025 import StatusEncoder025
+
+EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
 
 
 class Status025:
@@ -22,6 +25,7 @@ class Status025:
             longitude_deg=place.longitude_deg,
             height_m=place.height_m,
             geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+            category=EDITIONS[scene.asterix.longitude_025],
         )
 
     def blocks(self, sector: Sector) -> list[tuple[int, bytes]]:

@@ -88,7 +88,7 @@ class Topics:
             qos=self._qos,
             properties=(
                 ("specversion", "1.0"),
-                ("id", f"{sector.scan}-{sector.index}-{number}"),
+                ("id", f"{kind.replace('/', '-')}-{sector.scan}-{sector.index}-{number}"),
                 ("source", self._root),
                 ("type", f"plotfeed.{kind.replace('/', '.')}"),
                 ("time", iso_utc(sector.end_ns)),

@@ -64,7 +64,7 @@ class SapientReports:
             return []
         model = self._topics.message("sapient", CONTENT_TYPE, payloads[0], sector)
         alike = tuple(pair for pair in model.properties if pair[0] != "id")
-        place = f"{sector.scan}-{sector.index}"
+        place = f"sapient-{sector.scan}-{sector.index}"
         return [
             Message(
                 topic=model.topic,

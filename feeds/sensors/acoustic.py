@@ -29,11 +29,13 @@ class AcousticSensor(SensorPart):
     """A microphone array, which hears bearings. The defaults are the paper's typical values."""
 
     type: Literal["acoustic"]
+    """Which model."""
     report: Annotated[
         tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
     """Without it, the first two; asterix-015 brings 025 along."""
     scan: StaringScan
+    """How it scans."""
     noise_db: Decibels
     """Of the surroundings and the microphones, in the band; re 20 uPa."""
     sensitivity_db: Decibels
@@ -41,6 +43,7 @@ class AcousticSensor(SensorPart):
     slope_per_db: Annotated[float, Field(ge=0.01, le=100)] = 1.0
     """Of the logit of Pd."""
     microphones: Annotated[int, Field(ge=1, le=100_000)] = 1
+    """In the array."""
     array_gain_db: Decibels | None = None
     """Without it, 10 log10 of the number of microphones."""
     frequency_hz: Annotated[float, Field(ge=10, le=20_000)] = 1000.0
@@ -48,12 +51,15 @@ class AcousticSensor(SensorPart):
     temperature_c: Annotated[float, Field(ge=-60, le=60)] = 20.0
     """For the speed of sound too."""
     humidity_pct: Annotated[float, Field(ge=0, le=100)] = 70.0
+    """Relative."""
     pressure_kpa: Annotated[float, Field(ge=20, le=200)] = 101.325
+    """Of the air."""
     absorption_db_per_km: Loss | None = None
     """By the air; without it, by ISO 9613-1 from the four keys above."""
     directivity_db: Decibels = 3.0
     """What the drone radiates this way over its mean in all directions."""
     barrier_db: Loss = 3.0
+    """What stands in the way."""
     misc_db: Loss = 3.0
     """Foliage and houses."""
     height_above_ground_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
@@ -63,12 +69,15 @@ class AcousticSensor(SensorPart):
     range_max_m: Annotated[float, Field(gt=0, le=10_000)]
     """Further away nothing is heard, however loud."""
     azimuth_beamwidth_deg: Beamwidth
+    """Of the array, at 3 dB."""
     azimuth_min_deg: Azimuth = -180.0
+    """Where cover begins."""
     azimuth_max_deg: Azimuth = 180.0
     """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_beamwidth_deg: Beamwidth | None = None
     """Without it, the array measures no elevation."""
     azimuth_floor_deg: NotNegative = 1.0
+    """Error that remains however loud the drone; added in quadrature."""
     elevation_floor_deg: NotNegative = 1.0
     """Errors that remain however loud the drone: wind, and places of microphones."""
     kind: str = ""

@@ -16,7 +16,9 @@ class ActiveRadarSensor(PolarRadarSensor):
     """A quasi-monostatic active radar. The defaults are the paper's typical values."""
 
     type: Literal["active_radar"]
+    """Which model."""
     scan: Scan
+    """How it scans."""
     power_w: Positive
     """Average."""
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1

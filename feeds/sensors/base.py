@@ -14,7 +14,9 @@ class RotatingScan(Part):
     """A beam that turns clockwise, through true north at whole multiples of its period."""
 
     kind: Literal["rotating"]
+    """Which way of scanning."""
     period_s: Annotated[float, Field(ge=0.02, le=3600)]
+    """Of a scan."""
     sectors: Annotated[int, Field(ge=4, le=256)] = 32
     """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
 
@@ -23,7 +25,9 @@ class StaringScan(Part):
     """A sensor that looks everywhere at once, at whole multiples of its period."""
 
     kind: Literal["staring"]
+    """Which way of scanning."""
     period_s: Annotated[float, Field(ge=0.02, le=3600)]
+    """Of a scan."""
 
 
 Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
@@ -33,9 +37,11 @@ class SensorPart(Part):
     """A [[sensor]] of the scene."""
 
     id: Name
+    """A level of its topics, so without `/`, `+`, `#` or space."""
     preset: str | None = None
     """A commercial sensor whose keys stand where the scene gives none: `plotfeed sensors`."""
     sac: Annotated[int, Field(ge=0, le=255)] = 0
+    """System area code of its ASTERIX."""
     sic: Annotated[int, Field(ge=0, le=255)] = 1
     """The sensor's name in ASTERIX: system area and identification codes."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)

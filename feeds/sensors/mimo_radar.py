@@ -29,10 +29,13 @@ class MimoRadarSensor(PolarRadarSensor):
     """
 
     type: Literal["mimo_radar"]
+    """Which model."""
     scan: StaringScan
+    """How it scans."""
     transmitters: Annotated[
         tuple[MimoTransmitterPart, ...], Field(strict=False, min_length=1, max_length=32)
     ]
+    """The radar's own."""
     loss_db: Loss = 1.1
     """Of the system: the paper's 2 dB without the CFAR loss, which is in the detector already."""
     n_reference: Annotated[int, Field(ge=1, le=256)] = 16

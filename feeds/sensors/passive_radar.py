@@ -38,9 +38,11 @@ class TransmitterPart(Part):
     """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
 
     id: Name
+    """For people, and for warnings."""
     erp_w: Positive
     """Effective radiated power, over a half-wave dipole."""
     frequency_hz: Frequency
+    """Of the carrier."""
     bandwidth_hz: Positive
     """Of the signal that is correlated; the bistatic range is resolved to c over it."""
     place: Place
@@ -53,19 +55,24 @@ class PassiveRadarSensor(TrackingSensorPart):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
     type: Literal["passive_radar"]
+    """Which model."""
     report: Annotated[
         tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
         Field(strict=False, min_length=1),
     ] = ()
     """Without it, the first two; asterix-015 brings 025 along, and 016; asterix-062 brings 063."""
     scan: StaringScan
+    """How it scans."""
     transmitters: Annotated[
         tuple[TransmitterPart, ...], Field(strict=False, min_length=1, max_length=256)
     ]
+    """Those whose signals it uses."""
     gain_rx_dbi: float | None = None
     """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
     antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of the receiving antenna: its gain over that of a lossless one."""
     azimuth_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
     elevation_beamwidth_deg: Beamwidth | None = None
     """For the gain alone: elevation is not measured."""
     integration_s: Positive
@@ -77,8 +84,11 @@ class PassiveRadarSensor(TrackingSensorPart):
     cancellation_db: NotPositive = -60.0
     """What the canceller leaves of the direct signal; negative."""
     line_loss_db: NotNegative = 0.5
+    """From antenna to receiver."""
     antenna_loss_db: NotNegative = 0.5
+    """By the antenna's resistance."""
     receiver_noise_figure_db: NotNegative = 4.0
+    """Of the receiver alone."""
     external_noise_db: float | None = None
     """What the antenna collects, F_a over k T0 B: man-made, galactic and atmospheric noise."""
     noise_environment: Literal["city", "residential", "rural", "quiet-rural"] | None = None
@@ -88,15 +98,21 @@ class PassiveRadarSensor(TrackingSensorPart):
     n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
     """Reference cells of the CA-CFAR."""
     range_min_m: NotNegative = 0.0
+    """Nearer than this nothing is seen."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Instrumented: from the receiver to the target."""
     azimuth_min_deg: Azimuth = -180.0
+    """Where cover begins."""
     azimuth_max_deg: Azimuth = 180.0
     """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_min_deg: Elevation = -90.0
+    """Where cover begins, above the sensor's horizontal."""
     elevation_max_deg: Elevation = 90.0
+    """Where cover ends."""
     doppler_cells: Annotated[int, Field(ge=1)] = 1
+    """Cells of velocity for each of range: each can give a false alarm."""
     bistatic_range_floor_m: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
     azimuth_floor_deg: NotNegative = 0.0
     """Errors that remain however strong the echo; added in quadrature."""
 

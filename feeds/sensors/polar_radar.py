@@ -38,34 +38,47 @@ class PolarRadarSensor(TrackingSensorPart):
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
     else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
     frequency_hz: Frequency
+    """Of the carrier."""
     gain_tx_dbi: Decibels
+    """Of the transmitting antenna."""
     gain_rx_dbi: Decibels | None = None
     """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
     antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of the receiving antenna: its gain over that of a lossless one."""
     integration_s: Positive
     """Coherent."""
     loss_db: Loss = 4.0
     """Of the system; the CFAR loss is in the detector already."""
     noise_figure_db: Loss = 5.0
+    """Of the receiver."""
     pfa: Probability = 1e-6
     """Probability of a false alarm in one resolution cell."""
     n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
     """Reference cells of the CA-CFAR."""
     range_resolution_m: Resolution
+    """Width of a range cell."""
     range_min_m: NotNegative = 0.0
     """The blind range."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Instrumented."""
     azimuth_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
     elevation_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
     azimuth_min_deg: Azimuth = -180.0
+    """Where cover begins."""
     azimuth_max_deg: Azimuth = 180.0
     """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_min_deg: Elevation
+    """Where cover begins, above the sensor's horizontal."""
     elevation_max_deg: Elevation
+    """Where cover ends."""
     doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Cells of velocity for each of range: each can give a false alarm."""
     range_floor_m: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
     azimuth_floor_deg: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
     elevation_floor_deg: NotNegative = 0.0
     """Errors that remain however strong the echo; added in quadrature."""
     measures_elevation: bool = True

@@ -16,13 +16,16 @@ class RangeGateSensor(TrackingSensorPart):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
 
     type: Literal["range_gate"]
+    """Which model."""
     report: Annotated[
         tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
         Field(strict=False, min_length=1),
     ] = ()
     """Without it, plots."""
     scan: StaringScan
+    """How it scans."""
     range_max_m: Positive
+    """Of the gate: beyond it nothing is reported."""
     sigma_m: NotNegative
     """Of the noise on each of east, north and up."""
 

@@ -30,27 +30,33 @@ class Friis(Part):
     """Free space."""
 
     kind: Literal["friis"] = "friis"
+    """Which law."""
 
 
 class LogDistance(Part):
     """Free space up to a distance, and from there on a power of distance of one's own."""
 
     kind: Literal["log-distance"]
+    """Which law."""
     exponent: Annotated[float, Field(ge=1, le=10)]
     """2 is free space; 2.7 to 3.5 is usual over a town."""
     reference_m: Annotated[float, Field(ge=0.01, le=1e4)] = 1.0
+    """Up to here the loss is that of free space."""
 
 
 class RfSensor(SensorPart):
     """A receiver of what drones emit: control, video, remote identification."""
 
     type: Literal["rf"]
+    """Which model."""
     report: Annotated[
         tuple[Literal["asterix-205", "plots", "sapient"], ...], Field(strict=False, min_length=1)
     ] = ()
     """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
     scan: StaringScan
+    """How it scans."""
     frequency_min_hz: Frequency
+    """Where the band begins."""
     frequency_max_hz: Frequency
     """The band; of an emission at its edge only the share inside is received."""
     channel_bandwidth_hz: Frequency
@@ -64,15 +70,19 @@ class RfSensor(SensorPart):
     bursts_per_dwell: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Chances in a scan, each of that probability: one that is taken is enough."""
     gain_rx_dbi: Decibels = 0.0
+    """Of the receiving antenna."""
     loss_db: Loss = 0.0
     """Of cables and filters."""
     noise_figure_db: Loss = 6.0
+    """Of the receiver."""
     path_loss: Annotated[Friis | LogDistance, Field(discriminator="kind")] = Friis()
+    """How a signal weakens with distance."""
     pfa: Probability = 1e-6
     """Probability of a false alarm in one channel and beam, in one scan."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Further away nothing is received, however strong."""
     azimuth_min_deg: Azimuth = -180.0
+    """Where cover begins."""
     azimuth_max_deg: Azimuth = 180.0
     """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     azimuth_beamwidth_deg: Beamwidth | None = None

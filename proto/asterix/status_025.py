@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 
 from plotfeed.proto.asterix.cat025 import CAT025
+from plotfeed.proto.asterix.layout import Category
 from plotfeed.proto.asterix.reports import TIME_LSB_NS, Reports, checked_position
 
 SERVICE_AND_SYSTEM_STATUS = 1  # I025/000/RTYP
@@ -32,7 +33,7 @@ class StatusEncoder025:
     """Status reports, as I025/010, 000, 070, 100, 600 and 610, and of errors 105.
 
     The height of the system's reference point is above the WGS-84 ellipsoid, of which mean sea
-    level is `geoid_undulation_m` high.
+    level is `geoid_undulation_m` high. `category` is CAT025 or CAT025_HALF_TURN.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class StatusEncoder025:
         longitude_deg: float,
         height_m: float,
         geoid_undulation_m: float = 0.0,
+        category: Category = CAT025,
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I025/600")
         self._constants: dict[str, float | str] = {
@@ -54,6 +56,7 @@ class StatusEncoder025:
             "I025/600/LON": longitude_deg,
             "I025/610": height_m - geoid_undulation_m,
         }
+        self._category = category
         self._by_errors: dict[int, Reports] = {}
         self._reports(0)
 
@@ -89,7 +92,7 @@ class StatusEncoder025:
         if errors not in self._by_errors:
             items = ("I025/010", "I025/000", "I025/070", "I025/100/SYSTAT", "I025/600", "I025/610")
             self._by_errors[errors] = Reports(
-                CAT025,
+                self._category,
                 (*items, f"I025/105*{errors}") if errors else items,
                 constants=self._constants,
                 lsb={"I025/070": TIME_LSB_NS},

@@ -10,10 +10,12 @@ from scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.clock import InstantClock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.readable import asterix_lines, message_lines
+from plotfeed.feeds.readable import asterix_lines, categories_of, message_lines
 from plotfeed.feeds.scene import load
 from plotfeed.feeds.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.status_025 import StatusEncoder025
 
 TOPICS = [
     "plotfeed/radar/asterix/048",
@@ -110,3 +112,14 @@ def test_the_ledger_says_whose_each_plot_is(messages: list[Message]) -> None:
     assert any(line.endswith("of visitor") for line in text)
     assert any(line.endswith("of false alarm") for line in text)
     assert any("  look " in line for line in text)
+
+
+def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
+    encoder = StatusEncoder025(
+        1, 2, latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0, category=CAT025_HALF_TURN
+    )
+    block = encoder.block(0)
+    usual, _ = asterix_lines(block, as_json=True)
+    theirs, _ = asterix_lines(block, as_json=True, categories=categories_of(["025-half-turn"]))
+    assert json.loads(theirs[0])["items"]["I025/600"]["LON"] == pytest.approx(-3.73, abs=1e-7)
+    assert json.loads(usual[0])["items"]["I025/600"]["LON"] == pytest.approx(-7.46, abs=1e-6)
