@@ -174,4 +174,5 @@ class Desk:
         status.lateness_p50_us, status.lateness_p99_us = lateness_us(
             self.outbox.lateness_ns, 50, 99
         )
+        self.outbox.lateness_ns.clear()
         self.outbox.send(status_message(self._prefix, status, self._clock.now_ns()))
