@@ -76,10 +76,7 @@ def _altitude_m(uas: UasReport) -> float:
 
 
 def nearest_utc_ns(t_of_day_s: float, now_utc_ns: int) -> int:
-    """The time nearest to now that has this time of day; raises `Refused` if no day has it."""
+    """The time nearest to now that has this time of day."""
     of_day_ns = round(t_of_day_s * NS)
-    if not 0 <= of_day_ns < DAY_NS:
-        detail = f"time of day is {t_of_day_s:g} s; expected less than 86400"
-        raise Refused(Reason.OUT_OF_RANGE, detail)
     days = (now_utc_ns - of_day_ns + DAY_NS // 2) // DAY_NS
     return of_day_ns + days * DAY_NS
