@@ -80,6 +80,9 @@ NOT_DESCRIBED = {
     "microphones": "In the array.",
     "transmitters": "Those whose signals it uses.",
     "path_loss": "How a signal weakens with distance.",
+    "bandwidth_hz": "Of the emission; 0 is a carrier.",
+    "eirp_dbm": "What it radiates, over an isotropic antenna.",
+    "confirm_window": "The looks among which those detections are counted.",
     "report": "The formats that it reports in.",
     "east_m": "Of the site.",
     "north_m": "Of the site.",
@@ -95,6 +98,8 @@ class Reference:
     def __init__(self, schema: Schema) -> None:
         self._definitions: dict[str, Schema] = schema.get("$defs", {})
         self._done: set[str] = set()
+        self.silent: list[str] = []
+        """Keys of which nobody says what they are."""
         self.parts: list[str] = []
         for key, value in schema["properties"].items():
             self._table(key, value)
@@ -122,6 +127,8 @@ class Reference:
         for key, value in table["properties"].items():
             default = "**needed**" if key in needed else _default(value)
             what = value.get("description") or NOT_DESCRIBED.get(key, "")
+            if not what:
+                self.silent.append(f"{place}.{key}")
             cells = (f"`{key}`", _line(what), _unit(key),
                      self._values(value), default)  # fmt: skip
             lines.append("| " + " | ".join(cells) + " |")
@@ -198,8 +205,10 @@ def _line(text: str) -> str:
 
 def main() -> None:
     """Write the page."""
-    sections = Reference(json.loads(text_of("scene"))).parts
-    PAGE.write_text("\n".join([INTRODUCTION, *sections]))
+    reference = Reference(json.loads(text_of("scene")))
+    if reference.silent:
+        raise SystemExit(f"keys without a description: {', '.join(reference.silent)}")
+    PAGE.write_text("\n".join([INTRODUCTION, *reference.parts]))
 
 
 if __name__ == "__main__":

@@ -30,6 +30,10 @@ THEIRS = {
     "elevation-bearing-range": "Stone Soup RadarElevationBearingRange",
     "aesa": "Stone Soup AESARadar, with its probability",
 }
+NOT_THE_SAME = """
+The two do not do the same. Stone Soup's first radar adds Gaussian noise to every target; its second
+draws a detection by North's approximation first. Both give objects, each tied to its truth, which a
+tracker of Stone Soup takes as they are; plotfeed gives columns, with looks beside them."""
 AIM = 500
 """Times as fast per detection, at 1,000 targets."""
 REPEATS = 9
@@ -222,11 +226,7 @@ def main() -> None:
     print()
     print(*(_verdict(name, theirs[name], shares["active"], times) for name in THEIRS), sep="\n")
     print(_losses(times))
-    print(
-        "\nThe two do not do the same. Stone Soup's first radar adds Gaussian noise to every target, "
-        "its second draws a detection by North's approximation. Both give objects, each tied to its "
-        "truth, which a tracker of Stone Soup takes as they are; plotfeed gives columns."
-    )
+    print(NOT_THE_SAME)
 
 
 def _row(title: str, share: float, name: str, times: dict[tuple[str, int], list[float]]) -> str:
