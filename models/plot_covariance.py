@@ -10,14 +10,17 @@ from plotfeed.models.state import Floats, Plots
 def stated_covariance_m2(plots: Plots) -> Floats:
     """East, north and up of the sensor; (n, 3, 3). Nothing of a height that is not measured.
 
-    Of a level covariance where the sensor states one, else of range, azimuth and elevation.
+    Of a level covariance where the sensor states one, else of range, azimuth and elevation. NaN
+    for an error without bounds.
     """
     level_m2 = np.zeros((len(plots), 3, 3))
     level_m2[:, 0, 0] = plots.covariance_east_m2
     level_m2[:, 1, 1] = plots.covariance_north_m2
     level_m2[:, 0, 1] = level_m2[:, 1, 0] = plots.covariance_east_north_m2
     is_polar = np.isnan(plots.covariance_east_m2)[:, None, None]
-    return np.where(is_polar, _polar_covariance_m2(plots), level_m2)
+    covariance_m2 = np.where(is_polar, _polar_covariance_m2(plots), level_m2)
+    covariance_m2[~np.isfinite(covariance_m2).all(axis=(1, 2))] = np.nan
+    return covariance_m2
 
 
 def _polar_covariance_m2(plots: Plots) -> Floats:

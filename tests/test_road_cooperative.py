@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import socket
+from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from significance import assert_standard_normal, assert_uncorrelated
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.scene import Scene, SceneError
-from plotfeed.feeds.udp import UdpDestination
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
@@ -178,9 +178,19 @@ def test_what_cannot_be_said_is_refused_before_anything_starts(
         scene(sensors, flying, seed=1, **given)
 
 
-def test_udp_takes_them_by_name(tmp_path: Path) -> None:
-    everything = UdpDestination(destination="127.0.0.1:8600")
-    named = UdpDestination(destination="127.0.0.1:8600", sensors=("cooperative",))
-    other = UdpDestination(destination="127.0.0.1:8600", sensors=("radar",))
-    taken = [udp.takes("cooperative") for udp in (everything, named, other)]
-    assert taken == [True, True, False]
+@pytest.mark.parametrize(
+    ("sensors", "taken"), [([], True), (["cooperative"], True), (["radar"], False)]
+)
+def test_udp_takes_them_by_name(sensors: list[str], taken: bool) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.setblocking(False)
+        destination = f"127.0.0.1:{listener.getsockname()[1]}"
+        udp = [{"destination": destination, "sensors": sensors}]
+        road = fly(flight({"drones": ["a", "b", "c"], "period_s": 1.0}, udp=udp), 5.0)
+        got = []
+        with suppress(BlockingIOError):
+            while True:
+                got.append(listener.recv(65_535))
+    expected = road.payloads("cooperative/asterix/129")
+    assert [p for p in got if p[0] == 129] == (expected if taken else [])

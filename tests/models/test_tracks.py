@@ -217,3 +217,16 @@ def test_a_level_covariance_is_taken_as_it_is() -> None:
     )
     expected = [[9.0, -2.0, 0.0], [-2.0, 4.0, 0.0], [0.0, 0.0, 0.0]]
     np.testing.assert_array_equal(stated_covariance_m2(plots)[0], expected)
+
+
+def test_an_error_without_bounds_is_none() -> None:
+    plots = Plots.of(
+        t_utc_ns=np.zeros(2, np.int64),
+        range_m=np.full(2, 1000.0),
+        azimuth_deg=np.full(2, 10.0),
+        sigma_range_m=np.array([1.0, np.inf]),
+        sigma_azimuth_deg=np.ones(2),
+    )
+    covariance_m2 = stated_covariance_m2(plots)
+    assert np.isfinite(covariance_m2[0]).all()
+    assert np.isnan(covariance_m2[1]).all()
