@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
@@ -20,6 +18,7 @@ from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Posi
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
 from plotfeed.feeds.sapient_settings import Sapient
+from plotfeed.feeds.scene_problems import problems_of
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.udp import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
@@ -29,7 +28,6 @@ MAX_FALSE_ALARMS = 100_000
 """In a scan, on average: each of them is drawn, encoded and sent."""
 MAX_PROBLEMS = 20
 """Told of a scene that has many."""
-MAX_SHOWN = 80
 
 
 class SceneError(PlotfeedError):
@@ -237,7 +235,7 @@ def from_tree(tree: dict[str, Any], path: Path) -> Scene:
         scene = Scene.model_validate(tree)
     except ValidationError as error:
         # A sensor without its preset lacks keys that nobody wanted to write.
-        others = (p for p in _problems(error, tree) if p[0].partition(".")[0] not in misused)
+        others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
         problems += islice(others, MAX_PROBLEMS)
     if problems:
         raise SceneError(path, problems)
@@ -245,81 +243,5 @@ def from_tree(tree: dict[str, Any], path: Path) -> Scene:
     return scene
 
 
-def _problems(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    located = error.errors()
-    within = {found["loc"][:n] for found in located for n in range(len(found["loc"]))}
-    for found in located:
-        key, text = _key(found["loc"], tree), found["msg"]
-        kind, context = found["type"], found.get("ctx", {})
-        if kind == "extra_forbidden":
-            yield key, f"no such key{_suggestion(found['loc'])}"
-        elif kind == "missing":
-            yield key, "missing"
-        elif kind == "union_tag_not_found":
-            yield f"{key}.{context['discriminator'].strip(_QUOTE)}", "missing"
-        elif kind == "union_tag_invalid":
-            here = f"{key}.{context['discriminator'].strip(_QUOTE)}"
-            yield here, f"expected one of {context['expected_tags']}, not {_shown(context['tag'])}"
-        elif kind == "value_error":
-            inner, _, rest = text.removeprefix("Value error, ").partition(": ")
-            named = rest and inner.isidentifier()
-            yield (f"{key}.{inner}" if key else inner) if named else key, rest if named else inner
-        elif kind == "too_short":
-            if found["loc"] not in within:  # else it only lacks what was refused itself
-                yield key, "at least one is needed"
-        else:
-            expected = _EXPECTED.get(kind, f"{text[0].lower()}{text[1:]}")
-            yield key, f"{expected}, not {_shown(found['input'])}"
-
-
-_QUOTE = "'"
-_EXPECTED = {
-    "tuple_type": "expected a list",
-    "model_type": "expected a table",
-    "model_attributes_type": "expected a table",
-}
-"""Where pydantic speaks of Python."""
-
-
-def _shown(value: object) -> str:
-    """What stands in the scene, as far as it tells something in a line."""
-    if isinstance(value, int) and abs(value) >= 1 << 64:
-        return "so large a number"
-    if isinstance(value, dict | list):
-        return "a table" if isinstance(value, dict) else "a list"
-    text = repr(value) if isinstance(value, str | int | float) else str(value)
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
-
-
 def _printable(line: str) -> str:
     return "".join(c if c.isprintable() else " " for c in line)
-
-
-def _key(location: tuple[int | str, ...], tree: dict[str, Any]) -> str:
-    """sensor[0].scan.period_s; the names of variants that pydantic puts in between are left out."""
-    key, here = "", tree
-    for i, step in enumerate(location):
-        if isinstance(step, int):
-            key += f"[{step}]"
-            here = here[step] if isinstance(here, list) and step < len(here) else {}
-            continue
-        is_variant = i and isinstance(here, dict) and step in (here.get("type"), here.get("kind"))
-        if is_variant and step not in here:
-            continue
-        key += f".{step}" if key else str(step)
-        here = here.get(step, {}) if isinstance(here, dict) else {}
-    return key
-
-
-def _suggestion(location: tuple[int | str, ...]) -> str:
-    known = {name for model in _models() for name in model.model_fields}
-    close = difflib.get_close_matches(str(location[-1]), known, 1)
-    return f"; did you mean {close[0]}?" if close else ""
-
-
-def _models() -> Iterator[type[BaseModel]]:
-    waiting = list(Part.__subclasses__())
-    while waiting:
-        model = waiting.pop()
-        yield model
-        waiting.extend(model.__subclasses__())
