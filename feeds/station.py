@@ -1,6 +1,6 @@
 """One sensor of a scene at its place: a sector of time in, its looks, plots and messages out.
 
-Nothing here waits or sends: a station can be asked for any sector, in any order.
+Nothing here waits or sends. A station can be asked for any sector, in any order, unless it tracks.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from asterix_oracle import items_of, read_blocks, values_of
 from road import NS, SITE, START_NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.scene import SceneError
 from plotfeed.models.alpha_beta import AlphaBeta
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.proto.asterix.decode import Record
@@ -253,3 +254,17 @@ def test_every_sensor_that_may_track_reports_tracks() -> None:
         records = seen.records(sensor, 62)
         assert len(records) > 20
         assert (set(records[0].items) >= WITH_HEIGHT) == (sensor == "mimo")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tracks": {"confirm_hits": 4, "confirm_window": 3}}, "must not exceed confirm_window"),
+        ({"tracks": {"drop_misses": 0}}, "drop_misses"),
+        ({"tracks": {"smoothing_scans": 0.0}}, "smoothing_scans"),
+        ({"tracks": {"hits": 3}}, "no such key"),
+    ],
+)
+def test_rules_that_make_no_tracks_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        scene([radar(report=["asterix-062"], **changes)], seed=1)
