@@ -8,12 +8,13 @@ import numpy as np
 
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.desk import AHEAD_NS, Totals
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.outbox import Outbox
 from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.times import NS, iso_utc
+from plotfeed.feeds.times import NS
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.state import Floats
@@ -90,13 +91,8 @@ class CooperativeDrones:
             content_type="application/x-asterix; cat=129",
             due_utc_ns=t_utc_ns,
             qos=self._qos,
-            properties=(
-                ("specversion", "1.0"),
-                ("id", f"{number}-{drone}"),
-                ("source", self._root),
-                ("type", "plotfeed.asterix.129"),
-                ("time", iso_utc(t_utc_ns)),
-                ("drone", drone),
+            properties=attributes(
+                self._root, "asterix/129", f"{number}-{drone}", t_utc_ns, drone=drone
             ),
         )
 

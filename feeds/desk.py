@@ -10,6 +10,7 @@ from typing import Protocol
 
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.intake import to_json
 from plotfeed.feeds.message import JSON, Message
 from plotfeed.feeds.outbox import LATENESS_KEPT, Outbox, lateness_us
@@ -55,11 +56,13 @@ class Totals:
 def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:
     """A sensor's status, retained for whoever comes later."""
     status.time_utc.FromNanoseconds(now_utc_ns)
+    source = f"{prefix}/{status.sensor}"
     return Message(
-        topic=f"{prefix}/{status.sensor}/status",
+        topic=f"{source}/status",
         payload=to_json(status),
         content_type=JSON,
         due_utc_ns=now_utc_ns,
+        properties=attributes(source, "status", str(now_utc_ns), now_utc_ns, sensor=status.sensor),
         retain=True,
         qos=1,
     )

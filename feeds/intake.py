@@ -10,6 +10,7 @@ from collections.abc import Container
 from google.protobuf import json_format
 
 from plotfeed.feeds.altitude import AltitudeDatum
+from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.gate import Gate
 from plotfeed.feeds.message import JSON, Message
 from plotfeed.feeds.report import Reason, Refused, Report
@@ -92,6 +93,7 @@ class Intake:
             payload=to_json(refusal),
             content_type=JSON,
             due_utc_ns=now_utc_ns,
+            properties=attributes(self._prefix, "errors", str(self.refused), now_utc_ns),
         )
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
-from pathlib import Path
 
 from plotfeed.feeds import sapient_extra
 from plotfeed.feeds.agenda import Agenda
-from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
-from plotfeed.feeds.broker_address import VERSIONS, BrokerAddress
+from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
 from plotfeed.feeds.desk import Desk, Herald, Totals, status_message
@@ -20,10 +19,10 @@ from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.mqtt_access import Access
 from plotfeed.feeds.outbox import Connection, Link, Outbox, Tap
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.session_brokers import brokers_of
 from plotfeed.feeds.station import SectorReport, Station
 from plotfeed.feeds.udp import UdpLink
 from plotfeed.models.truth import NS, Trajectories
@@ -34,7 +33,6 @@ FIRST_CONNECTION_S = 5.0
 FAREWELL_S = 1.0
 DRAIN_EVERY_NS = 20 * NS
 """A simulated clock lets the sockets catch up this often."""
-NO_BROKER = "none"
 
 
 async def run(
@@ -56,7 +54,7 @@ async def run(
     clock = clock or WallClock(scene.scene.start_utc_ns)
     totals = Totals()
     try:
-        async with _brokers(scene, broker) as (addresses, urls):
+        async with brokers_of(scene, broker) as (addresses, urls):
             session = Session(scene, clock, addresses, totals, tap)
             await session.run(
                 scene.scene.duration_s if duration_s is None else duration_s,
@@ -73,43 +71,6 @@ async def run(
 def _cause(group: ExceptionGroup[Exception]) -> Exception:
     first = group.exceptions[0]
     return _cause(first) if isinstance(first, ExceptionGroup) else first
-
-
-@contextlib.asynccontextmanager
-async def _brokers(
-    scene: Scene, broker: str | None
-) -> AsyncIterator[tuple[list[BrokerAddress], dict[str, str]]]:
-    """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
-    url = broker or scene.mqtt.broker
-    if url == NO_BROKER:
-        yield [], {}
-        return
-    if url is not None:
-        address = broker_address(scene, url)
-        yield [address], {"MQTT": str(address)}
-        return
-    embedded = await EmbeddedBroker.start(scene.mqtt.port)
-    try:
-        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,))
-        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,))
-        yield [mqtt5, mqtt3], embedded.ports.urls()
-    finally:
-        embedded.stop()
-
-
-def broker_address(scene: Scene, url: str) -> BrokerAddress:
-    """A broker of the user's own, with the keys to it that the scene names."""
-    mqtt, folder = scene.mqtt, scene.folder
-
-    def beside_scene(name: str | None) -> Path | None:
-        return None if name is None else folder / name
-
-    access = Access(
-        ca_file=beside_scene(mqtt.ca_file),
-        certificate_file=beside_scene(mqtt.client_certificate_file),
-        key_file=beside_scene(mqtt.client_key_file),
-    ).with_credentials(beside_scene(mqtt.credentials_file))
-    return BrokerAddress.parse(url, versions=VERSIONS[mqtt.version], access=access)
 
 
 class Session:
@@ -237,10 +198,11 @@ class Session:
         """Put what is true on the truth topic, unless the scene keeps it back."""
         if not self._scene.mqtt.truth:
             return
+        sector, prefix = report.sector, self._scene.mqtt.prefix
         entry = ledger(
             report.sensor,
-            report.sector.scan,
-            report.sector.index,
+            sector.scan,
+            sector.index,
             looks=report.looks,
             plots=report.plots,
             drones=self._trajectories.names,
@@ -248,10 +210,19 @@ class Session:
         )
         self._office.send(
             Message(
-                topic=f"{self._scene.mqtt.prefix}/truth",
+                topic=f"{prefix}/truth",
                 payload=entry,
                 content_type=f"{PROTOBUF}; messageType=plotfeed.v1.Ledger",
-                due_utc_ns=report.sector.end_ns,
+                due_utc_ns=sector.end_ns,
+                properties=attributes(
+                    f"{prefix}/{report.sensor}",
+                    "truth",
+                    f"{sector.scan}-{sector.index}",
+                    sector.end_ns,
+                    sensor=report.sensor,
+                    scan=sector.scan,
+                    sector=sector.index,
+                ),
             )
         )
 

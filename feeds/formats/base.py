@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.times import NS, iso_utc
+from plotfeed.feeds.times import NS
 from plotfeed.models.scan import Sector
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 
@@ -86,15 +87,14 @@ class Topics:
             content_type=content_type,
             due_utc_ns=sector.end_ns,
             qos=self._qos,
-            properties=(
-                ("specversion", "1.0"),
-                ("id", f"{kind.replace('/', '-')}-{sector.scan}-{sector.index}-{number}"),
-                ("source", self._root),
-                ("type", f"plotfeed.{kind.replace('/', '.')}"),
-                ("time", iso_utc(sector.end_ns)),
-                ("sensor", self._sensor),
-                ("scan", str(sector.scan)),
-                ("sector", str(sector.index)),
+            properties=attributes(
+                self._root,
+                kind,
+                f"{sector.scan}-{sector.index}-{number}",
+                sector.end_ns,
+                sensor=self._sensor,
+                scan=sector.scan,
+                sector=sector.index,
             ),
         )
 

@@ -1,0 +1,51 @@
+"""The brokers of a session: one of the user's own, the embedded one, or none."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from plotfeed.feeds.broker import LOOPBACK, EmbeddedBroker
+from plotfeed.feeds.broker_address import VERSIONS, BrokerAddress
+from plotfeed.feeds.mqtt_access import Access
+from plotfeed.feeds.scene import Scene
+
+NO_BROKER = "none"
+
+
+@contextlib.asynccontextmanager
+async def brokers_of(
+    scene: Scene, broker: str | None
+) -> AsyncIterator[tuple[list[BrokerAddress], dict[str, str]]]:
+    """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
+    url = broker or scene.mqtt.broker
+    if url == NO_BROKER:
+        yield [], {}
+        return
+    if url is not None:
+        address = broker_address(scene, url)
+        yield [address], {"MQTT": str(address)}
+        return
+    embedded = await EmbeddedBroker.start(scene.mqtt.port)
+    try:
+        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,))
+        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,))
+        yield [mqtt5, mqtt3], embedded.ports.urls()
+    finally:
+        embedded.stop()
+
+
+def broker_address(scene: Scene, url: str) -> BrokerAddress:
+    """A broker of the user's own, with the keys to it that the scene names."""
+    mqtt, folder = scene.mqtt, scene.folder
+
+    def beside_scene(name: str | None) -> Path | None:
+        return None if name is None else folder / name
+
+    access = Access(
+        ca_file=beside_scene(mqtt.ca_file),
+        certificate_file=beside_scene(mqtt.client_certificate_file),
+        key_file=beside_scene(mqtt.client_key_file),
+    ).with_credentials(beside_scene(mqtt.credentials_file))
+    return BrokerAddress.parse(url, versions=VERSIONS[mqtt.version], access=access)
