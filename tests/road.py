@@ -44,6 +44,7 @@ def radar(**changes: Any) -> dict[str, Any]:
     paper = {
         "id": "radar",
         "type": "active_radar",
+        "report": ["asterix-048", "plots"],
         "scan": staring(),
         "power_w": 500.0,
         "frequency_hz": 10e9,
