@@ -146,7 +146,7 @@ def draw_drone(sensors: dict[str, Measured]) -> None:
         missed_m = m.look_range_m[m.look_detected == 0]
         axes.vlines(missed_m / 1000, -half_m, -0.92 * half_m, color=MISSED, lw=0.9)
         axes.set_ylim(-half_m, half_m)
-        axes.set_xlim(7.2, 0)
+        axes.set_xlim(1.03 if name == "microphone" else 7.2, 0)
         axes.set_xlabel("distance of the drone, km")
         axes.set_ylabel("across the line of sight, m")
         axes.set_title(
@@ -155,8 +155,8 @@ def draw_drone(sensors: dict[str, Measured]) -> None:
         )
     figure.suptitle(
         "Figures 5 (left) and 6 (right): plots of the drone; ticks at the bottom are looks that "
-        "missed it\nEach scale across is its own; the microphones' bearings are drawn at the true "
-        "distance"
+        "missed it\nEach panel has scales of its own; the microphones' bearings are drawn at the "
+        "true distance"
     )
     _save(figure, "section-4-drone.png")
 
