@@ -21,6 +21,8 @@ from plotfeed.proto.asterix.layout import Category
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 MAX_TEXT = 2000
+UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
+"""What a message may be."""
 
 
 Categories = Mapping[int, Category]
@@ -61,7 +63,7 @@ def message_lines(
         else:
             message = kind.FromString(payload)
             yield from _protobuf(topic, message, as_json=as_json)
-    except (ValueError, RecursionError, ProtobufDecodeError, DecodeError) as error:
+    except UNREADABLE as error:
         text = f"{len(payload)} octets that are not what the topic says: {error}"
         yield _object(topic, {"error": text}) if as_json else f"{topic}  {text}"
 

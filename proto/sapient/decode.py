@@ -28,7 +28,8 @@ def decode(data: bytes) -> dict[str, Any]:
         mapping: dict[str, Any] = json_format.MessageToDict(
             message, preserving_proto_field_name=True
         )
-    except (ValueError, RecursionError, OverflowError) as error:  # a timestamp of the year 10,000
+    except (json_format.Error, ValueError, RecursionError, OverflowError) as error:
+        # Such as a timestamp of the year 10,000.
         raise DecodeError(f"not a SAPIENT message: {error}") from None
     return mapping
 

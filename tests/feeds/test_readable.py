@@ -123,3 +123,12 @@ def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
     theirs, _ = asterix_lines(block, as_json=True, categories=categories_of(["025-half-turn"]))
     assert json.loads(theirs[0])["items"]["I025/600"]["LON"] == pytest.approx(-3.73, abs=1e-7)
     assert json.loads(usual[0])["items"]["I025/600"]["LON"] == pytest.approx(-7.46, abs=1e-6)
+
+
+def test_a_time_beyond_the_year_9999_is_one_line() -> None:
+    late = pb.Telemetry()
+    late.time_utc.seconds = 1 << 62
+    (line,) = message_lines(
+        "plotfeed/telemetry/d", late.SerializeToString(), "application/x-protobuf", as_json=False
+    )
+    assert "not what the topic says" in line
