@@ -10,8 +10,8 @@ from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
-from plotfeed.feeds.sapient_extra import need_sapient
-from plotfeed.feeds.sapient_text import sapient_line
+from plotfeed.feeds.sapient.extra import need_sapient
+from plotfeed.feeds.sapient.text import sapient_line
 from plotfeed.feeds.times import iso_utc
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN

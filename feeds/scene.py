@@ -17,7 +17,7 @@ from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
-from plotfeed.feeds.sapient_settings import Sapient
+from plotfeed.feeds.sapient.settings import Sapient
 from plotfeed.feeds.scene_problems import problems_of
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.udp import UdpDestination

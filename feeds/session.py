@@ -7,7 +7,6 @@ import contextlib
 from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 
-from plotfeed.feeds import sapient_extra
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
@@ -20,6 +19,7 @@ from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.message import PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.outbox import Connection, Link, Outbox, Tap
+from plotfeed.feeds.sapient import extra as sapient_extra
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.session_brokers import brokers_of

@@ -8,7 +8,7 @@ from plotfeed.feeds.formats.asterix_062 import Asterix062
 from plotfeed.feeds.formats.asterix_205 import Asterix205
 from plotfeed.feeds.formats.base import FormatMaker, Reporter, TrackFormatMaker
 from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.sapient_extra import reports as sapient_reports
+from plotfeed.feeds.sapient.extra import reports as sapient_reports
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 

@@ -9,9 +9,9 @@ import numpy as np
 from plotfeed.feeds.formats.base import Topics
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.places import frame_at
-from plotfeed.feeds.sapient_herald import CONTENT_TYPE
-from plotfeed.feeds.sapient_node import groups_of, manner_of, measures_of, node_of, tells_location
-from plotfeed.feeds.sapient_places import positions_of, somewhere_near
+from plotfeed.feeds.sapient.herald import CONTENT_TYPE
+from plotfeed.feeds.sapient.node import groups_of, manner_of, measures_of, node_of, tells_location
+from plotfeed.feeds.sapient.places import positions_of, somewhere_near
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.models.scan import Sector

@@ -21,7 +21,7 @@ from ulid import ULID
 
 from plotfeed.feeds.clock import InstantClock
 from plotfeed.feeds.formats.sapient import SapientReports
-from plotfeed.feeds.sapient_node import manner_of, node_of
+from plotfeed.feeds.sapient.node import manner_of, node_of
 from plotfeed.feeds.scene import example
 from plotfeed.models.scan import nth_sector
 from plotfeed.models.state import Plots

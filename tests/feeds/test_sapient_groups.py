@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.sapient_groups import MIN_GAP_NS, Groups
+from plotfeed.feeds.sapient.groups import MIN_GAP_NS, Groups
 from plotfeed.models.scan import Sector, next_sector, sector_at
 from plotfeed.proto.sapient.envelope import stamp_ns
 

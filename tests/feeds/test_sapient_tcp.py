@@ -18,13 +18,13 @@ from road import held, radar, rotating, scene, staring
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 
-from plotfeed.feeds import sapient_tcp
 from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.sapient_frames import MAX_MESSAGE_OCTETS, Deframer, framed
-from plotfeed.feeds.sapient_herald import CONTENT_TYPE, SapientHerald
-from plotfeed.feeds.sapient_settings import split_address
-from plotfeed.feeds.sapient_tcp import SapientError, SapientTcpLink
+from plotfeed.feeds.sapient import tcp as sapient_tcp
+from plotfeed.feeds.sapient.frames import MAX_MESSAGE_OCTETS, Deframer, framed
+from plotfeed.feeds.sapient.herald import CONTENT_TYPE, SapientHerald
+from plotfeed.feeds.sapient.settings import split_address
+from plotfeed.feeds.sapient.tcp import SapientError, SapientTcpLink
 from plotfeed.feeds.session import run
 from plotfeed.proto.errors import DecodeError
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from plotfeed.feeds.message import PROTOBUF, Message
-from plotfeed.feeds.sapient_node import node_of
+from plotfeed.feeds.sapient.node import node_of
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.times import NS, iso_utc

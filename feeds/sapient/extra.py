@@ -9,8 +9,8 @@ from plotfeed.proto.errors import PlotfeedError
 if TYPE_CHECKING:
     from plotfeed.feeds.clock import Clock
     from plotfeed.feeds.formats.sapient import SapientReports
-    from plotfeed.feeds.sapient_herald import SapientHerald
-    from plotfeed.feeds.sapient_tcp import SapientTcpLink
+    from plotfeed.feeds.sapient.herald import SapientHerald
+    from plotfeed.feeds.sapient.tcp import SapientTcpLink
     from plotfeed.feeds.scene import Scene
     from plotfeed.feeds.sensors import Sensor
 
@@ -40,7 +40,7 @@ def herald(scene: Scene, sensor: Sensor) -> SapientHerald | None:
     if "sapient" not in sensor.report:
         return None
     need_sapient()
-    from plotfeed.feeds.sapient_herald import SapientHerald
+    from plotfeed.feeds.sapient.herald import SapientHerald
 
     return SapientHerald(scene, sensor)
 
@@ -51,6 +51,6 @@ def middleware_links(
     """A sensor's own connection to the scene's middleware, if there is one."""
     if herald is None or scene.sapient.middleware is None:
         return []
-    from plotfeed.feeds.sapient_tcp import SapientTcpLink
+    from plotfeed.feeds.sapient.tcp import SapientTcpLink
 
     return [SapientTcpLink(scene.sapient.middleware, herald, clock)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from plotfeed.feeds.parts import Site
 from plotfeed.feeds.places import frame_at
-from plotfeed.feeds.sapient_groups import Groups
+from plotfeed.feeds.sapient.groups import Groups
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import PassiveRadarSensor, Sensor
 from plotfeed.feeds.sensors.base import RotatingScan

@@ -12,9 +12,9 @@ from typing import Any, cast
 
 from plotfeed.feeds.clock import Clock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.sapient_frames import Deframer, framed
-from plotfeed.feeds.sapient_herald import CONTENT_TYPE, SapientHerald, is_registration
-from plotfeed.feeds.sapient_settings import split_address
+from plotfeed.feeds.sapient.frames import Deframer, framed
+from plotfeed.feeds.sapient.herald import CONTENT_TYPE, SapientHerald, is_registration
+from plotfeed.feeds.sapient.settings import split_address
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.sapient.decode import Answer, decode_answer
 
