@@ -35,7 +35,7 @@ def multiplier(pfa: float, n: float) -> float:
 def snr_for(pd: float, pfa: float, n: int) -> float:
     """The ratio at which eq 7 gives that Pd."""
     root = pd ** (1 / n)
-    return multiplier(pfa, n) * root / (1 - root) - 1
+    return float(multiplier(pfa, n) * root / (1 - root) - 1)
 
 
 def rms_over_printed(snr: float) -> float:

@@ -123,7 +123,7 @@ def tables() -> str:
         [
             f"Counted: {DRONES} drones that hover at that slant range on the line of approach, "
             f"{SCANS} scans, {looks:,} looks a row, with 95 % intervals. First plots: {FLIGHTS} "
-            "approaches from 7 km.",
+            "approaches, begun 7.00 to 7.02 km away.",
             "",
             *_table(outcomes),
             "",
