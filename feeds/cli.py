@@ -78,7 +78,7 @@ def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @cli.command()
 @session_options
 def demo(**options: Any) -> int:
-    """Run the paper's section 4: a drone comes straight at a radar."""
+    """Run the paper's section 4: a drone comes straight at four sensors."""
     from plotfeed.feeds.live import run_in_terminal
     from plotfeed.feeds.scene import example
 
@@ -257,9 +257,9 @@ def sensors(name: str | None, *, as_json: bool) -> int:
 
 
 @cli.command()
-@click.argument("what", type=click.Choice(["scene", "messages"]), default="scene")
+@click.argument("what", type=click.Choice(["scene", "messages", "asyncapi"]), default="scene")
 def schema(what: str) -> int:
-    """Print the JSON schema of the scene file, or the protobuf schema of our messages."""
+    """Print the JSON schema of the scene file, the protobuf schema of our messages, or AsyncAPI."""
     from plotfeed.feeds.schema import text_of
 
     click.echo(text_of(what))

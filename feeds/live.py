@@ -8,15 +8,18 @@ import json
 import logging
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
+from plotfeed.feeds.channels import ASTERIX
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.desk import Totals
 from plotfeed.feeds.outbox import lateness_us
 from plotfeed.feeds.rawfile import RawFile
 from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.session import run
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
 
@@ -101,12 +104,8 @@ def _introduce(scene: Scene, urls: dict[str, str]) -> None:
     for protocol, url in urls.items():
         click.echo(f"  {protocol:<12}{url}")
     for sensor in scene.sensor:
-        if "asterix-048" in sensor.report:
-            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/asterix/048 and /034")
-        if "plots" in sensor.report:
-            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/plots (protobuf)")
-        if "sapient" in sensor.report:
-            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/sapient")
+        for topics in _topics(sensor):
+            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
     click.echo(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
     if scene.mqtt.truth:
         click.echo(f"  truth       {prefix}/truth, not for the tracker")
@@ -120,6 +119,22 @@ def _introduce(scene: Scene, urls: dict[str, str]) -> None:
         example = next(iter(urls.values()))
         click.echo(f"look at it: plotfeed show {example}; stop: Ctrl-C")
     sys.stdout.flush()
+
+
+def _topics(sensor: Sensor) -> Iterator[str]:
+    """Where a sensor's messages are, a line for each format."""
+    for name in dict.fromkeys(sensor.report):
+        if name not in ASTERIX:
+            yield "plots (protobuf)" if name == "plots" else name
+            continue
+        sent = (c for c in ASTERIX[name] if _sends(sensor, c))
+        yield "asterix/" + ", /".join(f"{category:03d}" for category in sent)
+
+
+def _sends(sensor: Sensor, category: int) -> bool:
+    """Whether a sensor has a use for what goes with its own category."""
+    needs = {16: sensor.type == "passive_radar", 34: sensor.scan.kind == "rotating"}
+    return needs.get(category, True)
 
 
 async def _tell(totals: Totals) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -12,6 +13,8 @@ from plotfeed.feeds.mqtt_access import Access
 from plotfeed.feeds.scene import Scene
 
 NO_BROKER = "none"
+LINGER_S = 0.3
+"""The embedded broker stays on for so long, to pass on the last messages."""
 
 
 @contextlib.asynccontextmanager
@@ -32,6 +35,7 @@ async def brokers_of(
         mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,))
         mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,))
         yield [mqtt5, mqtt3], embedded.ports.urls()
+        await asyncio.sleep(LINGER_S)
     finally:
         embedded.stop()
 
