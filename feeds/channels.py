@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
 from plotfeed.feeds.message import JSON, PROTOBUF
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.telemetry import REQUIRED
 
 OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 OF_SENSOR = ("sensor",)
@@ -26,6 +25,8 @@ ASTERIX = {
     "asterix-205": {205: "bearings", 25: "that the sensor works, and where it stands"},
 }
 """What each format brings: its own category and those that go with it."""
+REQUIRED = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference")
+"""Without which telemetry is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +158,7 @@ def _of_session() -> Iterator[Flow]:
         name="truth",
         address="{prefix}/truth",
         content_type=f"{PROTOBUF}; messageType={OURS}.Ledger",
-        summary="The ledger of a sector: whose plot is whose, and what was missed. Not for trackers.",
+        summary="The ledger of a sector: whose plot is whose, what was missed. Not for trackers.",
         message=f"{OURS}.Ledger",
         attributes=OF_SECTOR,
         kind="plotfeed.truth",
@@ -201,6 +202,4 @@ def _telemetry() -> Iterator[Flow]:
 
 
 def _with_sensors(flow: Flow, sensors: set[str]) -> Flow:
-    from dataclasses import replace  # noqa: PLC0415
-
     return replace(flow, sensors=tuple(sorted(sensors)))

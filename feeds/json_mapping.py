@@ -1,4 +1,4 @@
-"""JSON schemas of protobuf messages as protobuf's JSON mapping writes them, with their own names."""
+"""JSON schemas of protobuf messages, as protobuf's JSON mapping writes them with own names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NUMBERS: dict[int, dict[str, Any]] = {
 
 
 def json_schema(message: Descriptor, required: Sequence[str] | None = None) -> dict[str, Any]:
-    """Of a message; without `required`, fields without presence are, for they are always written."""
+    """Of a message; without `required`, that is what is always written: fields without presence."""
     if required is None:
         required = [f.name for f in message.fields if f.is_repeated or not f.has_presence]
     return {
@@ -39,9 +39,9 @@ def _field(field: FieldDescriptor) -> dict[str, Any]:
 
 
 def _one(field: FieldDescriptor) -> dict[str, Any]:
-    if field.type == FieldDescriptor.TYPE_ENUM:
+    if field.enum_type is not None:
         return {"type": "string", "enum": [value.name for value in field.enum_type.values]}
-    if field.type != FieldDescriptor.TYPE_MESSAGE:
+    if field.message_type is None:
         return dict(_NUMBERS[field.type])
     if field.message_type.full_name == TIMESTAMP:
         return {"type": "string", "format": "date-time"}

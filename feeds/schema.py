@@ -1,4 +1,4 @@
-"""The published schemas: of the scene file, and of our messages."""
+"""The published schemas: of the scene file, of our messages, and of what flows over MQTT."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from importlib.resources import files
 
 
 def text_of(what: str) -> str:
-    """The JSON schema of the "scene", or the protobuf schema of the "messages"."""
+    """The JSON schema of the "scene", the protobuf schema of the "messages", or "asyncapi"."""
     if what == "messages":
         return files("plotfeed.proto").joinpath("plotfeed.proto").read_text().rstrip()
+    if what == "asyncapi":
+        from plotfeed.feeds.asyncapi import document  # noqa: PLC0415 - the same
+
+        return json.dumps(document(), indent=2, ensure_ascii=False)
     from plotfeed.feeds.scene import Scene  # noqa: PLC0415 - pydantic is slow to import
 
     schema = Scene.model_json_schema()
