@@ -42,7 +42,8 @@ def test_both_versions_of_mqtt_carry_bare_messages(tmp_path: Path) -> None:
     port = free_port()
     sapient = "[sapient]\nstatus_interval_s = 0.5\n"
     with running(scene_file(tmp_path, scene_text(port=port, sensors=sapient + SENSOR))) as session:
-        wait_until_listening(port + 1)
+        for each in (port, port + 1):
+            wait_until_listening(each)
         with listening(port, 4, TOPIC) as old, listening(port + 1, 5, TOPIC) as new:
             for client in (old, new):
                 client.wait_for(lambda m: content(m) == "detection_report")
