@@ -50,6 +50,7 @@ pictures: .venv/.ready-test
 	$(BIN)/python docs/write_scene_reference.py
 	$(BIN)/python docs/write_presets.py
 	$(BIN)/python docs/write_messages.py
+	$(BIN)/python docs/write_asyncapi.py
 	$(BIN)/python docs/equation_figures.py
 
 constraints: .venv/.ready-test
