@@ -21,6 +21,7 @@ from plotfeed.feeds.message import JSON, PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.report import AltitudeReference, Report
 from plotfeed.feeds.telemetry import encode_json, encode_protobuf
+from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
@@ -65,6 +66,9 @@ def _some(lines: tuple[str, ...], at_most: int = 5) -> tuple[str, ...]:
 async def _publish(flight: Flight, feed: FlightFeed) -> int:
     """Connect, send each report when it is due, and pass on what is said of them."""
     drone = feed.drone or flight.name.replace(" ", "-")
+    topic = f"{feed.prefix}/telemetry/{drone}"
+    if not topic.isprintable() or "+" in topic or "#" in topic:
+        raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
     refusals: list[str] = []
 
     def heard(_topic: str, payload: bytes, _content_type: str | None) -> None:

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
@@ -91,10 +91,20 @@ class Telemetry(Part):
     """Sound power level, re 1 pW, of a drone that states none."""
 
 
+def _prefix(value: str) -> str:
+    if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
+        raise ValueError("expected printable characters, of which the first is not $")
+    return value
+
+
 class Mqtt(Part):
     """Where messages go."""
 
-    prefix: Annotated[str, Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200)] = "plotfeed"
+    prefix: Annotated[
+        str,
+        Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200),
+        AfterValidator(_prefix),
+    ] = "plotfeed"
     """First level or levels of every topic."""
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""

@@ -26,7 +26,9 @@ def free_port() -> int:
 
 
 @contextmanager
-def mosquitto(folder: Path, port: int, settings: str | None = None) -> Iterator[None]:
+def mosquitto(
+    folder: Path, port: int, settings: str | None = None, *, per_listener: bool = True
+) -> Iterator[None]:
     """Mosquitto on that port, for MQTT 3.1.1 and 5; skips the test where it is not installed.
 
     `settings` stand instead of a listener on loopback for everybody.
@@ -39,7 +41,8 @@ def mosquitto(folder: Path, port: int, settings: str | None = None) -> Iterator[
         pytest.skip("mosquitto is not installed")
     config = folder / f"mosquitto-{port}.conf"
     user = "user root\n" if os.geteuid() == 0 else ""  # else it may not read what we wrote
-    config.write_text(f"{user}per_listener_settings true\nset_tcp_nodelay true\n{settings}")
+    each = "per_listener_settings true\nset_tcp_nodelay true\n" if per_listener else ""
+    config.write_text(f"{user}{each}{settings}")
     broker = subprocess.Popen(
         [program, "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
