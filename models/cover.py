@@ -1,4 +1,4 @@
-"""Where a sensor looks in azimuth."""
+"""Where a sensor looks."""
 
 from __future__ import annotations
 
@@ -36,3 +36,25 @@ class AzimuthCover:
             if low_deg < high_deg:
                 pieces.append((low_deg / self.span_deg, high_deg / self.span_deg))
         return pieces
+
+
+@dataclass(frozen=True, kw_only=True)
+class Volume:
+    """What a radar covers: from the blind range to the instrumented one, azimuths, elevations."""
+
+    range_min_m: float
+    range_max_m: float
+    azimuth_cover: AzimuthCover
+    elevation_min_deg: float
+    elevation_max_deg: float
+
+    def in_cover(self, range_m: Floats, azimuth_deg: Floats, elevation_deg: Floats) -> Bools:
+        """Whether places lie within; one with an undefined angle does not."""
+        return (
+            (range_m >= self.range_min_m)
+            & (range_m > 0)
+            & (range_m <= self.range_max_m)
+            & self.azimuth_cover.holds(azimuth_deg)
+            & (elevation_deg >= self.elevation_min_deg)
+            & (elevation_deg <= self.elevation_max_deg)
+        )

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.cover import Volume
 from plotfeed.models.flat_solution import flat_solution
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
-from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Targets
+from plotfeed.models.state import Floats, Ints, Looks, Plots, Targets
 
 _AZIMUTHS = 3600
 """Over which the share of false alarms that have a place is averaged."""
@@ -42,7 +42,7 @@ class Transmitter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PassiveRadar:
+class PassiveRadar(Volume):
     """What the equations need. Side-lobe and cancellation levels are negative, losses positive."""
 
     transmitters: tuple[Transmitter, ...]
@@ -57,11 +57,6 @@ class PassiveRadar:
     receiver_noise_figure_db: float
     pfa: float
     n_reference: int
-    range_min_m: float
-    range_max_m: float
-    azimuth_cover: AzimuthCover
-    elevation_min_deg: float
-    elevation_max_deg: float
     doppler_cells: int
     bistatic_range_floor_m: float
     azimuth_floor_deg: float
@@ -159,17 +154,6 @@ class PassiveRadar:
             accuracy.with_floor(
                 accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
             ),
-        )
-
-    def in_cover(self, range_m: Floats, azimuth_deg: Floats, elevation_deg: Floats) -> Bools:
-        """By the distance from the receiver; a target with an undefined angle is not."""
-        return (
-            (range_m >= self.range_min_m)
-            & (range_m > 0)
-            & (range_m <= self.range_max_m)
-            & self.azimuth_cover.holds(azimuth_deg)
-            & (elevation_deg >= self.elevation_min_deg)
-            & (elevation_deg <= self.elevation_max_deg)
         )
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:

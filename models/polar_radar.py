@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.cover import Volume
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
-from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
+from plotfeed.models.state import Floats, Looks, Plots, Targets
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolarRadar(ABC):
+class PolarRadar(Volume, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
 
     A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
@@ -38,13 +38,8 @@ class PolarRadar(ABC):
     pfa: float
     n_reference: int
     range_resolution_m: float
-    range_min_m: float
-    range_max_m: float
     azimuth_beamwidth_deg: float
     elevation_beamwidth_deg: float
-    azimuth_cover: AzimuthCover
-    elevation_min_deg: float
-    elevation_max_deg: float
     doppler_cells: int
     range_floor_m: float
     azimuth_floor_deg: float
@@ -116,17 +111,6 @@ class PolarRadar(ABC):
                 accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg),
                 self.elevation_floor_deg,
             ),
-        )
-
-    def in_cover(self, range_m: Floats, azimuth_deg: Floats, elevation_deg: Floats) -> Bools:
-        """Beyond the blind range and within cover; a target with an undefined angle is not."""
-        return (
-            (range_m >= self.range_min_m)
-            & (range_m > 0)
-            & (range_m <= self.range_max_m)
-            & self.azimuth_cover.holds(azimuth_deg)
-            & (elevation_deg >= self.elevation_min_deg)
-            & (elevation_deg <= self.elevation_max_deg)
         )
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:

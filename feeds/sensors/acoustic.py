@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.parts import (
-    Azimuth,
     Beamwidth,
     Decibels,
     Loss,
@@ -16,16 +15,15 @@ from plotfeed.feeds.parts import (
     Probability,
     Site,
 )
-from plotfeed.feeds.sensors.base import SensorPart, StaringScan
+from plotfeed.feeds.sensors.base import AzimuthCoverPart, StaringScan
 from plotfeed.models.acoustic import MicrophoneArray
-from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 
 SHORTEST_LISTENING_S = 0.1
 """A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
 
 
-class AcousticSensor(SensorPart):
+class AcousticSensor(AzimuthCoverPart):
     """A microphone array, which hears bearings. The defaults are the paper's typical values."""
 
     type: Literal["acoustic"]
@@ -70,10 +68,6 @@ class AcousticSensor(SensorPart):
     """Further away nothing is heard, however loud."""
     azimuth_beamwidth_deg: Beamwidth
     """Of the array, at 3 dB."""
-    azimuth_min_deg: Azimuth = -180.0
-    """Where cover begins."""
-    azimuth_max_deg: Azimuth = 180.0
-    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_beamwidth_deg: Beamwidth | None = None
     """Without it, the array measures no elevation."""
     azimuth_floor_deg: NotNegative = 1.0
@@ -87,12 +81,6 @@ class AcousticSensor(SensorPart):
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
         """The category made for such sensors, and all that was measured."""
         return ("asterix-015", "plots")
-
-    @model_validator(mode="after")
-    def _covers_something(self) -> Self:
-        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
-            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
-        return self
 
     def model(self, _site: Site, /) -> MicrophoneArray:
         """The model; gain and absorption that are not given follow from the other keys."""
@@ -112,7 +100,7 @@ class AcousticSensor(SensorPart):
             range_max_m=self.range_max_m,
             height_above_ground_m=self.height_above_ground_m,
             sound_speed_m_s=float(speed_of_sound_m_s(self.temperature_c)),
-            azimuth_cover=AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            azimuth_cover=self.azimuth_cover,
             azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
             elevation_beamwidth_deg=self.elevation_beamwidth_deg,
             azimuth_floor_deg=self.azimuth_floor_deg,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.parts import Enu, Name, Part, Site
+from plotfeed.feeds.parts import Azimuth, Elevation, Enu, Name, NotNegative, Part, Site
+from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.sensor import SensorModel
 
 
@@ -67,3 +68,44 @@ class SensorPart(Part):
     def warnings(self, _site: Site, /) -> list[str]:
         """What is legal and still looks wrong; for `check`."""
         return []
+
+
+class AzimuthCoverPart(SensorPart):
+    """A sensor that looks or listens in some directions, clockwise from one to another."""
+
+    azimuth_min_deg: Azimuth = -180.0
+    """Where cover begins, from true north."""
+    azimuth_max_deg: Azimuth = 180.0
+    """Where it ends, clockwise of azimuth_min_deg."""
+
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> Self:
+        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
+            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
+        return self
+
+    @property
+    def azimuth_cover(self) -> AzimuthCover:
+        """The same for the model."""
+        return AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg)
+
+
+class VolumePart(AzimuthCoverPart):
+    """A radar's cover in range, azimuth and elevation."""
+
+    range_min_m: NotNegative = 0.0
+    """The blind range: nothing nearer is reported."""
+    range_max_m: Annotated[float, Field(gt=0, le=470_000)]
+    """Instrumented: nothing further is reported."""
+    elevation_min_deg: Elevation
+    """Lowest elevation of cover."""
+    elevation_max_deg: Elevation
+    """Highest elevation of cover."""
+
+    @model_validator(mode="after")
+    def _covers_something(self) -> Self:
+        if not self.range_min_m < self.range_max_m:
+            raise ValueError("range_min_m: must be less than range_max_m")
+        if not self.elevation_min_deg < self.elevation_max_deg:
+            raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
+        return self

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.parts import (
-    Azimuth,
     Beamwidth,
     Elevation,
     Frequency,
@@ -21,9 +20,8 @@ from plotfeed.feeds.parts import (
     Site,
 )
 from plotfeed.feeds.places import enu_from, frame_at
-from plotfeed.feeds.sensors.base import StaringScan
+from plotfeed.feeds.sensors.base import StaringScan, VolumePart
 from plotfeed.feeds.sensors.tracks import TrackingSensorPart
-from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.passive_radar import PassiveRadar, Transmitter
 from plotfeed.models.propagation import beam_gain_dbi
@@ -51,7 +49,7 @@ class TransmitterPart(Part):
     """In this channel, in place of the sensor's."""
 
 
-class PassiveRadarSensor(TrackingSensorPart):
+class PassiveRadarSensor(TrackingSensorPart, VolumePart):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
     type: Literal["passive_radar"]
@@ -97,14 +95,6 @@ class PassiveRadarSensor(TrackingSensorPart):
     """Probability of a false alarm in one resolution cell."""
     n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
     """Reference cells of the CA-CFAR."""
-    range_min_m: NotNegative = 0.0
-    """Nearer than this nothing is seen."""
-    range_max_m: Annotated[float, Field(gt=0, le=470_000)]
-    """Instrumented: from the receiver to the target."""
-    azimuth_min_deg: Azimuth = -180.0
-    """Where cover begins."""
-    azimuth_max_deg: Azimuth = 180.0
-    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     elevation_min_deg: Elevation = -90.0
     """Where cover begins, above the sensor's horizontal."""
     elevation_max_deg: Elevation = 90.0
@@ -120,16 +110,6 @@ class PassiveRadarSensor(TrackingSensorPart):
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
         """The category made for such sensors, and all that was measured."""
         return ("asterix-015", "plots")
-
-    @model_validator(mode="after")
-    def _covers_something(self) -> Self:
-        if not self.range_min_m < self.range_max_m:
-            raise ValueError("range_min_m: must be less than range_max_m")
-        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
-            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
-        if not self.elevation_min_deg < self.elevation_max_deg:
-            raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
-        return self
 
     @model_validator(mode="after")
     def _hears(self) -> Self:
@@ -182,7 +162,7 @@ class PassiveRadarSensor(TrackingSensorPart):
             n_reference=self.n_reference,
             range_min_m=self.range_min_m,
             range_max_m=self.range_max_m,
-            azimuth_cover=AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            azimuth_cover=self.azimuth_cover,
             elevation_min_deg=self.elevation_min_deg,
             elevation_max_deg=self.elevation_max_deg,
             doppler_cells=self.doppler_cells,

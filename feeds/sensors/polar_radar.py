@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.parts import (
-    Azimuth,
     Beamwidth,
     Decibels,
-    Elevation,
     Frequency,
     Loss,
     NotNegative,
@@ -21,14 +19,14 @@ from plotfeed.feeds.parts import (
     Resolution,
     Site,
 )
+from plotfeed.feeds.sensors.base import VolumePart
 from plotfeed.feeds.sensors.tracks import TrackingSensorPart
-from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.proto.asterix.plots import RHO_LSB_M
 
 
-class PolarRadarSensor(TrackingSensorPart):
+class PolarRadarSensor(TrackingSensorPart, VolumePart):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
     report: Annotated[
@@ -57,22 +55,10 @@ class PolarRadarSensor(TrackingSensorPart):
     """Reference cells of the CA-CFAR."""
     range_resolution_m: Resolution
     """Width of a range cell."""
-    range_min_m: NotNegative = 0.0
-    """The blind range."""
-    range_max_m: Annotated[float, Field(gt=0, le=470_000)]
-    """Instrumented."""
     azimuth_beamwidth_deg: Beamwidth
     """Of the receive beam, at 3 dB."""
     elevation_beamwidth_deg: Beamwidth
     """Of the receive beam, at 3 dB."""
-    azimuth_min_deg: Azimuth = -180.0
-    """Where cover begins."""
-    azimuth_max_deg: Azimuth = 180.0
-    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
-    elevation_min_deg: Elevation
-    """Where cover begins, above the sensor's horizontal."""
-    elevation_max_deg: Elevation
-    """Where cover ends."""
     doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Cells of velocity for each of range: each can give a false alarm."""
     range_floor_m: NotNegative = 0.0
@@ -90,16 +76,6 @@ class PolarRadarSensor(TrackingSensorPart):
         scan = keys.get("scan")
         rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
         return ("asterix-048" if rotates else "asterix-015", "plots")
-
-    @model_validator(mode="after")
-    def _covers_something(self) -> Self:
-        if not self.range_min_m < self.range_max_m:
-            raise ValueError("range_min_m: must be less than range_max_m")
-        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
-            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
-        if not self.elevation_min_deg < self.elevation_max_deg:
-            raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
-        return self
 
     def model(self, site: Site, /) -> PolarRadar:
         """The model that these keys make, at that site."""
@@ -121,7 +97,7 @@ class PolarRadarSensor(TrackingSensorPart):
         """What the model calls by the same names, its cover and its receive gain."""
         names = {f.name for f in fields(PolarRadar)} & type(self).model_fields.keys()
         return {name: getattr(self, name) for name in names} | {
-            "azimuth_cover": AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            "azimuth_cover": self.azimuth_cover,
             "gain_rx_dbi": self._gain_rx_dbi(),
         }
 

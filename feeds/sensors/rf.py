@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.parts import (
-    Azimuth,
     Beamwidth,
     Decibels,
     Frequency,
@@ -18,8 +17,7 @@ from plotfeed.feeds.parts import (
     Probability,
     Site,
 )
-from plotfeed.feeds.sensors.base import SensorPart, StaringScan
-from plotfeed.models.cover import AzimuthCover
+from plotfeed.feeds.sensors.base import AzimuthCoverPart, StaringScan
 from plotfeed.models.rf import RfSensor as RfModel
 
 MAX_SAMPLES = 1e8
@@ -44,7 +42,7 @@ class LogDistance(Part):
     """Up to here the loss is that of free space."""
 
 
-class RfSensor(SensorPart):
+class RfSensor(AzimuthCoverPart):
     """A receiver of what drones emit: control, video, remote identification."""
 
     type: Literal["rf"]
@@ -81,10 +79,6 @@ class RfSensor(SensorPart):
     """Probability of a false alarm in one channel and beam, in one scan."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Further away nothing is received, however strong."""
-    azimuth_min_deg: Azimuth = -180.0
-    """Where cover begins."""
-    azimuth_max_deg: Azimuth = 180.0
-    """Cover is clockwise from azimuth_min_deg to azimuth_max_deg, from true north."""
     azimuth_beamwidth_deg: Beamwidth | None = None
     """Of beams side by side, each of which can alarm; without it, one antenna hears all."""
     measures_azimuth: bool = True
@@ -120,9 +114,7 @@ class RfSensor(SensorPart):
         return self
 
     @model_validator(mode="after")
-    def _looks_somewhere(self) -> Self:
-        if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
-            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
+    def _reports_what_it_finds(self) -> Self:
         if self.measures_azimuth and self.baseline_m is None:
             raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
         if "asterix-205" in self.report and not self.measures_azimuth:
@@ -139,7 +131,7 @@ class RfSensor(SensorPart):
         path_loss = self.path_loss
         if isinstance(path_loss, Friis):
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
-        cover = AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg)
+        cover = self.azimuth_cover
         beams = round(cover.span_deg / (self.azimuth_beamwidth_deg or cover.span_deg))
         return RfModel(
             frequency_min_hz=self.frequency_min_hz,

@@ -16,6 +16,7 @@ class TracksPart(Part):
     confirm_hits: Annotated[int, Field(ge=1, le=50)] = 3
     """Detections of a drone with which a track begins, among its last `confirm_window` looks."""
     confirm_window: Annotated[int, Field(ge=1, le=50)] = 5
+    """Looks among which they are counted."""
     drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
     """Looks in a row without a detection after which it ends."""
     smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
