@@ -10,7 +10,7 @@ from typing import Any
 
 import jsonschema
 import pytest
-from brokers import free_port, mosquitto
+from brokers import free_port, mosquitto, rumqttd
 from command import plotfeed
 from mqtt_client import Client, Heard, listening
 from road import START_NS, held, radar, rotating, staring, waypoint
@@ -115,7 +115,7 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-def published(what: Scene) -> tuple[list[Heard], set[str], dict[str, int]]:
+def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, int]]:
     """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
 
     QoS is that with which messages left, by their sources and ids: iotcore delivers with the QoS
@@ -129,26 +129,33 @@ def published(what: Scene) -> tuple[list[Heard], set[str], dict[str, int]]:
         qos[event_of(dict(message.properties))] = message.qos
 
     async def session() -> None:
-        ready: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-
-        def tell(urls: dict[str, str], _totals: object) -> None:
-            url = urls.get("MQTT 5") or urls["MQTT"]
-            ready.set_result(int(url.rpartition(":")[2]))
-
-        clock = WallClock(START_NS, speed=SPEED)
-        running = asyncio.create_task(
-            run(what, clock=clock, duration_s=DURATION_S, tap=tap, on_ready=tell)
-        )
-        port = await ready
         ears = await asyncio.to_thread(Client, port, 5, "#")
+        ready = asyncio.Event()
+        running = asyncio.create_task(
+            run(
+                what,
+                clock=WallClock(START_NS, speed=SPEED),
+                broker=f"mqtt://127.0.0.1:{port}",
+                duration_s=DURATION_S,
+                tap=tap,
+                on_ready=lambda *_: ready.set(),
+            )
+        )
+        await ready.wait()
         ears.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
-        late = asyncio.create_task(asyncio.to_thread(hear_retained, port))
+        late = asyncio.create_task(asyncio.to_thread(hear_retained))
         await running
         retained.update(await late)
+        for sensor in SENSORS:
+            topic = f"{PREFIX}/{sensor['id']}/status"
+            await asyncio.to_thread(
+                ears.wait_for,
+                lambda m, topic=topic: m.topic == topic and b"OFFLINE" in m.payload,  # type: ignore[misc]
+            )
         await asyncio.to_thread(ears.close)
         heard.extend(ears.heard)
 
-    def hear_retained(port: int) -> set[str]:
+    def hear_retained() -> set[str]:
         with listening(port, 5, f"{PREFIX}/#") as first:
             for sensor in SENSORS:
                 first.wait_for(lambda m, s=sensor: m.topic.endswith(f"{s['id']}/status"))  # type: ignore[misc]
@@ -234,8 +241,12 @@ def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
     assert told | {129} == CATEGORIES.keys()
 
 
-def test_what_a_session_publishes_is_what_the_document_says(api: dict[str, Any]) -> None:
-    heard, retained, qos = published(scene())
+def test_what_a_session_publishes_is_what_the_document_says(
+    api: dict[str, Any], tmp_path: Path
+) -> None:
+    port = free_port()
+    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+        heard, retained, qos = published(scene(), port)
     seen: set[str] = set()
     events: set[str] = set()
     for message in heard:
@@ -263,7 +274,7 @@ def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
     with mosquitto(
         tmp_path, port, f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     ):
-        heard, _, _ = published(scene(qos=1, truth=False, broker=f"mqtt://127.0.0.1:{port}"))
+        heard, _, _ = published(scene(qos=1, truth=False), port)
     assert heard
     for message in heard:
         (name,) = matching(api, message)

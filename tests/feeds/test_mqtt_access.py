@@ -11,11 +11,14 @@ from pathlib import Path
 import pytest
 from brokers import free_port, has_ipv6, mosquitto, password_file, rumqttd
 from certificates import Certificates, Pair
+from command import plotfeed
+from scene_files import scene_file, scene_text
 
 from plotfeed.feeds.broker_address import VERSIONS, AddressError, BrokerAddress
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.mqtt_access import Access, AccessError
 from plotfeed.feeds.mqtt_failure import MqttError
+from plotfeed.feeds.scene import SceneError, load
 
 ME, PASSWORD = "surveyor", "open sesame"
 PLACES = ("anyone", "password", "tls", "tls-password", "mutual", "expired", "elsewhere")
@@ -316,3 +319,21 @@ def test_credentials_that_mqtt_cannot_carry_are_refused(environment: dict[str, s
     with pytest.raises(AccessError) as caught:
         Access().with_credentials(None, environment)
     assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("topic", ["a/+", "a/#", "a\x07"])
+def test_topics_that_no_broker_takes_are_refused(tmp_path: Path, topic: str) -> None:
+    flight = tmp_path / "flight.csv"
+    flight.write_text("time,latitude_deg,longitude_deg,altitude_m\n1767268800,40,-3,9\n")
+    options = ("--altitude-reference", "ellipsoid", "--prefix", topic)
+    done = plotfeed("inject", flight, *options)
+    assert done.returncode == 2
+    assert done.stderr.startswith("plotfeed: topic 'a")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("prefix", ["$SYS/here", "a/b\\u0007"])
+def test_prefixes_that_no_broker_takes_are_refused(tmp_path: Path, prefix: str) -> None:
+    path = scene_file(tmp_path, scene_text(mqtt=f'prefix = "{prefix}"'))
+    with pytest.raises(SceneError, match=r"mqtt\.prefix: expected printable characters"):
+        load(path)
