@@ -31,6 +31,8 @@ def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
 @np.errstate(all="ignore")
 def with_floor(sigma: ArrayLike, floor: ArrayLike) -> Floats:
     """Noise and an independent error that no signal removes, in quadrature; same unit."""
+    if np.ndim(floor) == 0 and floor == 0:
+        return _floats(sigma)
     return _floats(np.hypot(_floats(sigma), _floats(floor)))
 
 
@@ -47,6 +49,8 @@ def fold_over_zenith(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> tuple[
 
     Noise may carry an elevation past the zenith or the nadir: it comes down on the other side.
     """
+    if (np.abs(elevation_deg) <= 90).all():  # as nearly always
+        return wrap_360(azimuth_deg), _floats(elevation_deg)
     elevation = wrap_180(elevation_deg)
     over = np.abs(elevation) > 90
     folded = np.where(over, np.copysign(180.0, elevation) - elevation, elevation)

@@ -20,7 +20,7 @@ from plotfeed.models.cover import Volume
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
-from plotfeed.models.state import Floats, Looks, Plots, Targets
+from plotfeed.models.state import Floats, Looks, Plots, Targets, rows_where
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,12 +119,12 @@ class PolarRadar(Volume, ABC):
         Heights are left out: they take the sensor's place on Earth.
         """
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
-        covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         snrs = self.signal_snrs(targets.position_enu_m[covered], targets.rcs_m2(covered))
         pd = self.pd(snrs)
         looks = Looks(
             drone=targets.drone[covered],
-            channel=np.zeros(len(covered), np.int64),
+            channel=np.zeros(len(pd), np.int64),
             t_utc_ns=targets.t_utc_ns[covered],
             range_m=range_m[covered],
             azimuth_deg=azimuth_deg[covered],
@@ -139,8 +139,7 @@ class PolarRadar(Volume, ABC):
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
-        rcs_m2 = targets.rcs_m2(np.arange(len(targets)))
-        snrs = self.signal_snrs(targets.position_enu_m, rcs_m2)
+        snrs = self.signal_snrs(targets.position_enu_m, targets.rcs_m2())
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / self.inverse_detected(snrs)
         sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)

@@ -23,6 +23,11 @@ Bools = NDArray[np.bool_]
 Texts = NDArray[np.object_]
 
 
+def rows_where(mask: Bools) -> Ints | slice:
+    """What selects the rows of a mask (n,): all of them without copying, where it holds all."""
+    return slice(None) if mask.all() else np.flatnonzero(mask)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
     """Equally long columns, selected and joined by row."""
@@ -118,11 +123,11 @@ class Targets:
     def __len__(self) -> int:
         return len(self.drone)
 
-    def rcs_m2(self, rows: Ints) -> Floats:
+    def rcs_m2(self, rows: Ints | slice = slice(None)) -> Floats:
         """Radar cross-sections of those rows; (m,)."""
         return self.signatures.rcs_m2[self.drone[rows]]
 
-    def sound_power_db(self, rows: Ints) -> Floats:
+    def sound_power_db(self, rows: Ints | slice = slice(None)) -> Floats:
         """Sound power levels of those rows, dB re 1 pW; (m,)."""
         return self.signatures.sound_power_db[self.drone[rows]]
 
