@@ -1,0 +1,21 @@
+"""What of the documentation is written by commands is what they write."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def test_the_page_of_messages_is_what_its_script_writes() -> None:
+    written = runpy.run_path(str(DOCS / "write_messages.py"))["page"]()
+    assert (DOCS / "messages.md").read_text() == written, "run python docs/write_messages.py"
+
+
+def test_every_link_between_pages_leads_somewhere() -> None:
+    for page in (*DOCS.glob("*.md"), DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md"):
+        for part in page.read_text().split("](")[1:]:
+            target = part.partition(")")[0].partition("#")[0]
+            if target and "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
