@@ -5,6 +5,8 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+from plotfeed.feeds.schema import text_of
+
 DOCS = Path(__file__).parents[1] / "docs"
 
 
@@ -19,3 +21,8 @@ def test_every_link_between_pages_leads_somewhere() -> None:
             target = part.partition(")")[0].partition("#")[0]
             if target and "://" not in target:
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
+    beside = DOCS.parent / "feeds" / "scenes" / "scene.schema.json"
+    assert beside.read_text() == f"{text_of('scene')}\n", "run make pictures"
