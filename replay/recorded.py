@@ -1,0 +1,48 @@
+"""What a recording holds, whatever file it is in: messages with their times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Stage(StrEnum):
+    """Where a message was when it was recorded."""
+
+    TELEMETRY = "telemetry"
+    """It came in."""
+    BEFORE = "before"
+    """A sensor handed it to its link; the log time is when it did."""
+    AFTER = "after"
+    """It left, as late as its link made it; the log time is when it did."""
+    RECEIVED = "received"
+    """It was heard from a broker or a socket, or read from a file that others wrote."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """One message of a recording."""
+
+    topic: str
+    """For a datagram, udp/ADDRESS/PORT of where it went."""
+    payload: bytes
+    log_time_ns: int
+    """UTC since 1970: when it left or was heard."""
+    publish_time_ns: int
+    """UTC since 1970: when it was due to leave its sensor; the log time where that is unknown."""
+    content_type: str = ""
+    properties: tuple[tuple[str, str], ...] = ()
+    """User properties of MQTT 5."""
+    retain: bool = False
+    qos: int = 0
+    stage: Stage = Stage.RECEIVED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Damage:
+    """A part of a recording that cannot be read."""
+
+    offset: int
+    """Octet of the file at which it begins."""
+    what: str
+    """In a line: what is wrong, and what was expected."""
