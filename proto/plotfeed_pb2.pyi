@@ -16,10 +16,29 @@ class AltitudeReference(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     ELLIPSOID: _ClassVar[AltitudeReference]
     MEAN_SEA_LEVEL: _ClassVar[AltitudeReference]
     ABOVE_TAKEOFF: _ClassVar[AltitudeReference]
+
+class Fate(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    FATE_UNSPECIFIED: _ClassVar[Fate]
+    SENT: _ClassVar[Fate]
+    LOST: _ClassVar[Fate]
+    QUEUE_FULL: _ClassVar[Fate]
+    OUTAGE: _ClassVar[Fate]
+    UNDELIVERED: _ClassVar[Fate]
+    ENDED: _ClassVar[Fate]
+    STALE: _ClassVar[Fate]
 ALTITUDE_REFERENCE_UNSPECIFIED: AltitudeReference
 ELLIPSOID: AltitudeReference
 MEAN_SEA_LEVEL: AltitudeReference
 ABOVE_TAKEOFF: AltitudeReference
+FATE_UNSPECIFIED: Fate
+SENT: Fate
+LOST: Fate
+QUEUE_FULL: Fate
+OUTAGE: Fate
+UNDELIVERED: Fate
+ENDED: Fate
+STALE: Fate
 
 class Telemetry(_message.Message):
     __slots__ = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference", "velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s", "horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s", "rcs_m2", "sound_power_db", "emitters")
@@ -120,20 +139,22 @@ class Plot(_message.Message):
     def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ...) -> None: ...
 
 class Ledger(_message.Message):
-    __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages")
+    __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link")
     SENSOR_FIELD_NUMBER: _ClassVar[int]
     SCAN_FIELD_NUMBER: _ClassVar[int]
     SECTOR_FIELD_NUMBER: _ClassVar[int]
     LOOKS_FIELD_NUMBER: _ClassVar[int]
     PLOTS_FIELD_NUMBER: _ClassVar[int]
     MESSAGES_FIELD_NUMBER: _ClassVar[int]
+    LINK_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     scan: int
     sector: int
     looks: _containers.RepeatedCompositeFieldContainer[Look]
     plots: _containers.RepeatedCompositeFieldContainer[PlotTruth]
     messages: _containers.RepeatedCompositeFieldContainer[Sent]
-    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ...) -> None: ...
+    link: str
+    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ..., link: _Optional[str] = ...) -> None: ...
 
 class Look(_message.Message):
     __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel")
@@ -172,18 +193,28 @@ class PlotTruth(_message.Message):
     def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ...) -> None: ...
 
 class Sent(_message.Message):
-    __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered")
+    __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered", "fate", "link_due_utc_ns", "number", "copy", "flipped_bit")
     TOPIC_FIELD_NUMBER: _ClassVar[int]
     DUE_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     SENT_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     OCTETS_FIELD_NUMBER: _ClassVar[int]
     DELIVERED_FIELD_NUMBER: _ClassVar[int]
+    FATE_FIELD_NUMBER: _ClassVar[int]
+    LINK_DUE_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    COPY_FIELD_NUMBER: _ClassVar[int]
+    FLIPPED_BIT_FIELD_NUMBER: _ClassVar[int]
     topic: str
     due_utc_ns: int
     sent_utc_ns: int
     octets: int
     delivered: bool
-    def __init__(self, topic: _Optional[str] = ..., due_utc_ns: _Optional[int] = ..., sent_utc_ns: _Optional[int] = ..., octets: _Optional[int] = ..., delivered: _Optional[bool] = ...) -> None: ...
+    fate: Fate
+    link_due_utc_ns: int
+    number: int
+    copy: int
+    flipped_bit: int
+    def __init__(self, topic: _Optional[str] = ..., due_utc_ns: _Optional[int] = ..., sent_utc_ns: _Optional[int] = ..., octets: _Optional[int] = ..., delivered: _Optional[bool] = ..., fate: _Optional[_Union[Fate, str]] = ..., link_due_utc_ns: _Optional[int] = ..., number: _Optional[int] = ..., copy: _Optional[int] = ..., flipped_bit: _Optional[int] = ...) -> None: ...
 
 class Refusal(_message.Message):
     __slots__ = ("time_utc", "topic", "drone", "reason", "detail", "count")
@@ -202,7 +233,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -221,6 +252,11 @@ class SensorStatus(_message.Message):
     UNDELIVERED_FIELD_NUMBER: _ClassVar[int]
     LATENESS_P50_US_FIELD_NUMBER: _ClassVar[int]
     LATENESS_P99_US_FIELD_NUMBER: _ClassVar[int]
+    LOST_FIELD_NUMBER: _ClassVar[int]
+    DUPLICATED_FIELD_NUMBER: _ClassVar[int]
+    ON_THE_WAY_FIELD_NUMBER: _ClassVar[int]
+    WAITING_FIELD_NUMBER: _ClassVar[int]
+    ENABLED_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -231,4 +267,9 @@ class SensorStatus(_message.Message):
     undelivered: int
     lateness_p50_us: float
     lateness_p99_us: float
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ...) -> None: ...
+    lost: int
+    duplicated: int
+    on_the_way: int
+    waiting: int
+    enabled: bool
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ...) -> None: ...
