@@ -82,6 +82,32 @@ def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
 
 
 @np.errstate(all="ignore")
+def two_ray_factor(
+    antenna_height_m: ArrayLike,
+    target_height_m: ArrayLike,
+    ground_range_m: ArrayLike,
+    wavelength_m: ArrayLike,
+    reflection: ArrayLike,
+) -> Floats:
+    """Power over flat ground beside that of free space, one way: F^2 = |1 + rho e^(j phi)|^2.
+
+    `reflection`, rho, is real, from -1 to 1; phi is 2 pi over the wavelength times the detour of
+    the reflected ray, 4 h1 h2/(d1 + d2). Heights are above the ground, and none is below it. An
+    echo has the factor of its way out times that of its way back.
+    """
+    antenna, target = (np.maximum(_floats(h), 0.0) for h in (antenna_height_m, target_height_m))
+    ground = _floats(ground_range_m)
+    ways = np.hypot(ground, antenna - target) + np.hypot(ground, antenna + target)
+    product = antenna * target
+    detour = np.where(product > 0, 4 * product / ways, 0.0)  # the difference of roots loses digits
+    half_phase = np.pi * detour / _floats(wavelength_m)
+    rho = _floats(reflection)
+    # Sums of squares alone: at grazing 1 + rho^2 + 2 rho cos phi would be a difference of ones.
+    wave = np.where(rho < 0, np.sin(half_phase), np.cos(half_phase))
+    return (1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2
+
+
+@np.errstate(all="ignore")
 def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Floats:
     """Path transmitter-target-receiver less the baseline, metres; (..., 3) in, (...) out.
 
