@@ -1,0 +1,334 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from random import Random
+from typing import Any
+
+import pytest
+from asterix_input import udp_payloads
+from hypothesis import example, given
+from hypothesis import strategies as st
+from shared_files import shared
+
+from plotfeed.proto.asterix.decode import CATEGORIES, Record, blocks, decode, records_in
+from plotfeed.proto.asterix.layout import (
+    DAY_LSB,
+    Category,
+    Compound,
+    Explicit,
+    Extended,
+    Fixed,
+    Group,
+    Item,
+    Repetitive,
+)
+from plotfeed.proto.asterix.retime import Retimer
+from plotfeed.proto.asterix.time_items import TimeFinder, is_time_of_day
+from plotfeed.proto.errors import DecodeError
+
+NS = 1_000_000_000
+DAY_NS = 86_400 * NS
+RETIMER = Retimer()
+TIME_ITEMS = {
+    15: "I015/145",
+    16: "I016/140",
+    25: "I025/070",
+    34: "I034/030",
+    48: "I048/140",
+    62: "I062/070",
+    63: "I063/030",
+    129: "I129/070",
+    205: "I205/030",
+}
+SHIFTS = st.one_of(
+    st.integers(-3 * DAY_NS, 3 * DAY_NS), st.integers(-60 * 365 * DAY_NS, 60 * 365 * DAY_NS)
+)
+
+
+def block(category: int, body: bytes) -> bytes:
+    return bytes([category]) + (len(body) + 3).to_bytes(2, "big") + body
+
+
+def flags_of(chosen: set[int]) -> bytes:
+    octets = [0] * (max(chosen) // 7 + 1)
+    for slot in chosen:
+        octets[slot // 7] |= 0x80 >> slot % 7
+    return bytes(octet | (i < len(octets) - 1) for i, octet in enumerate(octets))
+
+
+def group_octets(group: Group, rng: Random, *, more: bool) -> bytes:
+    """Any octets; its extension bit, if it has one, says whether another follows."""
+    octets = rng.randbytes(group.octets)
+    return octets[:-1] + bytes([octets[-1] & 0xFE | more]) if group.fx else octets
+
+
+def item_octets(item: Item, rng: Random) -> bytes:
+    match item:
+        case Fixed(_, group) if is_time_of_day(item):
+            return rng.randrange(DAY_LSB).to_bytes(group.octets, "big")
+        case Fixed(_, group):
+            return rng.randbytes(group.octets)
+        case Extended(_, groups):
+            n = rng.randint(1, len(groups))
+            return b"".join(group_octets(groups[i], rng, more=i < n - 1) for i in range(n))
+        case Repetitive(_, group):
+            n = rng.randint(1, 3)
+            parts = [group_octets(group, rng, more=i < n - 1) for i in range(n)]
+            return (b"" if group.fx else bytes([n])) + b"".join(parts)
+        case Explicit():
+            inside = rng.randbytes(rng.randrange(6))
+            return bytes([len(inside) + 1]) + inside
+        case Compound(_, subfields):
+            return slots_octets(subfields, rng)
+
+
+def slots_octets(slots: Sequence[Item | None], rng: Random) -> bytes:
+    """Flags, and what they say is there."""
+    assigned = {i: item for i, item in enumerate(slots) if item is not None}
+    chosen = set(rng.sample(list(assigned), rng.randint(1, len(assigned))))
+    items = (item_octets(assigned[i], rng) for i in sorted(chosen))
+    return flags_of(chosen) + b"".join(items)
+
+
+def some_blocks(seed: int) -> bytes:
+    """Data blocks of any categories, each of records of any items."""
+    rng = Random(seed)  # noqa: S311
+    data = b""
+    for category in rng.choices(list(CATEGORIES.values()), k=rng.randrange(4)):
+        records = [slots_octets(category.uap, rng) for _ in range(rng.randint(1, 3))]
+        data += block(category.number, b"".join(records))
+    return data
+
+
+DATA_BLOCKS = st.integers(0, 2**64).map(some_blocks)
+
+
+def comparable(record: Record, shift_ns: int) -> dict[str, Any]:
+    """Its items, with its time of day as it is after the shift."""
+    items: dict[str, Any] = dict(record.items)
+    name = TIME_ITEMS[record.category]
+    if name in items:
+        exact_lsb = items[name] * 128 + round(shift_ns * 128 / NS, 6)
+        items[name] = round(exact_lsb) % DAY_LSB
+    if "TOD" in items.get("I062/390", {}):
+        items["I062/390"] = {**items["I062/390"], "TOD": None}
+    return items
+
+
+@given(DATA_BLOCKS, st.integers(-2 * DAY_LSB, 2 * DAY_LSB))
+def test_every_time_of_day_moves_and_nothing_else(data: bytes, shift_lsb: int) -> None:
+    shift_ns = shift_lsb * NS // 128
+    moved = RETIMER.retime(data, shift_ns).octets
+    before, after = decode(data), decode(moved)
+    assert len(moved) == len(data)
+    assert [comparable(r, shift_ns) for r in before] == [comparable(r, 0) for r in after]
+
+
+@given(DATA_BLOCKS, SHIFTS)
+def test_no_octet_changes_but_those_of_times(data: bytes, shift_ns: int) -> None:
+    moved = RETIMER.retime(data, shift_ns).octets
+    may_change: set[int] = set()
+    for each in blocks(data):
+        finder = TimeFinder(CATEGORIES[each.category])
+        for record in records_in(each):
+            times = finder.find(each.body, record.at_octet - each.at_octet)
+            for place in times.of_day:
+                may_change |= set(range(each.at_octet + place, each.at_octet + place + 3))
+            for place in times.planned:
+                may_change |= set(range(each.at_octet + place, each.at_octet + place + 4))
+    changed = {i for i, (a, b) in enumerate(zip(data, moved, strict=True)) if a != b}
+    assert changed <= may_change
+
+
+@given(DATA_BLOCKS, SHIFTS)
+def test_times_of_day_come_back(data: bytes, shift_ns: int) -> None:
+    moved = RETIMER.retime(data, shift_ns).octets
+    back = RETIMER.retime(moved, -shift_ns).octets
+    assert [comparable(r, 0) for r in decode(back)] == [comparable(r, 0) for r in decode(data)]
+
+
+@given(DATA_BLOCKS)
+def test_whole_days_change_nothing(data: bytes) -> None:
+    for days in (-2, 0, 1, 20_000):
+        assert RETIMER.retime(data, days * DAY_NS).octets == data
+
+
+@given(st.sampled_from(list(CATEGORIES.values())), st.binary(max_size=60))
+@example(CATEGORIES[62], bytes.fromhex("01 01 01 01 80 00 00"))
+@example(CATEGORIES[48], bytes.fromhex("80 1903 80 19"))
+def test_records_end_where_the_decoder_ends_them(category: Category, body: bytes) -> None:
+    def ends_by_decoder() -> list[int]:
+        found = [r.at_octet - 3 + len(r.octets) for r in decode(block(category.number, body))]
+        return found if body else []
+
+    def ends_by_finder() -> list[int]:
+        finder, ends = TimeFinder(category), [0]
+        while ends[-1] < len(body):
+            ends.append(finder.find(body, ends[-1]).end)
+        return ends[1:]
+
+    try:
+        expected: list[int] | None = ends_by_decoder()
+    except DecodeError:
+        expected = None
+    try:
+        found: list[int] | None = ends_by_finder()
+    except DecodeError:
+        found = None
+    assert found == expected
+
+
+@given(st.binary(max_size=80), SHIFTS)
+def test_whatever_comes_keeps_its_length(data: bytes, shift_ns: int) -> None:
+    assert len(RETIMER.retime(data, shift_ns).octets) == len(data)
+
+
+def test_every_category_has_its_time_of_day() -> None:
+    found = {c.number: [i.name for i in c.uap if i and is_time_of_day(i)] for c in
+             CATEGORIES.values()}  # fmt: skip
+    assert found == {number: [name] for number, name in TIME_ITEMS.items()}
+
+
+def plot_at(time_lsb: int) -> bytes:
+    """Category 048: source, time of day and type."""
+    return block(48, bytes.fromhex("e0 1903") + time_lsb.to_bytes(3, "big") + b"\x30")
+
+
+def time_of(data: bytes) -> int:
+    seconds = decode(data)[0].get("I048/140")
+    assert isinstance(seconds, float)
+    return int(seconds * 128)
+
+
+@pytest.mark.parametrize(
+    ("before_lsb", "shift_ns", "after_lsb"),
+    [
+        (DAY_LSB - 1, NS, 127),
+        (0, -NS, DAY_LSB - 128),
+        (100, 3_906_250, 100),  # half an LSB: to even
+        (100, 11_718_750, 102),
+        (100, 3_906_251, 101),
+        (0, DAY_NS - 3_906_249, 0),
+        (DAY_LSB, NS, 128),  # 86400.0, as senders without a modulo write midnight
+        (0xFFFFFF, NS, 0xFFFFFF),  # no time of day
+    ],
+)
+def test_midnight_is_passed_both_ways(before_lsb: int, shift_ns: int, after_lsb: int) -> None:
+    assert time_of(RETIMER.retime(plot_at(before_lsb), shift_ns).octets) == after_lsb
+
+
+def test_times_differ_by_as_much_as_before() -> None:
+    data = b"".join(plot_at((DAY_LSB - 700 + 13 * i) % DAY_LSB) for i in range(100))
+    for shift_ns in (1, 3_906_251, 12_345_678_901, -987_654_321):
+        records = decode(RETIMER.retime(data, shift_ns).octets)
+        times = [int(float(r.items["I048/140"]) * 128) for r in records]  # type: ignore[arg-type]
+        steps = {(b - a) % DAY_LSB for a, b in pairwise(times)}
+        assert steps == {13}
+
+
+def test_what_is_not_known_is_left_alone_and_named() -> None:
+    unknown, broken = block(247, b"\x80\x19\x03"), block(48, b"\xff")
+    data = unknown + plot_at(0) + broken + plot_at(0) + b"\xde\xad\xbe\xef"
+    done = RETIMER.retime(data, NS)
+    assert done.octets == unknown + plot_at(128) + broken + plot_at(128) + b"\xde\xad\xbe\xef"
+    assert done.left == (
+        "category 247, of which no layout is known",
+        "category 048 in an edition that is not known, or broken",
+        "octets that are no data block",
+    )
+
+
+def flight_plan(time_lsb: int, day: int, hour: int, minute: int, second: int | None) -> bytes:
+    """Category 062 with a time of day and one planned time."""
+    word = 5 << 27 | day << 25 | hour << 16 | minute << 8 | (second is None) << 7 | (second or 0)
+    plan = bytes.fromhex("01 08 01") + word.to_bytes(4, "big")
+    return block(62, bytes.fromhex("11 01 02") + time_lsb.to_bytes(3, "big") + plan)
+
+
+TODAY = datetime(2026, 1, 1, tzinfo=UTC)
+DAYS = {0: 0, 1: -1, 2: 1}
+
+
+@given(
+    st.integers(0, DAY_LSB - 1),
+    st.integers(0, 86399),
+    st.sampled_from([0, 1, 2]),
+    st.integers(-3 * 86400, 3 * 86400),
+    st.booleans(),
+)
+def test_planned_times_keep_their_distance_to_the_record(
+    time_lsb: int, planned_s: int, code: int, shift_s: int, seconds: bool
+) -> None:
+    shift_s, planned_s = (
+        (shift_s, planned_s) if seconds else (shift_s // 60 * 60, planned_s // 60 * 60)
+    )
+    hour, minute, second = planned_s // 3600, planned_s // 60 % 60, planned_s % 60
+    data = flight_plan(time_lsb, code, hour, minute, second if seconds else None)
+    done = RETIMER.retime(data, shift_s * NS)
+
+    def instants(octets: bytes) -> tuple[timedelta, timedelta]:
+        (record,) = decode(octets)
+        plan: Any = record.get("I062/390/TOD/0")
+        of_day_s: Any = record.get("I062/070")
+        assert plan["TYP"] == 5
+        planned = timedelta(
+            days=DAYS[plan["DAY"]], hours=plan["HOR"], minutes=plan["MIN"], seconds=plan["SEC"]
+        )
+        return timedelta(seconds=of_day_s), planned
+
+    before, after = instants(data), instants(done.octets)
+    if done.left:
+        assert after[1] == before[1]
+        assert abs(before[1] + (after[0] - before[0])) >= timedelta(days=1)
+    else:
+        assert after[1] - after[0] == before[1] - before[0]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        flight_plan(0, 3, 1, 2, 3),
+        flight_plan(0, 0, 24, 2, 3),
+        flight_plan(0, 0, 1, 60, 3),
+        block(62, bytes.fromhex("01 01 02 01 08 01 28000000")),
+    ],
+)
+def test_planned_times_that_are_none_are_left_alone(data: bytes) -> None:
+    done = RETIMER.retime(data, 3600 * NS)
+    assert done.left
+    assert done.octets[-4:] == data[-4:]
+
+
+def foreign_blocks() -> list[bytes]:
+    """Data of recordings that others made."""
+    payloads = udp_payloads(shared("recordings/croatia_cat_034_048.pcap"))
+    for name in ("jade_062_one.ff", "jade_nats_cat048_tcas.ff"):
+        payloads.append(shared(f"recordings/{name}").read_bytes()[8:-4])
+    return payloads
+
+
+@pytest.mark.parametrize("shift_s", [1, 43_200, -70_000, 10**9])
+def test_foreign_recordings_are_the_same_but_for_their_times(shift_s: int) -> None:
+    for data in foreign_blocks():
+        done = RETIMER.retime(data, shift_s * NS)
+        assert set(done.left) <= {"octets that are no data block"}  # some end with a trailer
+        moved, places = bytearray(done.octets), 0
+        at = 0
+        while at + 3 <= len(data) and (n := int.from_bytes(data[at + 1 : at + 3], "big")) >= 3:
+            for each in blocks(data[at : at + n]):
+                for record in records_in(each):
+                    times = TimeFinder(CATEGORIES[each.category]).find(
+                        each.body, record.at_octet - each.at_octet
+                    )
+                    (place,) = times.of_day
+                    place += at + each.at_octet
+                    before = int.from_bytes(data[place : place + 3], "big")
+                    after = int.from_bytes(moved[place : place + 3], "big")
+                    assert after == (before + shift_s * 128) % DAY_LSB
+                    moved[place : place + 3] = data[place : place + 3]
+                    places += 1
+            at += n
+        assert bytes(moved) == data
+        assert places
