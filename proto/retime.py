@@ -1,0 +1,148 @@
+"""Our own messages at another time: protobuf, protobuf's JSON, and times written as text.
+
+Everything that is nanoseconds of UTC or a Timestamp moves by the same shift, exactly. Numbers of
+scans stay what they were, and so do names in which a time is hidden.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar
+
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from plotfeed.proto.errors import DecodeError
+
+NS = 1_000_000_000
+TIMESTAMP = Timestamp.DESCRIPTOR.full_name
+NANOSECONDS = "_utc_ns"
+"""How the names of our times end that are not Timestamps."""
+EARLIEST_NS, LATEST_NS = -62_135_596_800 * NS, 253_402_300_800 * NS
+"""The years 1 to 9999, which a Timestamp can tell."""
+JSON_KEYS = ("time_utc", "timeUtc")
+_MEMBER = re.compile(r'"(?:time_utc|timeUtc)"\s*:\s*("[^"\\]*")')
+
+OneMessage = TypeVar("OneMessage", bound=Message)
+_Move = Callable[[Any, int], None]
+
+
+def retime_protobuf(data: bytes, kind: type[OneMessage], shift_ns: int) -> bytes:
+    """A serialised message with all its times later by that; raises `DecodeError`."""
+    try:
+        message = kind.FromString(data)
+        retime_message(message, shift_ns)
+    except (ProtobufDecodeError, ValueError, OverflowError) as error:
+        raise DecodeError(f"not a message {kind.DESCRIPTOR.name}: {error}") from None
+    return message.SerializeToString()
+
+
+def retime_message(message: Message, shift_ns: int) -> None:
+    """Move all times in it, absent ones excepted; raises `ValueError` beyond what they can tell."""
+    for move in _moves(message.DESCRIPTOR):
+        move(message, shift_ns)
+
+
+def retime_json(data: bytes, shift_ns: int) -> bytes:
+    """A JSON object with its `time_utc` later by that; raises `DecodeError`.
+
+    The other characters stay as they are, unless the time is written so oddly that the whole
+    object has to be written anew.
+    """
+    try:
+        text = data.decode()
+        fields = json.loads(text)
+        name = next(name for name in JSON_KEYS if name in fields)
+        wanted = {**fields, name: retime_text(fields[name], shift_ns)}
+        new = _MEMBER.sub(lambda found: _member(found, wanted[name]), text, count=1)
+        if json.loads(new) != wanted:
+            new = json.dumps(wanted)
+    except StopIteration:
+        raise DecodeError("a JSON object without time_utc") from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise DecodeError(f"not a JSON object with a time: {error}") from None
+    return new.encode()
+
+
+def retime_text(text: str, shift_ns: int) -> str:
+    """A time of RFC 3339 later by that, in UTC, with at least as many digits as it had.
+
+    Raises `ValueError`.
+    """
+    time = Timestamp()
+    time.FromJsonString(text)
+    _move_timestamp(time, shift_ns)
+    fraction = re.search(r"\.(\d+)", text)
+    digits = max(len(fraction[1]) if fraction else 0, _digits(time.nanos))
+    whole = Timestamp(seconds=time.seconds).ToJsonString().removesuffix("Z")
+    return f"{whole}.{time.nanos:09d}"[: len(whole) + 1 + digits].removesuffix(".") + "Z"
+
+
+def _digits(nanos: int) -> int:
+    """How many a fraction of a second needs, in threes."""
+    return next(n for n in (0, 3, 6, 9) if nanos % 10 ** (9 - n) == 0)
+
+
+def _member(found: re.Match[str], time: str) -> str:
+    start, end = found.span(1)
+    text = found[0]
+    return f"{text[: start - found.start()]}{json.dumps(time)}{text[end - found.start() :]}"
+
+
+@cache
+def _moves(descriptor: Descriptor) -> tuple[_Move, ...]:
+    """What to do with a message of that kind; nothing where it has no times."""
+    return tuple(_found_moves(descriptor, ()))
+
+
+def _found_moves(descriptor: Descriptor, above: tuple[str, ...]) -> list[_Move]:
+    """`above` names the kinds around it, which it may hold again."""
+    moves: list[_Move] = []
+    around = (*above, descriptor.full_name)
+    for field in descriptor.fields:
+        if field.message_type is None:
+            if field.name.endswith(NANOSECONDS) and field.type == FieldDescriptor.TYPE_INT64:
+                moves.append(_nanoseconds_mover(field.name))
+        elif field.message_type.full_name == TIMESTAMP:
+            moves.append(_mover(field, [_move_timestamp]))
+        elif field.message_type.full_name not in around:
+            inner = _found_moves(field.message_type, around)
+            if inner:
+                moves.append(_mover(field, inner))
+    return moves
+
+
+def _nanoseconds_mover(name: str) -> _Move:
+    def move(message: Any, shift_ns: int) -> None:
+        time_ns = getattr(message, name)
+        if time_ns:
+            setattr(message, name, time_ns + shift_ns)
+
+    return move
+
+
+def _mover(field: FieldDescriptor, inner: list[_Move]) -> _Move:
+    name, is_repeated = field.name, field.is_repeated
+
+    def move(message: Any, shift_ns: int) -> None:
+        if is_repeated:
+            parts = getattr(message, name)
+        else:
+            parts = [getattr(message, name)] if message.HasField(name) else []
+        for part in parts:
+            for move_inner in inner:
+                move_inner(part, shift_ns)
+
+    return move
+
+
+def _move_timestamp(time: Any, shift_ns: int) -> None:
+    t_ns = time.seconds * NS + time.nanos + shift_ns
+    if not EARLIEST_NS <= t_ns < LATEST_NS:
+        raise ValueError(f"{t_ns // NS} s since 1970 is beyond what a Timestamp can tell")
+    time.seconds, time.nanos = divmod(t_ns, NS)

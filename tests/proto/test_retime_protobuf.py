@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from google.protobuf import json_format
+from google.protobuf.timestamp_pb2 import Timestamp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.cloud_events import attributes
+from plotfeed.feeds.intake import to_json
+from plotfeed.feeds.report import AltitudeReference, Report
+from plotfeed.feeds.telemetry import decode, encode_json, encode_protobuf
+from plotfeed.feeds.times import iso_utc
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
+
+NS = 1_000_000_000
+START = 1_767_268_800 * NS + 123_456_789
+TIMES = st.integers(1, 4_000_000_000 * NS)
+SHIFTS = st.integers(-1_000_000_000 * NS, 1_000_000_000 * NS)
+
+
+def ledger(t_ns: int, shift_ns: int = 0) -> pb.Ledger:
+    def at(more_ns: int) -> int:
+        return t_ns + more_ns + shift_ns
+
+    entry = pb.Ledger(sensor="radar", scan=7, sector=3)
+    for i in range(3):
+        entry.looks.add(drone=f"d{i}", time_utc_ns=at(i), range_m=100.0 * i, snr_db=3.5)
+        entry.plots.add(drone="" if i else "d", time_utc_ns=at(2 * i), range_m=1.0)
+        entry.messages.add(topic="a/b", due_utc_ns=at(5), sent_utc_ns=at(6), octets=9)
+    return entry
+
+
+def plots(t_ns: int, shift_ns: int = 0) -> pb.PlotBatch:
+    batch = pb.PlotBatch(sensor="radar", scan=7)
+    for i in range(4):
+        batch.plots.add(time_utc_ns=t_ns + i + shift_ns, range_m=0.0, channel=i, kind="drone")
+    return batch
+
+
+@given(TIMES, SHIFTS)
+def test_every_time_of_ours_moves_exactly_and_nothing_else(t_ns: int, shift_ns: int) -> None:
+    for make in (ledger, plots):
+        data, moved = make(t_ns), make(t_ns, shift_ns)
+        for message in (data, moved):
+            # A time of exactly 1970 is an absent one.
+            if any(getattr(x, "time_utc_ns", 1) == 0 for x in message.plots):
+                return
+        done = retime_protobuf(data.SerializeToString(), type(data), shift_ns)
+        assert done == moved.SerializeToString()
+
+
+def test_times_that_are_absent_stay_absent() -> None:
+    for message in (pb.Ledger(sensor="x"), pb.Telemetry(latitude_deg=1.0), pb.PlotBatch()):
+        data = message.SerializeToString()
+        assert retime_protobuf(data, type(message), NS) == data
+
+
+def test_fields_of_a_newer_schema_are_kept() -> None:
+    data = plots(START).SerializeToString() + b"\xfa\x3e\x03new"
+    assert retime_protobuf(data, pb.PlotBatch, 0) == data
+    assert retime_protobuf(data, pb.PlotBatch, NS).endswith(b"\xfa\x3e\x03new")
+
+
+def report(t_ns: int) -> Report:
+    return Report(
+        t_utc_ns=t_ns,
+        latitude_deg=40.1,
+        longitude_deg=-3.7,
+        altitude_m=700.0,
+        altitude_reference=AltitudeReference.ELLIPSOID,
+    )
+
+
+@given(st.integers(0, 2_000_000_000 * NS), st.integers(0, 1_000_000_000 * NS))
+def test_telemetry_tells_the_other_time_and_all_else(t_ns: int, shift_ns: int) -> None:
+    for encode in (encode_protobuf, encode_json):
+        data = encode(report(t_ns))
+        is_json = encode is encode_json
+        moved = (
+            retime_json(data, shift_ns)
+            if is_json
+            else retime_protobuf(data, pb.Telemetry, shift_ns)
+        )
+        assert moved == encode(report(t_ns + shift_ns)) or is_json
+        assert decode(moved) == report(t_ns + shift_ns)
+
+
+def test_json_keeps_every_other_character() -> None:
+    text = '{ "latitude_deg":1.50, "time_utc" : "2026-01-01T12:00:00Z","x":"time_utc"}\n'
+    assert retime_json(text.encode(), 90 * NS + 5).decode() == text.replace(
+        "12:00:00Z", "12:01:30.000000005Z"
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"x": "\\"time_utc\\":\\"2026-01-01T12:00:00Z\\"", "time_utc": "2026-01-01T12:00:00Z"}',
+        '{"x": {"time_utc": "2026-01-01T12:00:00Z"}, "time_utc": "2026-01-01T12:00:00Z"}',
+        '{"time\\u005futc": "2026-01-01T12:00:00Z"}',
+        '{"time_utc": "2026-01-01T12:00:00\\u005a"}',
+        '{"timeUtc": "2026-01-01T13:00:00+01:00"}',
+    ],
+)
+def test_a_time_is_found_however_it_is_written(text: str) -> None:
+    before, after = json.loads(text), json.loads(retime_json(text.encode(), NS))
+    (name,) = (n for n in ("time_utc", "timeUtc") if n in before)
+    assert after == before | {name: "2026-01-01T12:00:01Z"}
+
+
+def test_status_and_refusals_are_moved_as_they_are_sent() -> None:
+    status = pb.SensorStatus(sensor="radar", state=pb.SensorStatus.ONLINE, lateness_p50_us=1.25)
+    status.time_utc.FromNanoseconds(START)
+    moved = json_format.Parse(retime_json(to_json(status), NS), pb.SensorStatus())
+    status.time_utc.FromNanoseconds(START + NS)
+    assert moved == status
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b"[]", b"1", b'{"time_utc": 5}', b"\xff", b"[" * 9999,
+                                  b'{"time_utc": "yesterday"}'])  # fmt: skip
+def test_what_is_no_json_of_ours_is_refused(data: bytes) -> None:
+    with pytest.raises(DecodeError):
+        retime_json(data, NS)
+
+
+@pytest.mark.parametrize(
+    ("data", "kind", "shift_ns"),
+    [
+        (b"\xff\xff", pb.Telemetry, 1),
+        (plots(2**63 - 5).SerializeToString(), pb.PlotBatch, 10),
+        (pb.Telemetry(time_utc=Timestamp(seconds=253_402_300_799)).SerializeToString(),
+         pb.Telemetry, NS),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_moved_is_refused(data: bytes, kind: Any, shift_ns: int) -> None:
+    with pytest.raises(DecodeError):
+        retime_protobuf(data, kind, shift_ns)
+
+
+@given(st.integers(-(2**60), 2**62), SHIFTS)
+def test_a_written_time_moves_exactly(t_ns: int, shift_ns: int) -> None:
+    assert retime_text(iso_utc(t_ns), shift_ns) == iso_utc(t_ns + shift_ns)
+
+
+@given(st.datetimes(datetime(1971, 1, 1), datetime(2200, 1, 1)), st.integers(-(10**8), 10**8))  # noqa: DTZ001
+def test_a_written_time_is_as_precise_as_it_was(time: datetime, shift_s: int) -> None:
+    text = time.replace(microsecond=0, tzinfo=UTC)
+    for digits in (0, 3, 6, 9):
+        end = f"{'.' if digits else ''}{'0' * digits}Z"
+        moved = text + timedelta(seconds=shift_s)
+        found = retime_text(f"{text:%Y-%m-%dT%H:%M:%S}{end}", shift_s * NS)
+        assert found == f"{moved:%Y-%m-%dT%H:%M:%S}{end}"
+
+
+def test_attributes_of_messages_tell_times_that_can_be_moved() -> None:
+    time = dict(attributes("plotfeed/radar", "plots", "1", START))["time"]
+    assert retime_text(time, NS) == iso_utc(START + NS)
