@@ -4,27 +4,55 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
+from enum import IntEnum
 from itertools import count
 
 Action = Callable[[], None]
 
 
+class Kind(IntEnum):
+    """What becomes of an action when the session ends before it is due."""
+
+    WORK = 0
+    """It is not done any more."""
+    SENDING = 1
+    """What was worked out is still sent, unless the session ends at a set time."""
+    DELIVERY = 2
+    """What was handed to a link is still delivered."""
+
+
 class Agenda:
-    """Actions in the order of their deadlines; those due together in the order they were put."""
+    """Actions in the order of their deadlines; those due together in the order they were put.
 
-    def __init__(self) -> None:
-        self._heap: list[tuple[int, int, Action]] = []
+    `on_earlier` is called when something becomes the next to be done.
+    """
+
+    def __init__(self, on_earlier: Callable[[], object] | None = None) -> None:
+        self._heap: list[tuple[int, int, Action, Kind]] = []
         self._order = count()
+        self._on_earlier = on_earlier
 
-    def put(self, due_utc_ns: int, action: Action) -> None:
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    def put(self, due_utc_ns: int, action: Action, kind: Kind = Kind.WORK) -> None:
         """Do this then."""
-        heapq.heappush(self._heap, (due_utc_ns, next(self._order), action))
+        entry = (due_utc_ns, next(self._order), action, kind)
+        heapq.heappush(self._heap, entry)
+        if self._on_earlier is not None and self._heap[0] is entry:
+            self._on_earlier()
 
     def next_due_ns(self) -> int | None:
         """The next deadline; None if there is nothing to do."""
         return self._heap[0][0] if self._heap else None
 
-    def due_by(self, t_utc_ns: int) -> Iterator[Action]:
-        """Take out what is due by then, including what is put there meanwhile."""
+    def due_by(self, t_utc_ns: int) -> Iterator[tuple[int, Action]]:
+        """Take out what is due by then, and when it was, including what is put there meanwhile."""
         while self._heap and self._heap[0][0] <= t_utc_ns:
-            yield heapq.heappop(self._heap)[2]
+            due_utc_ns, _, action, _ = heapq.heappop(self._heap)
+            yield due_utc_ns, action
+
+    def keep(self, least: Kind) -> None:
+        """Forget what is of a lesser kind."""
+        self._heap = [entry for entry in self._heap if entry[3] >= least]
+        heapq.heapify(self._heap)

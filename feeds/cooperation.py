@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.parts import Name, Part
 
 COOPERATIVE = "cooperative"
@@ -28,6 +29,8 @@ class Cooperation(Part):
     """Of registration: two letters of ISO 3166, of which ZZ is nobody's."""
     accuracy_m: Annotated[float, Field(ge=0, le=200)] = 0.0
     """Standard deviation of the error that they make east, north and up, each time anew."""
+    link: Link | None = None
+    """Between the drones and whoever hears them."""
 
     def those_of(self, flown: Sequence[str]) -> Sequence[str]:
         """The ids of the cooperative ones."""

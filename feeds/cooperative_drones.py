@@ -6,17 +6,20 @@ from functools import partial
 
 import numpy as np
 
-from plotfeed.feeds.agenda import Agenda
-from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.account import Account
+from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
-from plotfeed.feeds.desk import AHEAD_NS, Totals
+from plotfeed.feeds.desk import AHEAD_NS, Office
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.outbox import Outbox
 from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.station import SectorReport
 from plotfeed.feeds.times import NS
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
+from plotfeed.models.scan import Sector
+from plotfeed.models.sensor import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.uas_129 import TargetEncoder129
@@ -100,38 +103,33 @@ class CooperativeDrones:
 class CooperativeDesk:
     """Sends what they say when it is due."""
 
-    def __init__(
-        self,
-        drones: CooperativeDrones,
-        outbox: Outbox,
-        *,
-        clock: Clock,
-        agenda: Agenda,
-        totals: Totals,
-    ) -> None:
+    def __init__(self, drones: CooperativeDrones, outbox: Outbox, office: Office) -> None:
         self.outbox = outbox
         self._drones = drones
-        self._clock = clock
-        self._agenda = agenda
-        self._totals = totals
+        self._office = office
 
     def open(self, start_utc_ns: int) -> None:
         """Begin with the first period that ends after that time."""
         self._plan(start_utc_ns // self._drones.period_ns + 1)
 
     def _plan(self, number: int) -> None:
-        period_ns = self._drones.period_ns
-        self._agenda.put(number * period_ns - AHEAD_NS, partial(self._prepare, number))
+        due_ns = number * self._drones.period_ns - AHEAD_NS
+        self._office.agenda.put(due_ns, partial(self._prepare, number))
 
     def _prepare(self, number: int) -> None:
         """What was missed by a period or more is not said any more."""
-        number = max(number, self._clock.now_ns() // self._drones.period_ns)
+        period_ns = self._drones.period_ns
+        number = max(number, self._office.clock.now_ns() // period_ns)
         messages = self._drones.messages(number)
-        self._agenda.put(number * self._drones.period_ns, partial(self._send, messages))
+        send = partial(self._send, number, messages)
+        self._office.agenda.put(number * period_ns, send, Kind.SENDING)
         self._plan(number + 1)
 
-    def _send(self, messages: list[Message]) -> None:
-        sent = [self.outbox.send(message) for message in messages]
-        self._totals.messages += len(sent)
-        self._totals.undelivered += sum(not one.delivered for one in sent)
-        self._totals.lateness_ns.extend(one.sent_utc_ns - one.due_utc_ns for one in sent)
+    def _send(self, number: int, messages: list[Message]) -> None:
+        t_utc_ns = number * self._drones.period_ns
+        sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
+        report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
+        account = Account(lambda sent: self._office.keep_ledger(report, sent, ""))
+        for message in messages:
+            self.outbox.send(message, account)
+        account.close()

@@ -2,70 +2,30 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
-from plotfeed.feeds.agenda import Agenda
+from plotfeed.feeds.account import Account
+from plotfeed.feeds.agenda import Agenda, Kind
+from plotfeed.feeds.changes import changed
 from plotfeed.feeds.clock import Clock
-from plotfeed.feeds.cloud_events import attributes
-from plotfeed.feeds.intake import to_json
-from plotfeed.feeds.message import JSON, Message
-from plotfeed.feeds.outbox import LATENESS_KEPT, Outbox, lateness_us
+from plotfeed.feeds.events import in_force, instants_ns
+from plotfeed.feeds.health import settings_message, status_message
+from plotfeed.feeds.impairment.settings import Link
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.outbox import Outbox
+from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.station import SectorReport, Station
 from plotfeed.feeds.times import NS
+from plotfeed.feeds.totals import Totals, lateness_us
 from plotfeed.models.scan import Sector
-from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 
 STATUS_EVERY_NS = 5 * NS
 AHEAD_NS = 10_000_000
 """A sector is worked out this long before its messages are due, so that only sending is left."""
-
-
-@dataclass(slots=True)
-class Totals:
-    """What a session has done so far."""
-
-    drones: int = 0
-    scan: int = 0
-    looks: int = 0
-    plots: int = 0
-    false_alarms: int = 0
-    messages: int = 0
-    undelivered: int = 0
-    missed_scans: int = 0
-    telemetry: int = 0
-    refused: int = 0
-    last_refusal: str = ""
-    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
-
-    def add(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """Count one sector and the messages that told of it."""
-        self.scan = max(self.scan, report.sector.scan)
-        self.looks += len(report.looks)
-        self.plots += len(report.plots)
-        self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
-        self.messages += len(sent)
-        self.undelivered += sum(not s.delivered for s in sent)
-        self.lateness_ns.extend(s.sent_utc_ns - s.due_utc_ns for s in sent)
-
-
-def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:
-    """A sensor's status, retained for whoever comes later."""
-    status.time_utc.FromNanoseconds(now_utc_ns)
-    source = f"{prefix}/{status.sensor}"
-    return Message(
-        topic=f"{source}/status",
-        payload=to_json(status),
-        content_type=JSON,
-        due_utc_ns=now_utc_ns,
-        properties=attributes(source, "status", str(now_utc_ns), now_utc_ns, sensor=status.sensor),
-        retain=True,
-        qos=1,
-    )
 
 
 class Herald(Protocol):
@@ -84,98 +44,190 @@ class Herald(Protocol):
         """At the end."""
 
 
+class Watcher(Protocol):
+    """Follows a session from within: a page, say. It must return soon, and never raise."""
+
+    def report(self, report: SectorReport) -> None:
+        """A sector is reported now."""
+
+    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of its messages."""
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
+
+
+KeepLedger = Callable[[SectorReport, Sequence[pb.Sent], str], None]
+"""Given a sector, what became of its messages, and the link in JSON where it has changed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Office:
+    """What all desks of a session share."""
+
+    prefix: str
+    clock: Clock
+    agenda: Agenda
+    totals: Totals
+    keep_ledger: KeepLedger
+    watchers: Sequence[Watcher] = ()
+
+
 class Desk:
     """Does a station's reports when they are due, and keeps its account."""
 
     def __init__(
-        self,
-        station: Station,
-        outbox: Outbox,
-        *,
-        prefix: str,
-        clock: Clock,
-        agenda: Agenda,
-        totals: Totals,
-        keep_ledger: Callable[[SectorReport, Sequence[pb.Sent]], None],
-        herald: Herald | None = None,
+        self, station: Station, outbox: Outbox, office: Office, herald: Herald | None = None
     ) -> None:
         self.outbox = outbox
+        self.sensor = station.sensor
+        """As it is now."""
+        self._scripted = station.sensor
+        self._controlled: dict[str, Any] = {}
         self._station = station
-        self._prefix = prefix
-        self._clock = clock
-        self._agenda = agenda
-        self._totals = totals
-        self._keep_ledger = keep_ledger
+        self._office = office
         self._herald = herald
         self._status = pb.SensorStatus(sensor=station.sensor.id)
+        self._link_to_tell = _json_of(station.sensor.link)
+        self._start_ns = 0
 
     def open(self, start_utc_ns: int) -> None:
         """Begin with the first whole sector after that time."""
+        self._start_ns = start_utc_ns
         sector = self._station.sector_at(start_utc_ns)
         if sector.start_ns < start_utc_ns:
             sector = self._station.next_sector(sector)
         self._status.scan = sector.scan
+        for after_ns in instants_ns(self._scripted.event):
+            self._office.agenda.put(start_utc_ns + after_ns, self._renew)
+        self._renew()
         self._plan(sector)
         self._tell_status(start_utc_ns)
+        self._tell_settings()
         if self._herald is not None:
             self._send_all(self._herald.opening(start_utc_ns))
             self._plan_herald(start_utc_ns + self._herald.every_ns, self._herald)
 
     def close(self) -> None:
         """Say that the sensor is no longer there."""
+        self.outbox.end()
         if self._herald is not None:
-            self._send_all(self._herald.closing(self._clock.now_ns()))
+            self._send_all(self._herald.closing(self._office.clock.now_ns()))
         self._publish_status(pb.SensorStatus.OFFLINE)
+
+    def control(self, changes: Mapping[str, Any] | None) -> None:
+        """Change those keys from now on, or with None none any more; raises `ChangeError`."""
+        before, self._controlled = self._controlled, {}
+        if changes is not None:
+            self._controlled = _over(before, changes)
+        try:
+            self._renew()
+        except Exception:
+            self._controlled = before
+            raise
+        self._tell_settings()
+
+    def _renew(self) -> None:
+        """Be as script and control have it now."""
+        elapsed_ns = self._office.clock.now_ns() - self._start_ns
+        scripted = in_force(self._scripted.event, elapsed_ns)
+        sensor = changed(self._scripted, *scripted, self._controlled)
+        if sensor == self.sensor:
+            return
+        self._station.change(sensor)
+        if sensor.link != self.sensor.link:
+            self.outbox.change(sensor.link or Link())
+            self._link_to_tell = _json_of(sensor.link)
+        self.sensor = sensor
+        self._status.enabled = sensor.enabled
+        for watcher in self._office.watchers:
+            watcher.settings(sensor)
 
     def _plan(self, sector: Sector) -> None:
         ahead_ns = min(AHEAD_NS, sector.end_ns - sector.start_ns)
-        self._agenda.put(sector.end_ns - ahead_ns, partial(self._prepare, sector))
+        self._office.agenda.put(sector.end_ns - ahead_ns, partial(self._prepare, sector))
 
     def _prepare(self, sector: Sector) -> None:
-        now_ns = self._clock.now_ns()
+        now_ns = self._office.clock.now_ns()
         if now_ns - sector.end_ns > self._station.period_ns:
             sector = self._skip_to(now_ns, sector)
-        report = self._station.report(sector)
-        self._agenda.put(sector.end_ns, partial(self._send, report))
+        if self.sensor.enabled:
+            report = self._station.report(sector)
+            self._office.agenda.put(sector.end_ns, partial(self._send, report), Kind.SENDING)
         self._plan(self._station.next_sector(sector))
 
     def _send(self, report: SectorReport) -> None:
-        sent = [self.outbox.send(message) for message in report.messages]
-        self._keep_ledger(report, sent)
+        account = Account(partial(self._settled, report))
+        for message in report.messages:
+            self.outbox.send(message, account)
+        account.close()
         self._status.scan = report.sector.scan
         self._status.plots += len(report.plots)
-        self._totals.add(report, sent)
+        self._office.totals.add(report)
+        for watcher in self._office.watchers:
+            watcher.report(report)
+
+    def _settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        link, self._link_to_tell = self._link_to_tell, ""
+        self._office.keep_ledger(report, sent, link)
+        for watcher in self._office.watchers:
+            watcher.account(report, sent)
 
     def _skip_to(self, now_ns: int, sector: Sector) -> Sector:
         """The last sector that has ended: what was missed is counted, never sent in a burst."""
         last = self._station.sector_at(now_ns - (sector.end_ns - sector.start_ns))
         self._status.missed_scans += last.scan - sector.scan
-        self._totals.missed_scans += last.scan - sector.scan
+        self._office.totals.missed_scans += last.scan - sector.scan
         return last
 
     def _tell_status(self, due_utc_ns: int) -> None:
         self._publish_status(pb.SensorStatus.ONLINE)
         next_ns = due_utc_ns + STATUS_EVERY_NS
-        self._agenda.put(next_ns, partial(self._tell_status, next_ns))
+        self._office.agenda.put(next_ns, partial(self._tell_status, next_ns))
 
     def _plan_herald(self, due_utc_ns: int, herald: Herald) -> None:
         def tell() -> None:
             self._send_all(herald.regular(due_utc_ns))
             self._plan_herald(due_utc_ns + herald.every_ns, herald)
 
-        self._agenda.put(due_utc_ns, tell)
+        self._office.agenda.put(due_utc_ns, tell)
 
     def _send_all(self, messages: Sequence[Message]) -> None:
         for message in messages:
-            self.outbox.send(message)
+            self.outbox.send_past_link(message)
+
+    def _tell_settings(self) -> None:
+        now_ns = self._office.clock.now_ns()
+        message = settings_message(self._office.prefix, self.sensor, self._controlled, now_ns)
+        self.outbox.send_past_link(message)
 
     def _publish_status(self, state: pb.SensorStatus.State) -> None:
-        status = self._status
+        status, counts = self._status, self.outbox.counts
         status.state = state
-        status.refused = self._totals.refused
-        status.undelivered = self.outbox.undelivered
-        status.lateness_p50_us, status.lateness_p99_us = lateness_us(
-            self.outbox.lateness_ns, 50, 99
-        )
-        self.outbox.lateness_ns.clear()
-        self.outbox.send(status_message(self._prefix, status, self._clock.now_ns()))
+        status.refused = self._office.totals.refused
+        status.undelivered = counts.undelivered
+        status.lost = counts.lost
+        status.duplicated = counts.duplicated
+        status.on_the_way = self.outbox.on_the_way
+        status.waiting = self.outbox.waiting
+        status.enabled = self.sensor.enabled
+        status.lateness_p50_us, status.lateness_p99_us = lateness_us(counts.lateness_ns, 50, 99)
+        counts.lateness_ns.clear()
+        now_ns = self._office.clock.now_ns()
+        self.outbox.send_past_link(status_message(self._office.prefix, status, now_ns))
+
+
+def _over(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes over earlier ones, kept as changes: what takes a key away stays in."""
+    result = dict(before)
+    for key, value in changes.items():
+        earlier = result.get(key)
+        if isinstance(value, Mapping) and isinstance(earlier, Mapping) and "kind" not in value:
+            result[key] = _over(earlier, value)
+        else:
+            result[key] = value
+    return result
+
+
+def _json_of(link: Link | None) -> str:
+    return (link or Link()).model_dump_json(exclude_defaults=True)

@@ -62,11 +62,16 @@ class Intake:
         try:
             self._admit(drone, decode(payload, content_type, now_utc_ns=now_utc_ns), now_utc_ns)
         except Refused as refused:
-            count = self.gate.refuse(refused)
-            self.last_refusal = f"{topic}: {refused.detail}"
-            return self._refusal(topic, drone, refused, count, now_utc_ns)
+            return self.refuse(topic, refused, now_utc_ns)
         self.taken += 1
         return None
+
+    def refuse(self, topic: str, refused: Refused, now_utc_ns: int) -> Message | None:
+        """Count a message that is not taken; the refusal to publish if there is room."""
+        count = self.gate.refuse(refused)
+        self.last_refusal = f"{topic}: {refused.detail}"
+        drone = topic.rpartition("/")[2] if refused.reason is not Reason.CONTROL else ""
+        return self._refusal(topic, drone, refused, count, now_utc_ns)
 
     def _admit(self, drone: str, report: Report, now_utc_ns: int) -> None:
         if drone in self._scripted:

@@ -15,13 +15,12 @@ import click
 
 from plotfeed.feeds.channels import ASTERIX
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.desk import Totals
-from plotfeed.feeds.outbox import lateness_us
 from plotfeed.feeds.rawfile import RawFile
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.session import run
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.totals import Totals, lateness_us
 
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
@@ -155,6 +154,12 @@ def _line(totals: Totals) -> str:
     )
     if totals.telemetry or totals.refused:
         text += f"  telemetry {totals.telemetry} refused {totals.refused}"
+    if totals.lost or totals.duplicated:
+        text += f"  lost {totals.lost} doubled {totals.duplicated}"
+    if totals.stale:
+        text += f"  too late for SAPIENT {totals.stale}"
+    if totals.ended:
+        text += f"  on the way at the end {totals.ended}"
     if totals.undelivered:
         text += f"  undelivered {totals.undelivered}"
     if totals.missed_scans:

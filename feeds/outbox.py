@@ -1,83 +1,263 @@
-"""Where messages leave: over every broker of the session, each exit counted and timed."""
+"""Where a sensor's messages leave: late and lossy as its link is, over all its connections."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import cast
 
-import numpy as np
-
+from plotfeed.feeds.account import Account
+from plotfeed.feeds.agenda import Agenda, Kind
 from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.impairment.settings import Link as LinkSettings
+from plotfeed.feeds.impairment.stage import Copy, Fate, Impairment, flip
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.parcel import Link, Parcel
+from plotfeed.feeds.totals import LATENESS_KEPT, LOSSES, Totals
 from plotfeed.proto import plotfeed_pb2 as pb
-
-LATENESS_KEPT = 100_000
-
-
-class Link(Protocol):
-    """Something that carries messages away, at once or not at all."""
-
-    def publish(self, message: Message) -> bool:
-        """Hand a message over; False if it was not taken."""
-
-    async def drain(self, timeout_s: float = ...) -> None:
-        """Wait until everything has left, or the time is up."""
-
-
-class Connection(Link, Protocol):
-    """A link that has to be made, and made again, while the session runs."""
-
-    name: str
-
-    async def run(self) -> None:
-        """Keep it up until cancelled."""
-
-    async def wait_until_up(self, timeout_s: float | None = ...) -> None:
-        """Return once it is up; raises `PlotfeedError` if it is not in that time."""
-
 
 Tap = Callable[[Message, int], None]
 """Called with every message and the time at which it left."""
+InTime = Callable[[Message, int], Message | None]
+"""The message as it may still leave at that time, or None if it is too late for it."""
+
+_FATES = {
+    Fate.LOST: pb.LOST,
+    Fate.QUEUE_FULL: pb.QUEUE_FULL,
+    Fate.OUTAGE: pb.OUTAGE,
+}
+
+
+class Trip(Parcel):
+    """One copy of a message on its way through a sensor's link and out."""
+
+    __slots__ = ("account", "copy", "due_utc_ns", "flipped_bit", "link_due_utc_ns", "number")
+
+    def __init__(
+        self,
+        message: Message,
+        clock: Clock,
+        links: int,
+        on_settled: Callable[[Parcel], None],
+        *,
+        number: int,
+        account: Account | None,
+        copy: int = 0,
+        link_due_utc_ns: int | None = None,
+        flipped_bit: int | None = None,
+    ) -> None:
+        super().__init__(message, clock, links, on_settled)
+        self.number = number
+        self.account = account
+        self.copy = copy
+        self.due_utc_ns = message.due_utc_ns
+        self.link_due_utc_ns = message.due_utc_ns if link_due_utc_ns is None else link_due_utc_ns
+        self.flipped_bit = flipped_bit
+
+    def told(self, fate: pb.Fate) -> pb.Sent:
+        """For the ledger."""
+        return pb.Sent(
+            topic=self.message.topic,
+            due_utc_ns=self.due_utc_ns,
+            sent_utc_ns=self.sent_utc_ns or 0,
+            octets=len(self.message.payload),
+            delivered=fate == pb.SENT,
+            fate=fate,
+            link_due_utc_ns=self.link_due_utc_ns,
+            number=self.number,
+            copy=self.copy,
+            flipped_bit=self.flipped_bit,
+        )
+
+
+@dataclass(slots=True, kw_only=True)
+class Ways:
+    """Who watches what leaves, and by what rules."""
+
+    before: Sequence[Callable[[Message], None]] = ()
+    """Told of every message as it is handed to the link."""
+    after: Sequence[Tap] = ()
+    """Told of every copy as it leaves."""
+    in_time: InTime | None = None
+
+
+@dataclass(slots=True)
+class _Counts:
+    lost: int = 0
+    duplicated: int = 0
+    undelivered: int = 0
+    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
 
 
 class Outbox:
-    """One client's way out: the same messages over all its links, and to the tap."""
+    """One client's way out: through its link's impairment, over all its connections."""
 
-    def __init__(self, clock: Clock, links: Sequence[Link], tap: Tap | None = None) -> None:
-        self.sent = 0
-        self.undelivered = 0
-        self.lateness_ns: deque[int] = deque(maxlen=LATENESS_KEPT)
+    def __init__(
+        self,
+        clock: Clock,
+        links: Sequence[Link],
+        *,
+        agenda: Agenda | None = None,
+        totals: Totals | None = None,
+        ways: Ways | None = None,
+        link: LinkSettings | None = None,
+        impair: Callable[[LinkSettings], Impairment] | None = None,
+    ) -> None:
+        """`impair` makes the link's impairment, which delays by way of `agenda`.
+
+        Without `link`, messages leave at once.
+        """
+        self.counts = _Counts()
+        self.links = links
         self._clock = clock
-        self._links = links
-        self._tap = tap
+        self._agenda = agenda or Agenda()
+        self._totals = totals or Totals()
+        self._ways = ways or Ways()
+        self._impair = impair
+        self._impairment = impair(link) if impair and link is not None else None
+        self._number = 0
+        self._on_the_way: set[Trip] = set()
+        self._held: deque[Trip] = deque()
 
-    def send(self, message: Message) -> pb.Sent:
-        """Send it now; it is delivered if every link took it. It is not kept for later."""
-        taken = [link.publish(message) for link in self._links]
-        delivered = all(taken)
-        sent_utc_ns = self._clock.now_ns()
-        if self._tap is not None:
-            self._tap(message, sent_utc_ns)
-        self.sent += 1
-        self.undelivered += not delivered
-        self.lateness_ns.append(sent_utc_ns - message.due_utc_ns)
-        return pb.Sent(
-            topic=message.topic,
-            due_utc_ns=message.due_utc_ns,
-            sent_utc_ns=sent_utc_ns,
-            octets=len(message.payload),
-            delivered=delivered,
-        )
+    @property
+    def on_the_way(self) -> int:
+        """Copies that the link holds."""
+        return len(self._on_the_way) + len(self._held)
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for a broker."""
+        return sum(getattr(link, "waiting", 0) for link in self.links)
+
+    def send(self, message: Message, account: Account | None = None) -> None:
+        """Hand a message to the link now; what becomes of each copy is told to `account`."""
+        for tell in self._ways.before:
+            tell(message)
+        trip = self._trip(message, account)
+        if self._impairment is None:
+            self._depart(trip)
+        else:
+            self._hand_over(trip, self._impairment, message.due_utc_ns)
+
+    def send_past_link(self, message: Message) -> None:
+        """Send what is not the sensor's own traffic, such as its status."""
+        parcel = Parcel(message, self._clock, len(self.links))
+        for link in self.links:
+            link.publish(parcel)
+        for tap in self._ways.after:
+            tap(message, self._clock.now_ns())
+
+    def change(self, link: LinkSettings) -> None:
+        """From now on the link is that one; what it held leaves if it is up again."""
+        if self._impairment is not None:
+            self._impairment.change(link)
+        elif self._impair is not None:
+            self._impairment = self._impair(link)
+        else:
+            raise ValueError("this client has no link")
+        held, self._held = self._held, deque()
+        for trip in held:
+            self._hand_over(trip, self._impairment, self._clock.now_ns())
+
+    def end(self) -> None:
+        """The session is over: what the link still holds does not arrive."""
+        for trip in [*self._held, *self._on_the_way]:
+            self._close(trip, pb.ENDED)
+        self._held.clear()
+        self._on_the_way.clear()
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
-        for link in self._links:
+        for link in self.links:
             await link.drain(timeout_s)
 
+    def _trip(self, message: Message, account: Account | None) -> Trip:
+        number = self._number
+        self._number += 1
+        if account is not None:
+            account.expect()
+        return Trip(
+            message, self._clock, len(self.links), self._settled, number=number, account=account
+        )
 
-def lateness_us(lateness_ns: Sequence[int], *percentiles: float) -> list[float]:
-    """Percentiles of how late messages left, microseconds; zeros if none did."""
-    if not lateness_ns:
-        return [0.0] * len(percentiles)
-    return [float(p) / 1e3 for p in np.percentile(np.asarray(lateness_ns), percentiles)]
+    def _hand_over(self, trip: Trip, impairment: Impairment, due_utc_ns: int) -> None:
+        """Ask the link what becomes of it, and see to that."""
+        outcome = impairment.pass_on(due_utc_ns, len(trip.message.payload))
+        if outcome.fate is Fate.HELD:
+            if len(self._held) < impairment.link.queue_messages:
+                self._held.append(trip)
+            else:
+                self._close(trip, pb.QUEUE_FULL)
+            return
+        if outcome.fate is not Fate.SENT:
+            self._close(trip, _FATES[outcome.fate])
+            return
+        for number, copy in enumerate(outcome.copies):
+            self._plan(self._copied(trip, number, copy), copy.due_utc_ns)
+
+    def _copied(self, trip: Trip, number: int, copy: Copy) -> Trip:
+        """The trip itself for the first copy, a new one for a duplicate."""
+        message = trip.message
+        if copy.flipped_bit is not None:
+            message = replace(message, payload=flip(message.payload, copy.flipped_bit))
+        if number and trip.account is not None:
+            trip.account.expect()
+        return Trip(
+            message,
+            self._clock,
+            len(self.links),
+            self._settled,
+            number=trip.number,
+            account=trip.account,
+            copy=number,
+            link_due_utc_ns=copy.due_utc_ns,
+            flipped_bit=copy.flipped_bit,
+        )
+
+    def _plan(self, trip: Trip, due_utc_ns: int) -> None:
+        if self._ways.in_time is not None:
+            message = self._ways.in_time(trip.message, due_utc_ns)
+            if message is None:
+                self._close(trip, pb.STALE)
+                return
+            trip.message = message
+        if due_utc_ns <= trip.due_utc_ns:
+            self._depart(trip)
+            return
+        self._on_the_way.add(trip)
+        self._agenda.put(due_utc_ns, partial(self._arrive, trip), Kind.DELIVERY)
+
+    def _arrive(self, trip: Trip) -> None:
+        if trip in self._on_the_way:
+            self._on_the_way.remove(trip)
+            self._depart(trip)
+
+    def _depart(self, trip: Trip) -> None:
+        """Out over every connection."""
+        for link in self.links:
+            link.publish(trip)
+        for tap in self._ways.after:
+            tap(trip.message, trip.sent_utc_ns or self._clock.now_ns())
+        if not self.links:
+            self._settled(trip)
+
+    def _settled(self, parcel: Parcel) -> None:
+        trip = cast("Trip", parcel)  # it is told of its own trips alone
+        if trip.delivered and trip.sent_utc_ns is None:
+            trip.leave()
+        self._close(trip, pb.SENT if trip.delivered else pb.UNDELIVERED)
+
+    def _close(self, trip: Trip, fate: pb.Fate) -> None:
+        """Count it, and tell the ledger."""
+        lateness_ns = (trip.sent_utc_ns or 0) - trip.link_due_utc_ns
+        counts = self.counts
+        counts.lost += fate in LOSSES
+        counts.undelivered += fate == pb.UNDELIVERED
+        if fate == pb.SENT:
+            counts.lateness_ns.append(lateness_ns)
+            counts.duplicated += trip.copy > 0
+        self._totals.settle(fate, trip.copy, lateness_ns)
+        if trip.account is not None:
+            trip.account.settle(trip.told(fate))

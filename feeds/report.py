@@ -45,6 +45,8 @@ class Reason(StrEnum):
     STALE = "stale"
     TOO_MANY_DRONES = "too_many_drones"
     NAME = "name"
+    FLOOD = "flood"
+    CONTROL = "control"
 
 
 class Refused(PlotfeedError):  # noqa: N818 - what happened to a report, not what broke

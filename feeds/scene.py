@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_validator
 
+from plotfeed.feeds.changes import ChangeError, changed
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
@@ -26,6 +27,8 @@ from plotfeed.proto.errors import PlotfeedError
 MAX_SCENE_OCTETS = 4 << 20
 MAX_FALSE_ALARMS = 100_000
 """In a scan, on average: each of them is drawn, encoded and sent."""
+TOPICS_OF_SESSION = frozenset({"telemetry", "truth", "errors", "control", "session", COOPERATIVE})
+"""Levels after the prefix that no sensor can have as its id."""
 MAX_PROBLEMS = 20
 """Told of a scene that has many."""
 
@@ -170,11 +173,9 @@ class Scene(Part):
             twice = {name for name, count in Counter(names).items() if count > 1}
             if twice:
                 raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
-        if {"telemetry", "truth", "errors", COOPERATIVE} & {s.id for s in self.sensor}:
-            raise ValueError(
-                f"sensor: the ids telemetry, truth, errors and {COOPERATIVE} "
-                "are topics of the session"
-            )
+        taken = sorted(TOPICS_OF_SESSION & {s.id for s in self.sensor})
+        if taken:
+            raise ValueError(f"sensor: the id {taken[0]!r} is a topic of the session")
         return self
 
     @model_validator(mode="after")
@@ -189,12 +190,18 @@ class Scene(Part):
     @model_validator(mode="after")
     def _false_alarms_can_be_sent(self) -> Self:
         for sensor in self.sensor:
-            expected = sensor.model(self.scene.site).false_alarms_per_scan
-            if expected > MAX_FALSE_ALARMS:
-                raise ValueError(
-                    f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
-                    f"at most {MAX_FALSE_ALARMS} are taken"
-                )
+            _check_false_alarms(sensor, self.scene.site)
+        return self
+
+    @model_validator(mode="after")
+    def _events_can_happen(self) -> Self:
+        for sensor in self.sensor:
+            for i, event in enumerate(sensor.event):
+                try:
+                    other = changed(sensor, event.set)
+                except ChangeError as error:
+                    raise ValueError(f"sensor: {sensor.id!r}: event[{i}].set: {error}") from None
+                _check_false_alarms(other, self.scene.site)
         return self
 
     @model_validator(mode="after")
@@ -209,6 +216,15 @@ class Scene(Part):
     def folder(self) -> Path:
         """Where the scene's own files are."""
         return self._folder
+
+
+def _check_false_alarms(sensor: Sensor, site: Site) -> None:
+    expected = sensor.model(site).false_alarms_per_scan
+    if expected > MAX_FALSE_ALARMS:
+        raise ValueError(
+            f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
+            f"at most {MAX_FALSE_ALARMS} are taken"
+        )
 
 
 def load(path: str | Path) -> Scene:

@@ -5,34 +5,76 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from plotfeed.feeds.agenda import Agenda
+from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.broker_address import BrokerAddress
-from plotfeed.feeds.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.cloud_events import attributes
+from plotfeed.feeds.changes import ChangeError
+from plotfeed.feeds.clock import Clock, WallClock
+from plotfeed.feeds.control import ClockCommand, Command, ControlError, parsed
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
-from plotfeed.feeds.desk import Desk, Herald, Totals, status_message
+from plotfeed.feeds.desk import Desk, Herald, Office, Watcher
+from plotfeed.feeds.engine import Engine, Recorded
 from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.health import session_message, status_message
+from plotfeed.feeds.impairment.settings import Link as LinkSettings
+from plotfeed.feeds.impairment.stage import Impairment
+from plotfeed.feeds.inbox import Inbox
 from plotfeed.feeds.intake import Intake
-from plotfeed.feeds.message import PROTOBUF, Message
+from plotfeed.feeds.ledger import ledger_message
+from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.outbox import Connection, Link, Outbox, Tap
+from plotfeed.feeds.outbox import Outbox, Tap, Ways
+from plotfeed.feeds.parcel import Connection, Link, Parcel
+from plotfeed.feeds.report import Reason, Refused
 from plotfeed.feeds.sapient import extra as sapient_extra
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.session_brokers import brokers_of
 from plotfeed.feeds.station import SectorReport, Station
+from plotfeed.feeds.totals import Totals
 from plotfeed.feeds.udp import UdpLink
 from plotfeed.models.truth import NS, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.batch import ledger
 
 FIRST_CONNECTION_S = 5.0
-FAREWELL_S = 1.0
-DRAIN_EVERY_NS = 20 * NS
-"""A simulated clock lets the sockets catch up this often."""
+FLUSH_S = 0.5
+"""A session that is told to stop waits so long for what its links still hold."""
+FAREWELL_S = 0.8
+"""And so long for sockets to take the last messages."""
+
+
+class Observer(Watcher):
+    """Follows a whole session from within; every method returns soon, and none raises."""
+
+    def begun(self, session: Session) -> None:
+        """It stands, and its time begins."""
+
+    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Telemetry or a command was taken in, as of that time."""
+
+    def before(self, message: Message) -> None:
+        """A sensor hands a message to its link."""
+
+    def after(self, message: Message, sent_utc_ns: int) -> None:
+        """A message leaves."""
+
+    def ledger(self, message: Message) -> None:
+        """The ledger of a sector is complete, whether it is published or not."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extras:
+    """What a run may have besides its scene."""
+
+    tap: Tap | None = None
+    """Sees every message as it leaves."""
+    observers: Sequence[Observer] = ()
+    recorded: Callable[[Session], Recorded] | None = None
+    """Telemetry of a recording, to be taken in again."""
 
 
 async def run(
@@ -43,6 +85,7 @@ async def run(
     duration_s: float | None = None,
     stop: asyncio.Event | None = None,
     tap: Tap | None = None,
+    extras: Extras | None = None,
     on_ready: Callable[[dict[str, str], Totals], None] | None = None,
 ) -> Totals:
     """Run a scene until its duration is over or `stop` is set; raises `PlotfeedError`.
@@ -53,9 +96,10 @@ async def run(
     """
     clock = clock or WallClock(scene.scene.start_utc_ns)
     totals = Totals()
+    extras = extras or Extras(tap=tap)
     try:
         async with brokers_of(scene, broker) as (addresses, urls):
-            session = Session(scene, clock, addresses, totals, tap)
+            session = Session(scene, clock, addresses, totals, extras)
             await session.run(
                 scene.scene.duration_s if duration_s is None else duration_s,
                 stop,
@@ -74,7 +118,7 @@ def _cause(group: ExceptionGroup[Exception]) -> Exception:
 
 
 class Session:
-    """A scene at work: a desk for each sensor, an office for telemetry and truth, one agenda."""
+    """A scene at work: a desk for each sensor, an office for telemetry and truth, one engine."""
 
     def __init__(
         self,
@@ -82,22 +126,42 @@ class Session:
         clock: Clock,
         addresses: Sequence[BrokerAddress],
         totals: Totals,
-        tap: Tap | None,
+        extras: Extras,
     ) -> None:
-        self._scene = scene
-        self._clock = clock
-        self._totals = totals
-        self._agenda = Agenda()
-        self._start_ns = clock.now_ns()
-        self._trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
-        self._intake = Intake(scene, self._trajectories)
-        launch(scene, self._trajectories, self._start_ns)
+        self.scene = scene
+        self.clock = clock
+        self.totals = totals
+        self.start_ns = clock.now_ns()
+        self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+        self._observers = extras.observers
+        self._intake = Intake(scene, self.trajectories)
+        launch(scene, self.trajectories, self.start_ns)
         self._links: list[Connection] = []
         self._udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
+        self._engine = Engine(
+            clock,
+            inbox=Inbox(self.take),
+            drain=self._drain,
+            recorded=extras.recorded(self) if extras.recorded else None,
+        )
+        self._ways = Ways(
+            before=[observer.before for observer in extras.observers],
+            after=[*([extras.tap] if extras.tap else []), *(o.after for o in extras.observers)],
+        )
+        self._office = Office(
+            prefix=scene.mqtt.prefix,
+            clock=clock,
+            agenda=self._engine.agenda,
+            totals=totals,
+            keep_ledger=self._keep_ledger,
+            watchers=extras.observers,
+        )
         office_links = self._office_links(addresses)
-        self._office = Outbox(clock, office_links, tap)
-        self._desks = [self._desk(sensor, addresses, tap) for sensor in scene.sensor]
-        self._cooperative = self._cooperative_desk(office_links, tap)
+        self._front = Outbox(clock, office_links, ways=Ways(after=self._ways.after))
+        self.desks = {sensor.id: self._desk(sensor, addresses) for sensor in scene.sensor}
+        self._cooperative = self._cooperative_desk(office_links)
+        if scene.mqtt.queue.policy == "wait":
+            self._engine.be_patient([link for link in self._links if isinstance(link, MqttLink)])
 
     async def run(
         self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
@@ -107,10 +171,10 @@ class Session:
             for udp_link in self._udp:
                 sockets.callback(udp_link.close)
                 udp_link.open()
-            await self._run(duration_s, stop, on_ready)
+            await self._run(duration_s, stop or asyncio.Event(), on_ready)
 
     async def _run(
-        self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
+        self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
     ) -> None:
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
@@ -118,149 +182,212 @@ class Session:
                 for link in self._links:
                     await link.wait_until_up(FIRST_CONNECTION_S)
                 on_ready()
-                self._start_ns = self._clock.start()
+                self.start_ns = self.clock.start()
                 await _first_of(self._work(duration_s), stop)
-                await self._farewell()
+                await self._flush(stop)
+                await self._farewell(running[len(self._front.links) :])
             finally:
                 for task in running:
                     task.cancel()
+
+    def take(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Take in telemetry or a command, as of that time."""
+        for observer in self._observers:
+            observer.took(topic, payload, content_type, t_utc_ns)
+        if topic == self._control_topic:
+            self._obey(payload)
+            return
+        refusal = self._intake.take(topic, payload, content_type, t_utc_ns)
+        self.totals.telemetry = self._intake.taken
+        self._note_refusals()
+        self.totals.drones = len(self.trajectories.names)
+        if refusal is not None:
+            self._front.send_past_link(refusal)
+
+    def control(self, command: Command) -> dict[str, Any]:
+        """Do as asked, and say what is in force now; raises `PlotfeedError`."""
+        if command.clock is not None:
+            return self._control_clock(command.clock)
+        desk = self.desks.get(command.sensor or "")
+        if desk is None:
+            known = ", ".join(self.desks)
+            raise ControlError(f"sensor: there is no {command.sensor!r}; expected one of {known}")
+        desk.control(None if command.reset else command.set)
+        self.totals.controls += 1
+        return {"sensor": desk.sensor.id, **desk.sensor.model_dump(mode="json", exclude_unset=True)}
+
+    def _control_clock(self, command: ClockCommand) -> dict[str, Any]:
+        clock = self.clock
+        if not isinstance(clock, WallClock) or clock.is_real:
+            raise ControlError("clock: real time cannot be held or hurried; run a simulated clock")
+        if command.speed is not None:
+            clock.set_speed(command.speed)
+        if command.paused is not None:
+            (clock.pause if command.paused else clock.resume)()
+        if command.step_s is not None:
+            clock.step(round(command.step_s * NS))
+        self.totals.controls += 1
+        return {"paused": clock.is_paused, "speed": clock.speed}
+
+    @property
+    def _control_topic(self) -> str:
+        return f"{self.scene.mqtt.prefix}/control"
+
+    def _obey(self, payload: bytes) -> None:
+        """A command from the wire: done, or refused in a line."""
+        try:
+            self.control(parsed(payload))
+        except (ControlError, ChangeError) as error:
+            refused = Refused(Reason.CONTROL, str(error))
+            message = self._intake.refuse(self._control_topic, refused, self.clock.now_ns())
+            self._note_refusals()
+            if message is not None:
+                self._front.send_past_link(message)
+
+    def _note_refusals(self) -> None:
+        self.totals.refused = self._intake.refused
+        self.totals.last_refusal = self._intake.last_refusal
+
+    def _heard(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        if not self._engine.heard(topic, payload, content_type):
+            refused = Refused(Reason.FLOOD, "more than can be taken has come at once")
+            message = self._intake.refuse(topic, refused, self.clock.now_ns())
+            self._note_refusals()
+            if message is not None:
+                self._front.send_past_link(message)
 
     def _office_links(self, addresses: Sequence[BrokerAddress]) -> list[MqttLink]:
         links = [
             MqttLink(
                 address,
                 "plotfeed-session",
-                subscribe=[self._intake.topic],
-                on_message=self._telemetry_came,
+                subscribe=[self._intake.topic, self._control_topic],
+                on_message=self._heard,
+                queue=self.scene.mqtt.queue,
             )
             for address in addresses
         ]
         self._links.extend(links)
         return links
 
-    def _desk(self, sensor: Sensor, addresses: Sequence[BrokerAddress], tap: Tap | None) -> Desk:
+    def _desk(self, sensor: Sensor, addresses: Sequence[BrokerAddress]) -> Desk:
         """A sensor is a client of its own: its last will is that it is offline."""
-        prefix = self._scene.mqtt.prefix
+        prefix = self.scene.mqtt.prefix
         offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
-        will = status_message(prefix, offline, self._start_ns)
-        herald = sapient_extra.herald(self._scene, sensor)
+        will = status_message(prefix, offline, self.start_ns)
+        herald = sapient_extra.herald(self.scene, sensor)
         greet = None if herald is None else partial(self._greet_again, herald)
         links: list[Connection] = [
-            MqttLink(address, f"plotfeed-{sensor.id}", will=will, on_connect=greet)
+            MqttLink(
+                address,
+                f"plotfeed-{sensor.id}",
+                will=will,
+                on_connect=greet,
+                queue=self.scene.mqtt.queue,
+            )
             for address in addresses
         ]
-        links += sapient_extra.middleware_links(self._scene, herald, self._clock)
+        links += sapient_extra.middleware_links(self.scene, herald, self.clock)
         self._links.extend(links)
         udp_links = [link for link in self._udp if link.settings.takes(sensor.id)]
-        return Desk(
-            Station(self._scene, sensor, self._trajectories),
-            Outbox(self._clock, [*links, *udp_links], tap),
-            prefix=prefix,
-            clock=self._clock,
-            agenda=self._agenda,
-            totals=self._totals,
-            keep_ledger=self._keep_ledger,
-            herald=herald,
+        outbox = self._outbox(sensor.id, [*links, *udp_links], sensor.link)
+        return Desk(Station(self.scene, sensor, self.trajectories), outbox, self._office, herald)
+
+    def _outbox(self, name: str, links: Sequence[Link], link: LinkSettings | None) -> Outbox:
+        in_time = sapient_extra.in_time(self.scene)
+        return Outbox(
+            self.clock,
+            links,
+            agenda=self._engine.agenda,
+            totals=self.totals,
+            ways=Ways(before=self._ways.before, after=self._ways.after, in_time=in_time),
+            link=link,
+            impair=partial(_impairment, self.scene.scene.seed, name),
         )
 
-    def _cooperative_desk(
-        self, office_links: Sequence[Link], tap: Tap | None
-    ) -> CooperativeDesk | None:
+    def _cooperative_desk(self, office_links: Sequence[Link]) -> CooperativeDesk | None:
         """Drones of the scene that report themselves, if it has any."""
-        settings = self._scene.cooperative
+        settings = self.scene.cooperative
         if settings is None:
             return None
         udp_links = [link for link in self._udp if link.settings.takes(COOPERATIVE)]
         return CooperativeDesk(
-            CooperativeDrones(self._scene, settings, self._trajectories),
-            Outbox(self._clock, [*office_links, *udp_links], tap),
-            clock=self._clock,
-            agenda=self._agenda,
-            totals=self._totals,
+            CooperativeDrones(self.scene, settings, self.trajectories),
+            self._outbox(COOPERATIVE, [*office_links, *udp_links], settings.link),
+            self._office,
         )
 
     def _greet_again(self, herald: Herald, link: MqttLink) -> None:
         """A connection that was lost hears anew who the sensor is; the first one is told anyway."""
         if link.connections > 1:
-            for message in herald.opening(self._clock.now_ns()):
-                link.publish(message)
+            for message in herald.opening(self.clock.now_ns()):
+                link.publish(Parcel(message, self.clock, 1))
 
-    def _telemetry_came(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        refusal = self._intake.take(topic, payload, content_type, self._clock.now_ns())
-        self._totals.telemetry = self._intake.taken
-        self._totals.refused = self._intake.refused
-        self._totals.last_refusal = self._intake.last_refusal
-        self._totals.drones = len(self._trajectories.names)
-        if refusal is not None:
-            self._office.send(refusal)
+    def _keep_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
+        """Put what is true on the truth topic when there is time, if anybody is to have it."""
+        if self.scene.mqtt.truth or self._observers:
+            self._engine.later(partial(self._write_ledger, report, sent, link))
 
-    def _keep_ledger(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """Put what is true on the truth topic, unless the scene keeps it back."""
-        if not self._scene.mqtt.truth:
-            return
-        sector, prefix = report.sector, self._scene.mqtt.prefix
-        entry = ledger(
-            report.sensor,
-            sector.scan,
-            sector.index,
-            looks=report.looks,
-            plots=report.plots,
-            drones=self._trajectories.names,
-            sent=sent,
+    def _write_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
+        message = ledger_message(
+            self.scene.mqtt.prefix, report, self.trajectories.names, sent, link
         )
-        self._office.send(
-            Message(
-                topic=f"{prefix}/truth",
-                payload=entry,
-                content_type=f"{PROTOBUF}; messageType=plotfeed.v1.Ledger",
-                due_utc_ns=sector.end_ns,
-                properties=attributes(
-                    f"{prefix}/{report.sensor}",
-                    "truth",
-                    f"{sector.scan}-{sector.index}",
-                    sector.end_ns,
-                    sensor=report.sensor,
-                    scan=sector.scan,
-                    sector=sector.index,
-                ),
-            )
-        )
+        for observer in self._observers:
+            observer.ledger(message)
+        if self.scene.mqtt.truth:
+            self._front.send_past_link(message)
 
     async def _work(self, duration_s: float | None) -> None:
-        """Do everything on the agenda, each thing at its time."""
-        end_ns = None if duration_s is None else self._start_ns + round(duration_s * NS)
-        self._totals.drones = len(self._trajectories.names)
-        for desk in self._desks:
-            desk.open(self._start_ns)
+        """Open everything, and do what is on the agenda."""
+        end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
+        self.totals.drones = len(self.trajectories.names)
+        for observer in self._observers:
+            observer.begun(self)
+        self._front.send_past_link(session_message(self.scene, self.start_ns))
+        for desk in self.desks.values():
+            desk.open(self.start_ns)
         if self._cooperative is not None:
-            self._cooperative.open(self._start_ns)
-        drain_ns = self._start_ns
-        while (due_ns := self._agenda.next_due_ns()) is not None:
-            if end_ns is not None and due_ns > end_ns:
-                await self._clock.sleep_until(end_ns)
-                return
-            await self._clock.sleep_until(due_ns)
-            for action in self._agenda.due_by(self._clock.now_ns()):
-                action()
-            if isinstance(self._clock, InstantClock) and due_ns >= drain_ns:
-                await self._drain()
-                drain_ns = due_ns + DRAIN_EVERY_NS
+            self._cooperative.open(self.start_ns)
+        await self._engine.work(end_ns)
 
-    async def _farewell(self) -> None:
-        """Mark every sensor offline and let the sockets empty."""
-        for desk in self._desks:
+    async def _flush(self, stop: asyncio.Event) -> None:
+        """Deliver what links hold: all of it after a set time, what is near when told to stop."""
+        if not stop.is_set():
+            await _first_of(self._engine.finish(Kind.DELIVERY), stop)
+        if stop.is_set():
+            self.clock.wake()
+            if isinstance(self.clock, WallClock):
+                self.clock.resume()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(FLUSH_S):
+                    await self._engine.finish(Kind.SENDING)
+
+    async def _farewell(self, sensors: Sequence[asyncio.Task[None]]) -> None:
+        """Mark every sensor offline, let the sockets empty, and write what became of the rest."""
+        for desk in self.desks.values():
             desk.close()
+        if self._cooperative is not None:
+            self._cooperative.outbox.end()
         await self._drain()
+        for task in sensors:
+            task.cancel()
+        await asyncio.gather(*sensors, return_exceptions=True)
+        self._engine.do_all_later()
+        await self._front.drain(FAREWELL_S / 2)
 
     async def _drain(self) -> None:
-        for outbox in (self._office, *(desk.outbox for desk in self._desks)):
-            await outbox.drain(FAREWELL_S)
+        boxes = [self._front, *(desk.outbox for desk in self.desks.values())]
+        await asyncio.gather(*(box.drain(FAREWELL_S) for box in boxes))
 
 
-async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event | None) -> None:
+def _impairment(seed: int, name: str, link: LinkSettings) -> Impairment:
+    return Impairment(link, seed, name)
+
+
+async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:
     """Wait for the end of the work, or end it when asked to stop."""
     working = asyncio.create_task(work, name="work")
-    stopping = asyncio.create_task((stop or asyncio.Event()).wait(), name="stop")
+    stopping = asyncio.create_task(stop.wait(), name="stop")
     try:
         await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
         if working.done():

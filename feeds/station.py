@@ -49,7 +49,8 @@ class Station:
 
     def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
         self.sensor = sensor
-        self.model = sensor.model(scene.scene.site)
+        self._site = scene.scene.site
+        self.model = sensor.model(self._site)
         self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self.period_ns = round(sensor.scan.period_s * NS)
         self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
@@ -57,6 +58,11 @@ class Station:
         self._chance = Chance(scene.scene.seed, sensor.id)
         self._reporters = reporters_of(scene, sensor)
         self._edge = (-1, -1, np.zeros(0))
+
+    def change(self, sensor: Sensor) -> None:
+        """Be that sensor from the next sector on: the same one, with other values."""
+        self.sensor = sensor
+        self.model = sensor.model(self._site)
 
     def sector_at(self, t_utc_ns: int) -> Sector:
         """The sector under way at a time."""

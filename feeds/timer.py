@@ -22,7 +22,13 @@ class Timer(Protocol):
     """Something to wait with; one waiter at a time."""
 
     async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time of `time.monotonic_ns`, at once if it is past."""
+        """Return at that time of `time.monotonic_ns`, at once if it is past, or when woken."""
+
+    async def wait_for_wake(self) -> None:
+        """Return when woken."""
+
+    def wake(self) -> None:
+        """Let whoever waits return."""
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -31,12 +37,25 @@ class Timer(Protocol):
 class LoopTimer:
     """The loop's own timers, where there is no timerfd: up to a millisecond late."""
 
+    def __init__(self) -> None:
+        self._woken = asyncio.Event()
+
     async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time, or a little after it; never before."""
-        left_ns = monotonic_ns - time.monotonic_ns()
-        while left_ns > 0:
-            await asyncio.sleep(left_ns / NS)
-            left_ns = monotonic_ns - time.monotonic_ns()
+        """Return at that time, or a little after it; never before, unless woken."""
+        self._woken.clear()
+        while not self._woken.is_set() and (left_ns := monotonic_ns - time.monotonic_ns()) > 0:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(left_ns / NS):
+                    await self._woken.wait()
+
+    async def wait_for_wake(self) -> None:
+        """Return when woken."""
+        self._woken.clear()
+        await self._woken.wait()
+
+    def wake(self) -> None:
+        """Let whoever waits return."""
+        self._woken.set()
 
     def close(self) -> None:
         """Nothing is held."""
@@ -75,6 +94,15 @@ class TimerFd:
             raise OSError(ctypes.get_errno(), "timerfd_settime")
         await self._due.wait()
 
+    async def wait_for_wake(self) -> None:
+        """Return when woken."""
+        self._due.clear()
+        await self._due.wait()
+
+    def wake(self) -> None:
+        """Let whoever waits return."""
+        self._due.set()
+
     def close(self) -> None:
         """Take it out of the loop and close the file."""
         if self._fd >= 0:
@@ -100,6 +128,14 @@ class PreciseTimer:
     async def wait_until(self, monotonic_ns: int) -> None:
         """Return at that time of `time.monotonic_ns`."""
         await self._timer.wait_until(monotonic_ns)
+
+    async def wait_for_wake(self) -> None:
+        """Return when woken."""
+        await self._timer.wait_for_wake()
+
+    def wake(self) -> None:
+        """Let whoever waits return."""
+        self._timer.wake()
 
     def __enter__(self) -> Self:
         return self

@@ -11,6 +11,7 @@ from plotfeed.models.scan import Sector
 from plotfeed.models.state import Floats, Looks, Plots, Targets
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
+NO_LOOKS = Looks.none()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,9 +53,10 @@ def ledger(
     plots: Plots,
     drones: Sequence[str],
     sent: Sequence[pb.Sent],
+    link: str = "",
 ) -> bytes:
-    """A serialised Ledger; `drones` names the drones by index."""
-    entry = pb.Ledger(sensor=sensor, scan=scan, sector=sector, messages=sent)
+    """A serialised Ledger; `drones` names the drones by index, `link` is JSON where it is news."""
+    entry = pb.Ledger(sensor=sensor, scan=scan, sector=sector, messages=sent, link=link)
     entry.looks.extend(_looks(looks, drones))
     entry.plots.extend(_plot_truths(plots, drones))
     return entry.SerializeToString()

@@ -9,6 +9,8 @@ from plotfeed.proto.errors import PlotfeedError
 if TYPE_CHECKING:
     from plotfeed.feeds.clock import Clock
     from plotfeed.feeds.formats.sapient import SapientReports
+    from plotfeed.feeds.message import Message
+    from plotfeed.feeds.outbox import InTime
     from plotfeed.feeds.sapient.herald import SapientHerald
     from plotfeed.feeds.sapient.tcp import SapientTcpLink
     from plotfeed.feeds.scene import Scene
@@ -43,6 +45,19 @@ def herald(scene: Scene, sensor: Sensor) -> SapientHerald | None:
     from plotfeed.feeds.sapient.herald import SapientHerald
 
     return SapientHerald(scene, sensor)
+
+
+def in_time(scene: Scene) -> InTime:
+    """The rule for messages of SAPIENT that leave late."""
+
+    def check(message: Message, t_utc_ns: int) -> Message | None:
+        if not message.topic.endswith("/sapient"):
+            return message
+        from plotfeed.feeds.sapient.lateness import as_it_may_leave
+
+        return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
+
+    return check
 
 
 def middleware_links(

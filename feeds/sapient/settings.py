@@ -43,5 +43,9 @@ class Sapient(Part):
     """What every detection is called; a class that the sensor found goes below it."""
     default_class_confidence: Confidence = 1.0
     """Of any class that is stated: no sensor of plotfeed works one out."""
+    late: Literal["drop", "restamp", "send"] = "drop"
+    """What becomes of a message that its link delays by more than 0.8 s, when a middleware that
+    takes stamps up to 0.9 s old would refuse it: it is dropped, stamped with the time at which it
+    leaves, or sent as it is."""
     detection_confidence: Confidence | None = None
     """Of every detection; without it, one less the sensor's pfa."""

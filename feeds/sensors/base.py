@@ -6,29 +6,42 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from plotfeed.feeds.events import Event
+from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.parts import Azimuth, Elevation, Enu, Name, NotNegative, Part, Site
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.sensor import SensorModel
 
 
-class RotatingScan(Part):
+class _Periodic(Part):
+    """What ways of scanning have in common."""
+
+    period_s: Annotated[float, Field(ge=0.02, le=3600)]
+    """Of a scan."""
+    jitter_ms: NotNegative = 0.0
+    """Standard deviation of a scan's beginning from its time; at most a fiftieth of the period."""
+
+    @model_validator(mode="after")
+    def _scans_keep_their_order(self) -> Self:
+        if self.jitter_ms * 50 > self.period_s * 1000:
+            raise ValueError("jitter_ms: at most a fiftieth of period_s")
+        return self
+
+
+class RotatingScan(_Periodic):
     """A beam that turns clockwise, through true north at whole multiples of its period."""
 
     kind: Literal["rotating"]
     """Which way of scanning."""
-    period_s: Annotated[float, Field(ge=0.02, le=3600)]
-    """Of a scan."""
     sectors: Annotated[int, Field(ge=4, le=256)] = 32
     """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
 
 
-class StaringScan(Part):
+class StaringScan(_Periodic):
     """A sensor that looks everywhere at once, at whole multiples of its period."""
 
     kind: Literal["staring"]
     """Which way of scanning."""
-    period_s: Annotated[float, Field(ge=0.02, le=3600)]
-    """Of a scan."""
 
 
 Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
@@ -47,6 +60,12 @@ class SensorPart(Part):
     """The sensor's name in ASTERIX: system area and identification codes."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
     """Of the antenna or microphone: east, north and up of the site."""
+    enabled: bool = True
+    """Whether it is at work; a sensor that is not reports nothing but its status."""
+    link: Link | None = None
+    """Between the sensor and whoever hears it; without one, its messages leave when they are due."""
+    event: Annotated[tuple[Event, ...], Field(strict=False)] = ()
+    """What happens to it while the scene runs."""
 
     @model_validator(mode="before")
     @classmethod

@@ -1,0 +1,159 @@
+"""The engine of a session: one agenda, done by one clock, and what comes in between.
+
+What is due is done at its time, in the order of deadlines. Whatever can wait, such as telemetry and
+the ledger, waits for the time in between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from plotfeed.feeds.agenda import Action, Agenda, Kind
+from plotfeed.feeds.clock import Clock, InstantClock
+from plotfeed.feeds.inbox import Inbox
+from plotfeed.feeds.times import NS
+
+SPARE_NS = 1_000_000
+"""Less than this before a deadline, nothing else is begun."""
+AT_ONCE = 50
+"""Messages taken in, or entries written, before the clock is looked at again."""
+BUSY_AT_ONCE = 5
+"""The same where the next deadline is near: nothing waits for ever."""
+DRAIN_EVERY_NS = 20 * NS
+"""A simulated clock lets the sockets catch up this often."""
+
+
+class Patient(Protocol):
+    """A way out that would rather have the session wait than lose a message."""
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it can take no more at the moment."""
+
+    async def room(self) -> None:
+        """Return when it can."""
+
+
+class Recorded(Protocol):
+    """Telemetry of a recording, to be taken in again at the times at which it was."""
+
+    def take_before(self, t_utc_ns: int) -> None:
+        """Take in all that was taken in before that time."""
+
+
+class Engine:
+    """Does what the agenda says."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        *,
+        inbox: Inbox,
+        drain: Callable[[], object],
+        recorded: Recorded | None = None,
+    ) -> None:
+        self.agenda = Agenda(clock.wake)
+        self.waited = 0
+        """How often the session waited for a way out to have room."""
+        self._clock = clock
+        self._inbox = inbox
+        self._drain = drain
+        self._patients: Sequence[Patient] = ()
+        self._recorded = recorded
+        self._later: deque[Action] = deque()
+        self._done_ns = 0
+
+    def be_patient(self, patients: Sequence[Patient]) -> None:
+        """Wait for these whenever they are full, and with them all sensors."""
+        self._patients = patients
+
+    def later(self, action: Action) -> None:
+        """Do this when nothing is due."""
+        self._later.append(action)
+
+    def heard(self, topic: str, payload: bytes, content_type: str | None) -> bool:
+        """Something has come in; False if there is no room for it to wait."""
+        there_was_room = self._inbox.put(topic, payload, content_type)
+        due_ns = self.agenda.next_due_ns()
+        if due_ns is None or self._has_time_before(due_ns):
+            self._take_in(AT_ONCE)
+        return there_was_room
+
+    async def work(self, end_ns: int | None) -> None:
+        """Do everything that is due until then, each thing at its time."""
+        drain_ns = self._clock.now_ns()
+        while True:
+            due_ns = self.agenda.next_due_ns()
+            if due_ns is None or (end_ns is not None and due_ns > end_ns):
+                if end_ns is None:
+                    return
+                await self._wait_until(end_ns)
+                if self._clock.now_ns() >= end_ns:
+                    return
+                continue
+            await self._wait_until(due_ns)
+            await self._do_what_is_due()
+            if isinstance(self._clock, InstantClock) and due_ns >= drain_ns:
+                await self._drained()
+                drain_ns = due_ns + DRAIN_EVERY_NS
+
+    async def finish(self, least: Kind) -> None:
+        """Do what is of that kind and still ahead, and nothing else."""
+        self.agenda.keep(least)
+        while (due_ns := self.agenda.next_due_ns()) is not None:
+            await self._wait_until(due_ns)
+            await self._do_what_is_due()
+
+    def do_all_later(self) -> None:
+        """Do all that could wait."""
+        self._do_later(len(self._later))
+
+    def _do_later(self, most: int) -> None:
+        for _ in range(min(most, len(self._later))):
+            self._later.popleft()()
+
+    async def _do_what_is_due(self) -> None:
+        for patient in self._patients:
+            if patient.is_full:
+                self.waited += 1
+                await patient.room()
+        for due_ns, action in self.agenda.due_by(self._clock.now_ns()):
+            if self._recorded is not None:
+                self._recorded.take_before(due_ns)
+            self._done_ns = due_ns
+            action()
+        due_ns = self.agenda.next_due_ns()
+        self._do_later(AT_ONCE if due_ns is None or self._has_time_before(due_ns) else BUSY_AT_ONCE)
+
+    async def _wait_until(self, due_ns: int) -> None:
+        """Until then, take in what has come, and do what could wait."""
+        while (self._inbox or self._later) and self._has_time_before(due_ns):
+            self._take_in(AT_ONCE)
+            self._do_later(AT_ONCE)
+            await asyncio.sleep(0)
+        if len(self._inbox):
+            self._take_in(BUSY_AT_ONCE)
+        await self._clock.sleep_until(due_ns)
+
+    def _has_time_before(self, due_ns: int) -> bool:
+        return isinstance(self._clock, InstantClock) or due_ns - self._clock.now_ns() > SPARE_NS
+
+    def _take_in(self, most: int) -> bool:
+        """Take in what came, as of a time after all that is done and before all that is not.
+
+        False if there is no such time before more is done.
+        """
+        now_ns, next_ns = self._clock.now_ns(), self.agenda.next_due_ns()
+        as_of_ns = now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        if as_of_ns < self._done_ns:
+            return False
+        self._inbox.take(most, as_of_ns)
+        return True
+
+    async def _drained(self) -> None:
+        result = self._drain()
+        if asyncio.iscoroutine(result):
+            await result
