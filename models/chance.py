@@ -20,6 +20,7 @@ class Purpose(IntEnum):
     FALSE_ALARMS = 1
     TRACKS = 2
     COOPERATION = 3
+    IMPAIRMENT = 4
 
 
 class Chance:

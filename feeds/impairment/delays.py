@@ -1,0 +1,147 @@
+"""Laws of delay: quantile functions and distribution functions, of the shapes that netem has.
+
+What is drawn is the quantile of a uniform number, so that the law is exact; what is clipped has
+the probability of its tail as an atom there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from plotfeed.feeds.impairment.settings import Link
+
+Floats = NDArray[np.float64]
+CLIP = 4.0
+"""In jitters: netem's tables are of 16 bits with 8192 to a jitter, so that none goes further."""
+# Pareto's law of shape 3 from 1 on has the mean 1.5; iproute2 subtracts that and multiplies by
+# 4/3, so that its standard deviation is 2/sqrt(3) jitters before it is clipped, and 0.82 after.
+PARETO_SHAPE = 3.0
+PARETO_MEAN = 1.5
+PARETO_SCALE = 4 / 3
+NORMAL_PART = 0.25
+"""Of a paretonormal delay; the rest is Pareto, at the same probability."""
+
+
+def _normal(u: Floats) -> Floats:
+    score: Floats = np.minimum(np.maximum(ndtri(u), -CLIP), CLIP)
+    return score
+
+
+def _normal_cdf(x: Floats) -> Floats:
+    return np.where(x < -CLIP, 0.0, np.where(x >= CLIP, 1.0, ndtr(x)))
+
+
+def _uniform(u: Floats) -> Floats:
+    return 2 * u - 1
+
+
+def _uniform_cdf(x: Floats) -> Floats:
+    return np.clip((x + 1) / 2, 0.0, 1.0)
+
+
+def _pareto(u: Floats) -> Floats:
+    tail = np.maximum(1 - u, 1e-3)  # below a hundredth it is clipped
+    return np.minimum((tail ** (-1 / PARETO_SHAPE) - PARETO_MEAN) * PARETO_SCALE, CLIP)
+
+
+def _pareto_cdf(x: Floats) -> Floats:
+    variate = np.maximum(x / PARETO_SCALE + PARETO_MEAN, 1.0)
+    return np.where(x >= CLIP, 1.0, 1 - variate**-PARETO_SHAPE)
+
+
+def _paretonormal(u: Floats) -> Floats:
+    return NORMAL_PART * _normal(u) + (1 - NORMAL_PART) * _pareto(u)
+
+
+def _paretonormal_cdf(x: Floats) -> Floats:
+    """By halving the interval of the normal score, which the quantile rises with."""
+    low, high = np.full(x.shape, -CLIP), np.full(x.shape, CLIP)
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = NORMAL_PART * middle + (1 - NORMAL_PART) * _pareto(ndtr(middle)) > x
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    least = float(_paretonormal(np.zeros(1))[0])
+    return np.where(x < least, 0.0, np.where(x >= CLIP, 1.0, ndtr(high)))
+
+
+SHAPES: dict[str, tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
+    "normal": (_normal, _normal_cdf),
+    "uniform": (_uniform, _uniform_cdf),
+    "pareto": (_pareto, _pareto_cdf),
+    "paretonormal": (_paretonormal, _paretonormal_cdf),
+}
+"""Quantile and distribution functions of (delay - latency) / jitter."""
+
+
+@dataclass(frozen=True, slots=True)
+class DelayLaw:
+    """How long messages take, in milliseconds; never below 0."""
+
+    latency_ms: float
+    jitter_ms: float = 0.0
+    shape: str = "normal"
+    sample_ms: Floats | None = None
+    """Ascending; in place of jitter and shape."""
+
+    @classmethod
+    def of(cls, link: Link) -> DelayLaw:
+        """The law that a link asks for."""
+        if link.delays_ms is not None:
+            return cls(link.latency_ms, sample_ms=np.sort(np.array(link.delays_ms)))
+        return cls(link.latency_ms, link.jitter_ms, link.distribution)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether all messages take the same time."""
+        return self.sample_ms is None and not self.jitter_ms
+
+    def quantile_ms(self, u: ArrayLike) -> Floats:
+        """Delays at those probabilities, from 0 to 1; any shape in, the same out."""
+        at = np.asarray(u, dtype=np.float64)
+        if self.sample_ms is not None:
+            rank = np.arange(len(self.sample_ms))
+            beyond: Floats = np.interp(at * rank[-1], rank, self.sample_ms)
+            return self.latency_ms + beyond
+        if not self.jitter_ms:
+            return np.full(at.shape, self.latency_ms)
+        return np.maximum(self.latency_ms + self.jitter_ms * SHAPES[self.shape][0](at), 0.0)
+
+    def cdf(self, delay_ms: ArrayLike) -> Floats:
+        """Probability of a delay up to those; any shape in, the same out."""
+        at = np.asarray(delay_ms, dtype=np.float64)
+        beyond = at - self.latency_ms
+        if self.sample_ms is not None:
+            below = _sample_cdf(self.sample_ms, beyond)
+        elif not self.jitter_ms:
+            below = np.where(beyond >= 0, 1.0, 0.0)
+        else:
+            below = SHAPES[self.shape][1](beyond / self.jitter_ms)
+        return np.where(at < 0, 0.0, below)
+
+    def mean_ms(self) -> float:
+        """Of the delay, by 4096 of its quantiles."""
+        return float(self.quantile_ms(_MIDDLES).mean())
+
+    def mean_deviation_ms(self) -> float:
+        """Mean distance from the mean, by 4096 quantiles."""
+        delays_ms = self.quantile_ms(_MIDDLES)
+        return float(np.abs(delays_ms - delays_ms.mean()).mean())
+
+
+_MIDDLES = (np.arange(4096) + 0.5) / 4096
+
+
+def _sample_cdf(sample: Floats, x: Floats) -> Floats:
+    """Inverse of the quantile that is straight between neighbours of an ascending sample."""
+    last = len(sample) - 1
+    rank = np.searchsorted(sample, x, side="right") - 1
+    low = np.clip(rank, 0, max(last - 1, 0))
+    step = sample[np.minimum(low + 1, last)] - sample[low]
+    part = np.divide(x - sample[low], step, out=np.zeros(x.shape), where=step > 0)
+    inside = (low + part) / max(last, 1)
+    return np.where(rank < 0, 0.0, np.where(rank >= last, 1.0, inside))

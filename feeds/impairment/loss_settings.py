@@ -1,0 +1,121 @@
+"""The models of loss as tables of the scene, `[sensor.link.loss]`, named as by tc netem."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.parts import Part
+
+Chance = Annotated[float, Field(ge=0, le=1)]
+"""A probability: 0.05 is 5 percent."""
+Correlation = Annotated[float, Field(gt=-1, lt=1)]
+
+
+class RandomLoss(Part):
+    """Each message is lost with one probability, alone or in a row with the one before it."""
+
+    kind: Literal["random"]
+    """Which model of loss."""
+    probability: Chance
+    """That a message is lost, from 0 to 1."""
+    correlation: Correlation = 0.0
+    """Between the losses of successive messages: exactly that, unlike netem's."""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        p = self.probability
+        least = -min(p, 1 - p) / max(p, 1 - p)  # else a row of two losses has less than no chance
+        if self.correlation < least:
+            raise ValueError(f"correlation: with that probability, at least {least:.4g}")
+        return self
+
+
+class GilbertElliott(Part):
+    """Two states, good and bad; netem's gemodel. By mean loss and mean burst, or by p and r."""
+
+    kind: Literal["gilbert-elliott"]
+    """Which model of loss."""
+    mean_loss: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """Share of messages that are lost, from 0 to 1; with mean_burst."""
+    mean_burst: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    """Messages lost in a row, on average; with mean_loss."""
+    p: Chance | None = None
+    """Probability of going from good to bad, per message; with r."""
+    r: Chance | None = None
+    """Probability of going from bad to good, per message; with p."""
+    good_loss: Chance | None = None
+    """Probability of losing a message in the good state, netem's 1-k; with p and r, else 0."""
+    bad_loss: Chance | None = None
+    """Probability of losing a message in the bad state, netem's 1-h; with p and r, else 1."""
+
+    @model_validator(mode="after")
+    def _one_way_or_the_other(self) -> Self:
+        means = (self.mean_loss, self.mean_burst)
+        chain = (self.p, self.r, self.good_loss, self.bad_loss)
+        if not (
+            (None not in means and chain == (None,) * 4)
+            or (means == (None, None) and None not in chain[:2])
+        ):
+            raise ValueError(
+                "expected mean_loss and mean_burst, or p and r, with good_loss and bad_loss or not"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if self.mean_loss is not None and self.mean_burst is not None:
+            least = self.mean_loss / (1 - self.mean_loss)
+            if self.mean_burst < least:  # p = L/(B(1-L)) is a probability
+                raise ValueError(f"mean_burst: with that mean_loss, at least {least:.4g}")
+        elif self.p == self.r == 0:
+            raise ValueError("p: must be above 0 where r is 0, or nothing tells in which state")
+        return self
+
+    @property
+    def probabilities(self) -> tuple[float, float, float, float]:
+        """p, r, loss when good, loss when bad."""
+        if self.mean_loss is not None and self.mean_burst is not None:
+            r = 1 / self.mean_burst
+            return min(1.0, r * self.mean_loss / (1 - self.mean_loss)), r, 0.0, 1.0
+        good = 0.0 if self.good_loss is None else self.good_loss
+        bad = 1.0 if self.bad_loss is None else self.bad_loss
+        return self.p or 0.0, self.r or 0.0, good, bad
+
+
+class FourState(Part):
+    """States 1 good, 2 good within a burst, 3 lost within a burst, 4 lost alone; netem's state."""
+
+    kind: Literal["four-state"]
+    """Which model of loss."""
+    p13: Chance
+    """Probability that a burst begins, per message."""
+    p31: Chance | None = None
+    """Probability that a lost message is the last of its burst; without it, 1 - p13, as netem."""
+    p32: Chance = 0.0
+    """Probability that the message after a lost one passes though the burst goes on."""
+    p23: Chance = 1.0
+    """Probability that losing goes on after a message that passed within a burst."""
+    p14: Chance = 0.0
+    """Probability of losing a message alone."""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if self.p13 + self.p14 > 1:
+            raise ValueError("p14: with p13, at most 1")
+        if self.ends + self.p32 > 1:
+            raise ValueError("p32: with p31, at most 1")
+        if self.ends == 0:
+            raise ValueError("p31: must be above 0, or a burst never ends")
+        if self.p23 == 0:
+            raise ValueError("p23: must be above 0, or a burst never ends")
+        return self
+
+    @property
+    def ends(self) -> float:
+        """p31, given or not."""
+        return 1 - self.p13 if self.p31 is None else self.p31
+
+
+Loss = Annotated[RandomLoss | GilbertElliott | FourState, Field(discriminator="kind")]

@@ -1,0 +1,176 @@
+"""Models of loss as one thing: a Markov chain that loses messages with a probability per state.
+
+The chain takes a step with every message and then loses it, or not. Closed forms: with P the
+transitions, e the probabilities of loss and pi the stationary law, mean loss L = pi e; a burst
+begins in the law a = pi (1-E) P E / sum, E = diag(e), and is n long or longer with the
+probability a (P E)^(n-1) 1.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, Loss, RandomLoss
+
+Floats = NDArray[np.float64]
+BELOW_ONE = math.nextafter(1.0, 0.0)
+
+
+def left_of(u: float, p: float) -> float:
+    """A uniform number that chose between u < p and its contrary: what is left of it is uniform."""
+    return min(u / p if u < p else (u - p) / (1 - p), BELOW_ONE)
+
+
+class LossChain:
+    """`transitions[i][j]` leads from state i to j, which loses a message by `emissions[j]`.
+
+    States are in the order in which a uniform number chooses among them. Two runs that draw the
+    same numbers from different states meet in one state after some messages, and stay together.
+    `edges` and `targets` have a row more than there are states: where nothing came before.
+    """
+
+    def __init__(
+        self,
+        transitions: Sequence[Sequence[float]],
+        emissions: Sequence[float],
+        weights: Sequence[float],
+    ) -> None:
+        """`weights` are in proportion to the stationary law."""
+        self._p = np.array(transitions)
+        self._e = np.array(emissions)
+        self.emissions = tuple(emissions)
+        self.stationary = np.array(weights) / sum(weights)
+        rows = [_row(row) for row in (*transitions, self.stationary.tolist())]
+        self.edges = tuple(edges for edges, _ in rows)
+        self.targets = tuple(targets for _, targets in rows)
+
+    @property
+    def start(self) -> int:
+        """In place of a state, where there is none yet."""
+        return len(self.emissions)
+
+    def repeats(self, before: int, u: float, v: float, most: int) -> tuple[int, int]:
+        """How often a lost message is sent again until it passes, and the state after that.
+
+        `before` is the state before the message, u and v are the numbers that chose its state and
+        its loss. What an outcome leaves open of a uniform number is uniform again: so each repeat
+        draws on, as a message of its own, without further numbers.
+        """
+        state = before
+        for count in range(most + 1):
+            state, u = self._step(state, u)
+            emission = self.emissions[state]
+            if v >= emission:
+                return count, state
+            v = left_of(v, emission)
+        return most, state
+
+    def _step(self, state: int, u: float) -> tuple[int, float]:
+        edges = self.edges[state]
+        i = bisect_right(edges, u)
+        low = edges[i - 1] if i else 0.0
+        high = edges[i] if i < len(edges) else 1.0
+        return self.targets[state][i], min((u - low) / (high - low), BELOW_ONE)
+
+    @property
+    def mean_loss(self) -> float:
+        """Share of messages that are lost."""
+        return float(self.stationary @ self._e)
+
+    @property
+    def mean_burst(self) -> float:
+        """Messages lost in a row; NaN where none is, infinite where all are."""
+        begins = self._begins()
+        if not begins.any():
+            return math.inf if self.mean_loss else math.nan
+        lost = self._p * self._e
+        lengths = np.linalg.solve(np.eye(len(lost)) - lost, np.ones(len(lost)))
+        return float(begins @ lengths / begins.sum())
+
+    def burst_survival(self, longest: int) -> Floats:
+        """Probability that a burst has 1, 2, ... or more messages, up to `longest`; (longest,)."""
+        begins = self._begins()
+        if not begins.any():
+            return np.full(longest, 1.0 if self.mean_loss else np.nan)
+        law, lost = begins / begins.sum(), self._p * self._e
+        survival = np.empty(longest)
+        for n in range(longest):
+            survival[n] = law.sum()
+            law = law @ lost
+        return survival
+
+    @property
+    def lag_1_correlation(self) -> float:
+        """Of a message's loss and the next one's; NaN where none is lost, or all are."""
+        loss = self.mean_loss
+        if not 0 < loss < 1:
+            return math.nan
+        both = (self.stationary * self._e) @ self._p @ self._e
+        return float((both - loss**2) / (loss * (1 - loss)))
+
+    @property
+    def variance_per_message(self) -> float:
+        """Of the number of losses among many messages, per message.
+
+        L(1-L) and twice the sum of all covariances, by the chain's fundamental matrix; Kemeny and
+        Snell, Finite Markov Chains.
+        """
+        loss, size = self.mean_loss, len(self._e)
+        fundamental = np.linalg.inv(np.eye(size) - self._p + self.stationary)
+        later = (self.stationary * self._e) @ (fundamental - np.eye(size)) @ self._e
+        return float(loss * (1 - loss) + 2 * later)
+
+    def _begins(self) -> Floats:
+        """Probability, per message and state, of being the first of a burst."""
+        begins: Floats = ((self.stationary * (1 - self._e)) @ self._p) * self._e
+        return begins
+
+
+def chain_of(loss: Loss) -> LossChain:
+    """The chain that a table of the scene asks for."""
+    match loss:
+        case RandomLoss():
+            # The share p lost and the lag-1 correlation c fix both probabilities of a loss:
+            # p + c(1-p) after one, p(1-c) after none.
+            p, c = loss.probability, loss.correlation
+            return _two_states(p * (1 - c), (1 - p) * (1 - c), 0.0, 1.0)
+        case GilbertElliott():
+            return _two_states(*loss.probabilities)
+        case FourState():
+            return _four_states(loss)
+
+
+def _two_states(p: float, r: float, good_loss: float, bad_loss: float) -> LossChain:
+    """Bad, good."""
+    p, r = min(p, 1.0), min(r, 1.0)  # which rounding may have passed
+    return LossChain(((1 - r, r), (p, 1 - p)), (bad_loss, good_loss), (p, r))
+
+
+def _four_states(loss: FourState) -> LossChain:
+    """By the numbers of netem: 3, 4, 2, 1."""
+    p13, p14, p31, p32, p23 = loss.p13, loss.p14, loss.ends, loss.p32, loss.p23
+    rows = (
+        (max(0.0, 1 - p31 - p32), 0.0, p32, p31),
+        (0.0, 0.0, 0.0, 1.0),
+        (p23, 0.0, 1 - p23, 0.0),
+        (p13, p14, 0.0, max(0.0, 1 - p13 - p14)),
+    )
+    # What flows into a state flows out of it, each by the flow between 3 and 1.
+    weights = (p13, p14 * p31, p13 * p32 / p23, p31)
+    return LossChain(rows, (1.0, 1.0, 0.0, 0.0), weights)
+
+
+def _row(probabilities: Sequence[float]) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    """Where a uniform number changes from one state to the next, and those states."""
+    edges: list[float] = []
+    targets: list[int] = []
+    for state, probability in enumerate(probabilities):
+        if probability > 0:
+            targets.append(state)
+            edges.append((edges[-1] if edges else 0.0) + probability)
+    return tuple(edges[:-1]), tuple(targets)

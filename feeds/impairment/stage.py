@@ -1,0 +1,170 @@
+"""What becomes of each message on an impaired link: a function of the message and of chance.
+
+In this order: outage, loss, duplication, corruption, the queue of the rate, delay, order.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from enum import StrEnum
+
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.impairment.draws import Draws
+from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
+from plotfeed.feeds.impairment.rate_queue import RateQueue
+from plotfeed.feeds.impairment.settings import Link, Reorder
+from plotfeed.feeds.impairment.stall import MOST_REPEATS, waits_ns
+
+
+class Fate(StrEnum):
+    """What becomes of a message."""
+
+    SENT = "sent"
+    LOST = "lost"
+    QUEUE_FULL = "queue_full"
+    OUTAGE = "outage"
+    HELD = "held"
+    """The link is down and loses nothing: pass it on again when it is up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """A message as it leaves the link."""
+
+    due_utc_ns: int
+    flipped_bit: int | None
+    """Of the payload, counted from the most significant bit of its first octet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A message's fate, and the copies that leave; a second one is a duplicate."""
+
+    fate: Fate
+    copies: tuple[Copy, ...]
+
+
+SENT = Fate.SENT  # looked up once: an enumeration takes its time
+LOST = Outcome(Fate.LOST, ())
+QUEUE_FULL = Outcome(Fate.QUEUE_FULL, ())
+OUTAGE = Outcome(Fate.OUTAGE, ())
+HELD = Outcome(Fate.HELD, ())
+
+
+def flip(payload: bytes, bit: int) -> bytes:
+    """The payload with that bit the other way round."""
+    octets = bytearray(payload)
+    octets[bit // 8] ^= 0x80 >> bit % 8
+    return bytes(octets)
+
+
+class Impairment:
+    """A link. It is told of every message, in the order of due times, also while it is clear.
+
+    What it does depends on the seed, its name, the times and sizes of messages, and nothing else.
+    """
+
+    def __init__(self, link: Link, seed: int, name: str) -> None:
+        self._draws = Draws(link, seed, name)
+        self._queue = RateQueue(link)
+        self._chain: LossChain | None = None
+        self._state = 0
+        self._now_utc_ns = self._latest_utc_ns = 0
+        self._not_reordered = 0
+        self._set(link)
+
+    @property
+    def link(self) -> Link:
+        """What it does now."""
+        return self._link
+
+    def change(self, link: Link) -> None:
+        """Do this from now on; what is on its way, the order and the state of loss carry on."""
+        self._draws.change(link)
+        self._queue.change(link)
+        self._set(link)
+
+    def _set(self, link: Link) -> None:
+        self._link = link
+        self._is_clear, self._keeps_order = link.is_clear, link.keeps_order
+        before, self._chain = self._chain, None if link.loss is None else chain_of(link.loss)
+        if self._chain is not None:
+            known = before is not None and self._state < before.start == self._chain.start
+            self._state = self._state if known else self._chain.start
+        self._duplicate, self._corrupt, self._reorder = link.duplicate, link.corrupt, link.reorder
+        stalls = link.on_loss == "stall"
+        self._waits_ns = waits_ns(DelayLaw.of(link)) if stalls else None
+        self._stopped = (HELD if stalls else OUTAGE) if link.down else None
+
+    def pass_on(self, due_utc_ns: int, octets: int) -> Outcome:
+        """What becomes of a message that is due then, with a payload of that size.
+
+        One that is due before the last one counts as due with that.
+        """
+        due_utc_ns = self._now_utc_ns = max(due_utc_ns, self._now_utc_ns)
+        draws = self._draws
+        i = draws.next(due_utc_ns)
+        if self._is_clear:
+            due_utc_ns = self._in_order(max(due_utc_ns, self._queue.free_utc_ns))
+            return Outcome(SENT, (Copy(due_utc_ns, None),))
+        repeats = 0 if self._chain is None else self._repeats(self._chain, i)
+        if self._stopped is not None:
+            return self._stopped
+        if repeats and self._waits_ns is None:
+            return LOST
+        wait_ns = self._waits_ns[repeats] if self._waits_ns else 0
+        first = self._leave(due_utc_ns, octets, draws.delay_ns[i] + wait_ns, i)
+        if first is None:
+            return QUEUE_FULL
+        if self._duplicate and draws.duplicate[i] < self._duplicate:
+            second = self._leave(due_utc_ns, octets, draws.copy_delay_ns[i], i, again=True)
+            if second is not None:
+                return Outcome(SENT, (first, second))
+        return Outcome(SENT, (first,))
+
+    def _repeats(self, chain: LossChain, i: int) -> int:
+        """How often it must be sent again: 0 if it passes, 1 if nobody repeats what is lost."""
+        before, u, v = self._state, self._draws.state[i], self._draws.loss[i]
+        state = self._state = chain.targets[before][bisect_right(chain.edges[before], u)]
+        if v >= chain.emissions[state]:
+            return 0
+        if self._waits_ns is None or self._stopped is not None:
+            return 1
+        repeats, self._state = chain.repeats(before, u, v, MOST_REPEATS)
+        return repeats
+
+    def _leave(
+        self, t_utc_ns: int, octets: int, delay_ns: int, i: int, *, again: bool = False
+    ) -> Copy | None:
+        """A copy of the i-th message, or its second one `again`; None if the queue is full."""
+        sent_utc_ns = self._queue.take(t_utc_ns, octets)
+        if sent_utc_ns is None:
+            return None
+        if self._reorder is not None and self._overtakes(self._reorder, i, again=again):
+            delay_ns = 0
+        bit = self._flipped_bit(octets, i, again=again) if self._corrupt else None
+        return Copy(self._in_order(sent_utc_ns + delay_ns), bit)
+
+    def _in_order(self, due_utc_ns: int) -> int:
+        if due_utc_ns >= self._latest_utc_ns:
+            self._latest_utc_ns = due_utc_ns
+        elif self._keeps_order:
+            return self._latest_utc_ns
+        return due_utc_ns
+
+    def _overtakes(self, reorder: Reorder, i: int, *, again: bool) -> bool:
+        u = self._draws.reorder[i]
+        if again:
+            u = left_of(u, reorder.probability)
+        self._not_reordered += 1
+        if self._not_reordered < reorder.gap or u >= reorder.probability:
+            return False
+        self._not_reordered = 0
+        return True
+
+    def _flipped_bit(self, octets: int, i: int, *, again: bool) -> int | None:
+        u, place = self._draws.corrupt[i], self._draws.bit[i] * 8 * octets
+        if again:
+            u, place = left_of(u, self._corrupt), place % 1 * 8 * octets
+        return int(place) if u < self._corrupt and octets else None
