@@ -1,0 +1,70 @@
+"""A binary file taken from its start to its end, in pieces, with the offset of the next octet."""
+
+from __future__ import annotations
+
+from typing import BinaryIO
+
+CHUNK_OCTETS = 1 << 18
+
+
+class Octets:
+    """Reads in chunks. No piece is larger than what the file holds, whatever is asked for."""
+
+    __slots__ = ("_buffer", "_ended", "_file", "_next", "_start")
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._buffer = b""
+        self._start = 0  # offset of the buffer in the file
+        self._next = 0  # of the buffer
+        self._ended = False
+
+    @property
+    def at(self) -> int:
+        """Offset of the next octet in the file."""
+        return self._start + self._next
+
+    def take(self, octets: int) -> bytes:
+        """The next so many; fewer at the end of the file."""
+        piece = self.peek(octets)
+        self._next += len(piece)
+        return piece
+
+    def peek(self, octets: int, *, ahead: int = 0) -> bytes:
+        """So many that begin `ahead` of the next one; fewer at the end. They stay."""
+        if self._next + ahead + octets > len(self._buffer) and not self._ended:
+            self._fill(ahead + octets)
+        begin = self._next + ahead
+        return self._buffer[begin : begin + octets]
+
+    def skip(self, octets: int) -> int:
+        """Leave so many out, or what there is; how many they were."""
+        left = octets
+        while left and (piece := self.take(min(left, CHUNK_OCTETS))):
+            left -= len(piece)
+        return octets - left
+
+    def skip_behind(self, mark: bytes) -> bool:
+        """Go to the octet that follows `mark`, or to the end of the file; whether it was found."""
+        while True:
+            found = self._buffer.find(mark, self._next)
+            if found >= 0:
+                self._next = found + len(mark)
+                return True
+            # The mark may begin in the last octets.
+            self._next = max(self._next, len(self._buffer) - len(mark) + 1)
+            if len(self.peek(len(mark))) < len(mark):
+                self._next = len(self._buffer)
+                return False
+
+    def _fill(self, octets: int) -> None:
+        """Let the buffer begin at the next octet and have so many, or end with the file."""
+        pieces = [self._buffer[self._next :]]
+        have = len(pieces[0])
+        while have < octets and not self._ended:
+            pieces.append(self._file.read(CHUNK_OCTETS))
+            have += len(pieces[-1])
+            self._ended = not pieces[-1]
+        self._start += self._next
+        self._next = 0
+        self._buffer = b"".join(pieces)

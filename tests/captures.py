@@ -1,0 +1,31 @@
+"""Captures as tshark reads them."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+
+def program(name: str) -> str:
+    """The path of one of Wireshark's programs; skips the test where it is not installed."""
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"{name} is not installed")
+    return found
+
+
+def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
+    """The fields of each packet, those that occur more than once joined by commas."""
+    wanted = [word for field in fields for word in ("-e", field)]
+    checks = [word for kind in ("udp", "ip") for word in ("-o", f"{kind}.check_checksum:TRUE")]
+    done = subprocess.run(
+        [program("tshark"), "-n", "-r", str(path), *checks, "-T", "fields", *wanted],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    return [line.split("\t") for line in done.stdout.splitlines()]

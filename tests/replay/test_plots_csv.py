@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix_input import plots as plots_of
+from hypothesis import given
+from hypothesis import strategies as st
+from recordings import START_NS, block, block_048, message, written
+
+from plotfeed.models.state import Plots
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
+from plotfeed.proto.asterix.plots import PlotEncoder048
+from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015
+from plotfeed.replay.plots_csv import COLUMNS, PlotsCsvWriter, rows_of
+from plotfeed.replay.recorded import Recorded
+
+BATCH = "application/x-protobuf; messageType=plotfeed.v1.PlotBatch"
+T_NS = START_NS + 500_000_000
+
+
+def table(*messages: Recorded) -> list[dict[str, str]]:
+    text = written(PlotsCsvWriter, list(messages)).decode()
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def asterix(payload: bytes, category: int) -> Recorded:
+    return message(
+        payload,
+        START_NS + 600_000_000,
+        topic=f"plotfeed/north/asterix/{category:03d}",
+        content_type=f"application/x-asterix; cat={category}",
+    )
+
+
+def two_plots(**more: Any) -> Plots:
+    return plots_of(
+        t_utc_ns=np.array([T_NS, T_NS + 1_000_000_000]),
+        range_m=np.array([2000.0, 3000.0]),
+        azimuth_deg=np.array([45.0, 90.0]),
+        **more,
+    )
+
+
+def number(row: dict[str, str], column: str) -> float:
+    return float(row[column] or math.nan)
+
+
+def test_a_batch_of_ours_is_a_row_for_each_plot_with_what_was_measured() -> None:
+    batch = pb.PlotBatch(sensor="north", scan=3)
+    batch.plots.add(time_utc_ns=T_NS, range_m=1234.5, azimuth_deg=0.0, snr_db=-1.0, channel=2)
+    batch.plots.add(time_utc_ns=T_NS + 1, bistatic_range_m=7.0, kind="drone", identity='a,"b"\nc')
+    topic = "plotfeed/north/plots"
+    rows = table(message(batch.SerializeToString(), topic=topic, content_type=BATCH))
+    assert [row["sensor"] for row in rows] == ["north", "north"]
+    assert rows[0]["time_utc"] == "2026-01-01T12:00:00.500000000Z"
+    assert rows[1]["time_utc"] == "2026-01-01T12:00:00.500000001Z"
+    assert (number(rows[0], "range_m"), rows[0]["azimuth_deg"]) == (1234.5, "0.0")
+    assert (rows[0]["snr_db"], rows[0]["channel"], rows[0]["elevation_deg"]) == ("-1.0", "2", "")
+    assert (rows[1]["range_m"], rows[1]["bistatic_range_m"]) == ("", "7.0")
+    assert (rows[1]["kind"], rows[1]["identity"]) == ("drone", 'a,"b"\nc')
+    assert all(row["topic"] == topic for row in rows)
+
+
+def test_plots_of_048_are_in_metres() -> None:
+    (payload,) = PlotEncoder048(25, 13).blocks(two_plots(height_m=304.8, amplitude_dbm=-60.0))
+    rows = table(asterix(payload, 48))
+    assert [row["time_utc"] for row in rows] == [
+        "2026-01-01T12:00:00.500000000Z",
+        "2026-01-01T12:00:01.500000000Z",
+    ]
+    assert [number(row, "range_m") for row in rows] == pytest.approx([2000, 3000], abs=3.7)
+    assert [number(row, "azimuth_deg") for row in rows] == [45.0, 90.0]
+    assert [number(row, "height_m") for row in rows] == pytest.approx([304.8, 304.8])
+    assert rows[0]["amplitude_dbm"] == "-60.0"
+    assert [rows[0][name] for name in ("sensor", "category", "sac", "sic")] == [
+        "north",
+        "048",
+        "25",
+        "13",
+    ]
+
+
+@pytest.mark.parametrize("geometry", [Geometry.MONOSTATIC, Geometry.MULTISTATIC])
+def test_plots_of_015_have_their_range_in_the_column_of_its_kind(geometry: Geometry) -> None:
+    bistatic = "bistatic_" if geometry is Geometry.MULTISTATIC else ""
+    measured = {f"{bistatic}range_m": np.array([2000.0, 3000.0])}
+    given_plots = two_plots(
+        **{f"sigma_{bistatic}range_m": 2.5, "elevation_deg": 7.0, "snr": 10.0}
+        | (measured if bistatic else {})
+    )
+    (payload,) = PlotEncoder015(25, 14, geometry=geometry).blocks(given_plots)
+    rows = table(asterix(payload, 15))
+    assert [number(row, f"{bistatic}range_m") for row in rows] == pytest.approx([2000, 3000])
+    assert number(rows[0], f"sigma_{bistatic}range_m") == pytest.approx(2.5)
+    assert rows[0]["range_m" if bistatic else "bistatic_range_m"] == ""
+    assert number(rows[0], "elevation_deg") == pytest.approx(7.0, abs=0.003)
+    assert number(rows[0], "snr_db") == 10
+    assert [row["sic"] for row in rows] == ["14", "14"]
+
+
+def test_bearings_of_205_have_no_range() -> None:
+    encoder = BearingEncoder205(25, 15, latitude_deg=40.0, longitude_deg=-3.0)
+    rows = table(*(asterix(payload, 205) for payload in encoder.blocks(two_plots(), T_NS)))
+    assert [number(row, "azimuth_deg") for row in rows] == [45.0, 90.0]
+    assert [row["range_m"] for row in rows] == ["", ""]
+
+
+def test_times_of_day_are_those_nearest_to_the_message() -> None:
+    midnight_ns = START_NS + 43_200_000_000_000
+    early = message(block_048(1), midnight_ns - 1)
+    late = message(block_048(86_399), midnight_ns + 1)
+    assert [row["time_utc"] for row in table(early, late)] == [
+        "2026-01-02T00:00:01.000000000Z",
+        "2026-01-01T23:59:59.000000000Z",
+    ]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        asterix(block(34, "e0", "190d", "01", "000080"), 34),
+        asterix(b"\x30\0", 48),
+        message(b"{}", content_type="application/json", topic="plotfeed/errors"),
+        message(b"\xff", content_type=BATCH, topic="plotfeed/north/plots"),
+        message(b"", content_type="application/x-protobuf; messageType=plotfeed.v1.Ledger"),
+    ],
+)
+def test_what_holds_no_plots_is_told(other: Recorded) -> None:
+    file = io.BytesIO()
+    writer = PlotsCsvWriter(file)
+    assert writer.write(other) == "no plots"
+    assert file.getvalue().decode() == ",".join(COLUMNS) + "\n"
+
+
+def test_records_that_are_no_plots_are_no_rows() -> None:
+    summary = block(15, "c0", "190d", "04")
+    assert rows_of(asterix(summary, 15)) == []
+    assert rows_of(asterix(block(205, "a0", "190d", "01"), 205)) == []
+
+
+@given(
+    st.binary(max_size=60),
+    st.sampled_from(["application/x-asterix", BATCH, ""]),
+    st.sampled_from(["a/plots", "a/asterix/048", ""]),
+    st.integers(0, (1 << 64) - 1),
+)
+def test_any_octets_are_rows_or_none(
+    payload: bytes, content_type: str, topic: str, t_ns: int
+) -> None:
+    one = message(payload, t_ns, content_type=content_type, topic=topic)
+    rows = table(one) if rows_of(one) is not None else []
+    assert all(set(row) == set(COLUMNS) for row in rows)
