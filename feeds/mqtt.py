@@ -12,6 +12,8 @@ from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_connection import Connection, OnMessage
 from plotfeed.feeds.mqtt_failure import MqttError, no_answer
+from plotfeed.feeds.mqtt_queue import MqttQueue
+from plotfeed.feeds.mqtt_sender import MqttSender
 
 log = logging.getLogger(__name__)
 
@@ -21,10 +23,15 @@ OTHER_VERSION_AFTER_S = 1.0
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 STABLE_S = 5.0
 """A connection that lasted longer was a good one; a broker may also take us and end it at once."""
+WATCH_EVERY_S = 5.0
 
 
-class MqttLink:
-    """One client's link: kept up while `run` runs, and publishing when it is up."""
+class MqttLink(MqttSender):
+    """One client's link: kept up while `run` runs.
+
+    What a lost connection leaves unacknowledged is sent again on the next one, so that a message of
+    QoS 1 may arrive twice.
+    """
 
     def __init__(
         self,
@@ -35,7 +42,9 @@ class MqttLink:
         subscribe: Sequence[str] = (),
         on_message: OnMessage | None = None,
         on_connect: Callable[[MqttLink], None] | None = None,
+        queue: MqttQueue | None = None,
     ) -> None:
+        super().__init__(queue)
         if address.tls:
             address.access.tls_context()  # files that cannot be used are an error at once
         self.address = address
@@ -49,7 +58,6 @@ class MqttLink:
         self._on_message = on_message
         self._on_connect = on_connect
         self._versions = address.versions
-        self._connection: Connection | None = None
         self._settled = asyncio.Event()
         """There has been a connection, or it is known that there will be none."""
 
@@ -80,29 +88,31 @@ class MqttLink:
                     self._failed(error)
                 else:
                     began_s = loop.time()
-                    await connection.lost.wait()
-                    log.warning("%s: %s", self.name, self._loss(connection))
+                    await self._watch(connection)
+                    self._lose(connection)
                     if loop.time() - began_s > STABLE_S:
                         attempt = 0
+                self.expire()
                 await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
                 attempt += 1
         finally:
-            if self._connection is not None:
-                connection, self._connection = self._connection, None
-                await connection.close()
+            still_up = self.end()
+            if still_up is not None:
+                await still_up.close()
 
-    def publish(self, message: Message) -> bool:
-        """Hand a message to the socket; False if there is no connection, or it has stalled."""
-        connection = self._connection
-        return connection is not None and self.is_up and connection.publish(message)
+    async def _watch(self, connection: Connection) -> None:
+        """Return when it is lost; end it when its socket takes nothing any more."""
+        while not connection.lost.is_set():
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(WATCH_EVERY_S):
+                    await connection.lost.wait()
+            connection.end_if_stuck()
+            self.expire()
 
-    async def drain(self, timeout_s: float = 1.0) -> None:
-        """Wait until the socket has taken what was published, or the time is up.
-
-        What was published with QoS 1 has been acknowledged then.
-        """
-        if self._connection is not None:
-            await self._connection.drain(timeout_s)
+    def _lose(self, connection: Connection) -> None:
+        log.warning("%s: %s", self.name, self._loss(connection))
+        self.send_by(None)
+        connection.abort()
 
     async def _connect(self) -> Connection:
         """One attempt with each version that may be spoken; raises `MqttError`."""
@@ -112,6 +122,8 @@ class MqttLink:
                 self.address,
                 version,
                 self._client_id,
+                counts=self.counts,
+                on_room=self._has_room_again,
                 will=self._will,
                 on_message=self._on_message,
             )
@@ -119,7 +131,6 @@ class MqttLink:
             try:
                 await connection.open(CONNECT_TIMEOUT_S if last else OTHER_VERSION_AFTER_S)
             except MqttError as found:
-                await connection.close()
                 error = found
                 if not error.other_version:
                     break
@@ -130,7 +141,6 @@ class MqttLink:
 
     def _connected(self, connection: Connection) -> None:
         self._versions = (connection.version,)
-        self._connection = connection
         self.connections += 1
         self.last_error = ""
         self._settled.set()
@@ -138,6 +148,7 @@ class MqttLink:
             log.info("%s: connected to %s again", self.name, self.address)
         for topic_filter in self._subscribe:
             connection.subscribe(topic_filter)
+        self.send_by(connection)
         if self._on_connect is not None:
             self._on_connect(self)
 
@@ -152,5 +163,5 @@ class MqttLink:
         """What there is to say of a connection that is lost."""
         why = f" ({connection.good_bye})" if connection.good_bye else ""
         lost = connection.unacknowledged
-        unheard = f"; {lost} messages unacknowledged" if lost else ""
+        unheard = f"; {lost} unacknowledged messages will be sent again" if lost else ""
         return f"lost the connection to {self.address}{why}{unheard}"

@@ -1,7 +1,8 @@
 """One connection to an MQTT broker, by gmqtt; nothing else in plotfeed knows that library.
 
 gmqtt reconnects by itself, but drops what is published meanwhile without a word and forgets
-subscriptions. So here a connection lives once, and knows whether it is up.
+subscriptions. So here a connection lives once, knows whether it is up and whether there is room,
+and hands back what has not arrived.
 """
 
 from __future__ import annotations
@@ -18,18 +19,23 @@ from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.in_flight import InFlight
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_failure import failure, hung_up, no_answer, reason_name
+from plotfeed.feeds.outlet import Counts, Entry
+from plotfeed.feeds.parcel import Parcel
+from plotfeed.feeds.unsent import Unsent
 
 log = logging.getLogger(__name__)
 logging.getLogger("gmqtt").setLevel(logging.CRITICAL + 1)  # it logs tracebacks; we say it in a line
 
-KEEP_ALIVE_S = 30
-MAX_UNSENT_OCTETS = 8 << 20
-"""What may wait in the socket for a broker that has stalled; more is not taken."""
+KEEP_ALIVE_S = 15
+"""A broker that has said nothing for twice as long is gone."""
+CLOSE_S = 1.0
 MESSAGE_EXPIRY_S = 60
 HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 REFUSED = 128
-"""SUBACK's codes from here on."""
+"""The codes of SUBACK and PUBACK from here on."""
+PUBACK = 0x40
+GMQTTS_IDS = 65_536
 NEVER_RECONNECT = {"reconnect_retries": -2, "reconnect_delay": 0}
 
 OnMessage = Callable[[str, bytes, str | None], None]
@@ -45,16 +51,24 @@ class Connection:
         version: int,
         client_id: str,
         *,
+        counts: Counts,
+        on_room: Callable[[], None],
         will: Message | None = None,
         on_message: OnMessage | None = None,
     ) -> None:
+        """`on_room` is called whenever there may be room again."""
         self.lost = asyncio.Event()
         self.good_bye = ""
         """Why the broker says that it ends the connection, if it does."""
         self.version = version
         self._address = address
         self._on_message = on_message
-        self._in_flight = InFlight(self._send)
+        self._counts = counts
+        self._on_room = on_room
+        self._in_flight = InFlight(counts, on_room)
+        self._unsent: Unsent
+        """There is one as soon as it is open."""
+        self._complained = False
         self._largest_payload: int | None = None
         self._client = gmqtt.Client(
             client_id,
@@ -69,14 +83,98 @@ class Connection:
         self._client.on_disconnect = self._ended
         self._client.on_subscribe = self._subscribed
         self._client.on_message = self._received
+        # gmqtt takes a PUBACK that refuses for one that accepts.
+        self._client._package_handler._handler_cache[PUBACK] = self._answered
 
     @property
     def unacknowledged(self) -> int:
         """Messages of QoS 1 of which it is not known that they have arrived."""
         return self._in_flight.unacknowledged
 
+    @property
+    def unsent_octets(self) -> int:
+        """What the socket has not taken yet."""
+        return self._unsent.octets
+
     async def open(self, timeout_s: float) -> None:
         """Connect, and have the broker's consent; raises `MqttError`."""
+        try:
+            await self._open(timeout_s)
+        except BaseException:
+            self.abort()
+            raise
+        wire = self._client._connection
+        self._unsent = Unsent(wire._transport, wire._protocol, self._on_room)
+
+    def subscribe(self, topic_filter: str) -> None:
+        """Hear what comes there."""
+        self._client.subscribe(topic_filter, qos=1)
+
+    def has_room(self, qos: int) -> bool:
+        """Whether a message of that QoS may be sent now."""
+        if not self._unsent.has_room or self.lost.is_set():
+            return False
+        return qos == 0 or self._in_flight.has_room
+
+    def takes(self, message: Message) -> bool:
+        """Whether it is not larger than what the broker says that it takes."""
+        return self._largest_payload is None or len(message.payload) <= self._largest_payload
+
+    def send(self, parcel: Parcel) -> None:
+        """Hand a message of QoS 0 to the socket, where there is room."""
+        parcel.leave()
+        self._client.publish(self._packed(parcel.message))
+        if self._unsent.given():
+            parcel.settle(delivered=True)
+        else:
+            self._unsent.keep(parcel)
+
+    def send_until_acknowledged(self, entry: Entry) -> None:
+        """The same with one of QoS 1; it is kept until the broker has answered."""
+        entry.sent = True
+        entry.parcel.leave()
+        self._in_flight.sending = entry
+        self._client.publish(self._packed(entry.parcel.message))
+        self._in_flight.sending = None
+        self._unsent.given()
+
+    def is_idle(self) -> bool:
+        """Whether the socket has taken everything, and QoS 1 is acknowledged."""
+        return not self.unacknowledged and not self.unsent_octets
+
+    def give_up(self) -> list[Entry]:
+        """It is over: drop what the socket has not taken, hand back what is unacknowledged."""
+        self._counts.dropped += self._unsent.give_up()
+        return self._in_flight.take_all()
+
+    def end_if_stuck(self) -> None:
+        """Cut a connection whose socket takes nothing any more; to be called now and then."""
+        if self.lost.is_set():
+            return
+        if self._unsent.is_stuck():
+            self.good_bye = "it takes nothing any more"
+            self.abort()
+        elif self._unsent.octets:  # else gmqtt takes a slow network for a dead one
+            wire = self._client._connection
+            wire._last_data_in = max(wire._last_data_in, self._unsent.moved_s)
+
+    async def close(self) -> None:
+        """Say goodbye, if there is still anybody."""
+        try:
+            with contextlib.suppress(Exception):
+                async with asyncio.timeout(CLOSE_S):
+                    await self._client.disconnect()
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        """Cut it, if there is any, and keep nothing of it."""
+        wire = self._client._connection
+        if wire is not None:
+            wire._keep_connection_callback.cancel()
+            wire._transport.abort()
+
+    async def _open(self, timeout_s: float) -> None:
         address = self._address
         greeting = asyncio.ensure_future(
             self._client.connect(
@@ -105,43 +203,6 @@ class Connection:
                 task.cancel()
             await asyncio.gather(greeting, lost, return_exceptions=True)
 
-    def subscribe(self, topic_filter: str) -> None:
-        """Hear what comes there."""
-        self._client.subscribe(topic_filter, qos=1)
-
-    def publish(self, message: Message) -> bool:
-        """Hand a message to the socket; False if that has stalled, or it is too large."""
-        if self._unsent_octets() > MAX_UNSENT_OCTETS:
-            return False
-        if self._largest_payload is not None and len(message.payload) > self._largest_payload:
-            return False
-        if message.qos:
-            return self._in_flight.send(message)
-        self._send(message)
-        return True
-
-    async def drain(self, timeout_s: float) -> None:
-        """Wait until the socket has taken what was published, or the time is up.
-
-        What was published with QoS 1 has been acknowledged then.
-        """
-        loop = asyncio.get_running_loop()
-        deadline = loop.time() + timeout_s
-        while not self.lost.is_set() and (self.unacknowledged or self._unsent_octets()):
-            if loop.time() > deadline:
-                return
-            await asyncio.sleep(0.001)
-
-    async def close(self) -> None:
-        """Say goodbye, if there is still anybody."""
-        with contextlib.suppress(Exception):
-            async with asyncio.timeout(1.0):
-                await self._client.disconnect()
-
-    def _send(self, message: Message) -> None:
-        """Raises `OverflowError` if as much is unacknowledged as the broker allows."""
-        self._client.publish(self._packed(message))
-
     def _packed(self, message: Message) -> gmqtt.Message:
         properties: Mapping[str, Any] = self._properties(message) if self.version >= 5 else {}
         return gmqtt.Message(
@@ -156,10 +217,6 @@ class Connection:
             properties["message_expiry_interval"] = MESSAGE_EXPIRY_S
         return properties
 
-    def _unsent_octets(self) -> int:
-        """What the socket has not taken yet; gmqtt has no public way to ask."""
-        return int(self._client._connection._transport.get_write_buffer_size())
-
     def _what_broke(self) -> BaseException | None:
         """The error that ended the connection; gmqtt tells it to its log alone."""
         closed: asyncio.Future[None] = self._client._connection._protocol.closed
@@ -170,11 +227,23 @@ class Connection:
             self._largest_payload = max(0, largest - HEADER_OCTETS)
         for window in answer.get("receive_maximum", ()):
             self._in_flight.window = min(self._in_flight.window, window)
+        # Else gmqtt counts subscriptions too, and raises an error where we wait.
+        self._client._package_handler.id_generator._max = GMQTTS_IDS
 
     def _ended(self, _client: object, packet: bytes, *_: object) -> None:
         if packet and self.version >= 5:
             self.good_bye = reason_name(packet[0])
         self.lost.set()
+
+    def _answered(self, command: int, packet: bytes) -> None:
+        """A PUBACK; those of MQTT 5 may have a reason code."""
+        if len(packet) > 2 and packet[2] >= REFUSED:
+            self._in_flight.refuse(int.from_bytes(packet[:2], "big"))
+            if not self._complained:
+                self._complained = True
+                reason = reason_name(packet[2])
+                log.warning("%s refuses what is published: %s", self._address, reason)
+        self._client._package_handler._handle_puback_packet(command, packet)
 
     def _subscribed(
         self, _client: object, _id: int, granted: Sequence[int], _properties: object

@@ -19,6 +19,7 @@ from plotfeed.feeds.flights import Flight, FlightOptions, read, smoothed
 from plotfeed.feeds.inject import schedule
 from plotfeed.feeds.message import JSON, PROTOBUF, Message
 from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.report import AltitudeReference, Report
 from plotfeed.feeds.telemetry import encode_json, encode_protobuf
 from plotfeed.proto.errors import PlotfeedError
@@ -63,6 +64,18 @@ def _some(lines: tuple[str, ...], at_most: int = 5) -> tuple[str, ...]:
     return (*lines[:at_most], f"and {len(lines) - at_most} more records skipped")
 
 
+@dataclass(slots=True)
+class _Account:
+    """What has become of the reports."""
+
+    sent: int = 0
+    undelivered: int = 0
+
+    def settle(self, parcel: Parcel) -> None:
+        self.sent += parcel.delivered
+        self.undelivered += not parcel.delivered
+
+
 async def _publish(flight: Flight, feed: FlightFeed) -> int:
     """Connect, send each report when it is due, and pass on what is said of them."""
     drone = feed.drone or flight.name.replace(" ", "-")
@@ -80,10 +93,11 @@ async def _publish(flight: Flight, feed: FlightFeed) -> int:
         subscribe=[f"{feed.prefix}/errors"],
         on_message=heard,
     )
+    account = _Account()
     running = asyncio.create_task(link.run(), name="link[inject]")
     try:
         await link.wait_until_up(CONNECT_S)
-        sent, undelivered = await _send_all(flight, feed, link, drone)
+        await _send_all(flight, feed, drone, link, account)
         await link.drain()
         await asyncio.sleep(0.2)  # for what is said of the last ones
     finally:
@@ -91,21 +105,20 @@ async def _publish(flight: Flight, feed: FlightFeed) -> int:
         await asyncio.gather(running, return_exceptions=True)
     for line in refusals[:5]:
         click.echo(f"plotfeed: refused: {line}", err=True)
-    told = f"{sent} reports sent to {feed.broker} as {feed.prefix}/telemetry/{drone}"
-    click.echo(f"{told}, {undelivered} undelivered, {len(refusals)} refused")
-    return 1 if undelivered or refusals else 0
+    told = f"{account.sent} reports sent to {feed.broker} as {feed.prefix}/telemetry/{drone}"
+    click.echo(f"{told}, {account.undelivered} undelivered, {len(refusals)} refused")
+    return 1 if account.undelivered or refusals else 0
 
 
 async def _send_all(
-    flight: Flight, feed: FlightFeed, link: MqttLink, drone: str
-) -> tuple[int, int]:
-    """How many reports were sent, and how many found no connection."""
+    flight: Flight, feed: FlightFeed, drone: str, link: MqttLink, account: _Account
+) -> None:
+    """Every report when it is due."""
     start_utc_ns = time.time_ns() if feed.shift else None
     encode, content_type = (
         (encode_json, JSON) if feed.encoding == "json" else (encode_protobuf, PROTOBUF)
     )
     datum = AltitudeDatum(feed.takeoff_height_m, feed.geoid_undulation_m)
-    sent = undelivered = 0
     clock: WallClock | None = None
     try:
         for due_utc_ns, report in schedule(flight, speed=feed.speed, start_utc_ns=start_utc_ns):
@@ -117,12 +130,10 @@ async def _send_all(
                 content_type=content_type,
                 due_utc_ns=due_utc_ns,
             )
-            taken = link.publish(message)
-            sent, undelivered = sent + taken, undelivered + (not taken)
+            link.publish(Parcel(message, clock, 1, account.settle))
     finally:
         if clock is not None:
             clock.close()
-    return sent, undelivered
 
 
 def _completed(report: Report, datum: AltitudeDatum, rcs_m2: float | None) -> Report:

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_
 from plotfeed.feeds.changes import ChangeError, changed
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
+from plotfeed.feeds.mqtt_queue import MqttQueue
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
@@ -124,6 +125,8 @@ class Mqtt(Part):
     credentials_file: str | None = None
     """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
     PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
+    queue: MqttQueue = MqttQueue()
+    """What waits for the broker."""
     truth: bool = True
     """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
 

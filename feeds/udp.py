@@ -6,13 +6,15 @@ import ipaddress
 import socket
 import struct
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plotfeed.feeds.message import Message
 from plotfeed.feeds.parts import Name, Part
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.parcel import Parcel
 
 MIN_OCTETS, USUAL_OCTETS, MAX_OCTETS = 64, 1400, 65_000
 
@@ -130,19 +132,15 @@ class UdpLink:
             what = f"{self._key}.destination: {self.settings.destination}"
             raise UdpError(f"{what}: {_why(error)}") from None
 
-    def publish(self, message: Message) -> bool:
-        """Send what is ASTERIX; False if the system did not take it."""
-        if not message.content_type.startswith("application/x-asterix"):
-            return True
-        if self._socket is None:
-            return False
-        try:
-            self._socket.sendto(message.payload, self._target)
-        except ConnectionRefusedError:  # nobody listened to an earlier one: that is their affair
-            return True
-        except OSError:
-            return False
-        return True
+    def publish(self, parcel: Parcel) -> None:
+        """Send what is ASTERIX, and settle at once whether the system took it."""
+        message = parcel.message
+        delivered = True
+        if message.content_type.startswith("application/x-asterix"):
+            delivered = self._send(message.payload)
+            if delivered:
+                parcel.leave()
+        parcel.settle(delivered=delivered)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Nothing is kept that could take any time."""
@@ -152,6 +150,17 @@ class UdpLink:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+    def _send(self, datagram: bytes) -> bool:
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto(datagram, self._target)
+        except ConnectionRefusedError:  # nobody listened to an earlier one: that is their affair
+            return True
+        except OSError:
+            return False
+        return True
 
     def _prepare_multicast(self, opened: socket.socket) -> None:
         is_4 = opened.family == socket.AF_INET

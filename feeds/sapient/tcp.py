@@ -11,7 +11,7 @@ import logging
 from typing import Any, cast
 
 from plotfeed.feeds.clock import Clock
-from plotfeed.feeds.message import Message
+from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.sapient.frames import Deframer, framed
 from plotfeed.feeds.sapient.herald import CONTENT_TYPE, SapientHerald, is_registration
 from plotfeed.feeds.sapient.settings import split_address
@@ -81,13 +81,17 @@ class SapientTcpLink:
             self._up.clear()
             await self._hang_up()
 
-    def publish(self, message: Message) -> bool:
-        """Send what is SAPIENT; False if there is no connection, or it has stalled."""
-        if message.content_type != CONTENT_TYPE or is_registration(message):
-            return True  # it registers by itself, whenever it connects
-        if self._wire is None or not self._up.is_set():
-            return False
-        return self._wire.send(message.payload)
+    def publish(self, parcel: Parcel) -> None:
+        """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
+        message = parcel.message
+        delivered = True
+        # It registers by itself, whenever it connects.
+        if message.content_type == CONTENT_TYPE and not is_registration(message):
+            wire = self._wire if self._up.is_set() else None
+            delivered = wire is not None and wire.send(message.payload)
+            if delivered:
+                parcel.leave()
+        parcel.settle(delivered=delivered)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""

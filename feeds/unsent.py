@@ -1,0 +1,108 @@
+"""What a connection's socket has not taken yet, and whose messages that are."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from plotfeed.feeds.parcel import Parcel
+
+MAX_UNSENT_OCTETS = 8 << 20
+"""What may wait in a socket for a broker that has stalled; more is not taken."""
+MAX_UNSENT_MESSAGES = 4096
+"""The same in messages of QoS 0: asyncio looks at each of them whenever it takes another."""
+GIVE_UP_S = 20.0
+"""A socket that has taken nothing for so long has nobody at its other end."""
+
+
+class Unsent:
+    """Watches the buffer of one transport; messages of QoS 0 are delivered when it is empty."""
+
+    def __init__(
+        self,
+        transport: Any,
+        protocol: Any,
+        on_room: Callable[[], None],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Of a transport of asyncio, and the protocol of gmqtt, which looks at no buffer.
+
+        `on_room` is called whenever the socket has taken everything after it had not.
+        """
+        self.moved_s = now_s()
+        """When it last took something that had to wait."""
+        self._transport = transport
+        self._on_room = on_room
+        self._now_s = now_s
+        self._parcels: deque[Parcel] = deque()
+        self._holds = False
+        self._octets = 0
+        protocol.pause_writing = self._hold
+        protocol.resume_writing = self._release
+        transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
+
+    @property
+    def octets(self) -> int:
+        """That it has not taken."""
+        return int(self._transport.get_write_buffer_size())
+
+    @property
+    def messages(self) -> int:
+        """Of QoS 0, that it has not taken."""
+        return len(self._parcels)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether it may be given more."""
+        if not self._holds:
+            return not self._transport.is_closing()
+        self._look()
+        return (
+            self._octets <= MAX_UNSENT_OCTETS
+            and len(self._parcels) < MAX_UNSENT_MESSAGES
+            and not self._transport.is_closing()
+        )
+
+    def given(self) -> bool:
+        """It has been given something; whether it has taken that at once."""
+        if self._holds:
+            self._octets = self.octets
+        return not self._holds
+
+    def keep(self, parcel: Parcel) -> None:
+        """Remember what was given and not taken at once."""
+        self._parcels.append(parcel)
+
+    def give_up(self) -> int:
+        """The connection is lost: settle what was not taken; how many messages that were."""
+        lost = len(self._parcels)
+        while self._parcels:
+            self._parcels.popleft().settle(delivered=False)
+        return lost
+
+    def is_stuck(self) -> bool:
+        """Whether it has taken nothing for long, though it should."""
+        if not self._holds and not self._transport.is_closing():
+            return False
+        self._look()
+        return self._now_s() - self.moved_s > GIVE_UP_S
+
+    def _look(self) -> None:
+        octets = self.octets
+        if octets < self._octets:
+            self.moved_s = self._now_s()
+        self._octets = octets
+
+    def _hold(self) -> None:
+        self._holds = True
+        self._octets = self.octets
+        self.moved_s = self._now_s()
+
+    def _release(self) -> None:
+        self._holds = False
+        self.moved_s = self._now_s()
+        for _ in range(len(self._parcels)):
+            self._parcels.popleft().settle(delivered=True)
+        self._on_room()
