@@ -14,6 +14,7 @@ from brokers import free_port
 from hypothesis import given
 from hypothesis import strategies as st
 from middleware import Middleware, Peer, listening, polite
+from parcels import taken
 from road import held, radar, rotating, scene, staring
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
@@ -72,7 +73,7 @@ def status(octets: int = 0) -> Message:
 def test_a_node_registers_first_and_then_reports() -> None:
     async def test() -> None:
         async with listening() as middleware, linked(middleware.address) as link:
-            assert link.publish(status())
+            assert taken(link, status())
             (peer,) = middleware.peers
             await middleware.until(lambda: len(peer.heard) == 3)
             assert peer.kinds() == ["registration", "status_report", "status_report"]
@@ -84,9 +85,9 @@ def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
     async def test() -> None:
         async with listening() as middleware, linked(middleware.address) as link:
             other = Message(topic="t", payload=b"x", content_type="text/plain", due_utc_ns=0)
-            assert link.publish(other)
-            assert link.publish(HERALD.opening(WallClock().now_ns())[0])
-            assert link.publish(status())
+            assert taken(link, other)
+            assert taken(link, HERALD.opening(WallClock().now_ns())[0])
+            assert taken(link, status())
             (peer,) = middleware.peers
             await middleware.until(lambda: len(peer.heard) == 3)
             assert peer.kinds().count("registration") == 1
@@ -113,7 +114,7 @@ def test_a_node_goes_on_whatever_is_said_to_its_registration(
 
     async def test() -> None:
         async with listening(rude) as middleware, linked(middleware.address) as link:
-            assert link.publish(status())
+            assert taken(link, status())
             (peer,) = middleware.peers
             await middleware.until(lambda: len(peer.heard) == 3)
 
@@ -128,7 +129,7 @@ def test_a_node_goes_on_whatever_is_said_to_its_registration(
 def test_a_middleware_that_is_not_there_is_one_clear_error() -> None:
     async def test() -> None:
         async with linked(f"127.0.0.1:{free_port()}", wait=False) as link:
-            assert not link.publish(status())
+            assert not taken(link, status())
             with pytest.raises(SapientError, match="no SAPIENT middleware answers at 127"):
                 await link.wait_until_up(0.3)
 
@@ -169,7 +170,7 @@ def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -> None
             await middleware.until(lambda: len(middleware.peers) == 3)
             await link.wait_until_up(5.0)
             last = middleware.peers[2]
-            await middleware.until(lambda: link.publish(status()))
+            await middleware.until(lambda: taken(link, status()))
             await middleware.until(lambda: len(last.heard) >= 3)
             assert last.kinds()[:3] == ["registration", "status_report", "status_report"]
             assert last.heard[1].status_report.info == StatusReport.INFO_NEW
@@ -208,14 +209,14 @@ def test_a_middleware_that_reads_nothing_costs_neither_time_nor_memory(
             refused = 0
             for _ in range(400):
                 began_s = loop.time()
-                refused += not link.publish(message)
+                refused += not taken(link, message)
                 slowest_s = max(slowest_s, loop.time() - began_s)
                 await asyncio.sleep(0.001)
                 wire = link._wire
                 assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
             assert refused > 100
             assert slowest_s < 0.2
-            await middleware.until(lambda: link.publish(status()) and len(middleware.peers) == 2)
+            await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
 
     asynchronous(test())
 
@@ -231,7 +232,7 @@ def test_a_slow_middleware_hears_all_in_order() -> None:
     async def test() -> None:
         async with listening(slow) as middleware, linked(middleware.address) as link:
             sent = [status() for _ in range(100)]
-            assert all(link.publish(message) for message in sent)
+            assert all(taken(link, message) for message in sent)
             await link.drain()
             (peer,) = middleware.peers
             await middleware.until(lambda: len(peer.heard) == 102)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from brokers import free_port, has_ipv6
 from command import plotfeed
+from parcels import taken
 from scene_files import radar, scene_file
 from udp_receiver import (
     LOOPBACK_INTERFACE,
@@ -142,7 +143,7 @@ def test_datagrams_may_go_as_far_as_the_scene_says(group: str, ttl: int) -> None
         link = UdpLink(settings)
         link.open()
         try:
-            assert link.publish(block())
+            assert taken(link, block())
         finally:
             link.close()
         data, extra, _, _ = ears.recvmsg(100, 100)
@@ -163,11 +164,11 @@ def block(octets: int = 3) -> Message:
 
 def test_what_the_system_does_not_take_is_not_delivered() -> None:
     link = UdpLink(UdpDestination(destination="127.0.0.1:8600"))
-    assert not link.publish(block())  # not open
+    assert not taken(link, block())  # not open
     link.open()
     try:
-        assert not link.publish(block(65_535))  # no datagram is as large
-        assert link.publish(block())
+        assert not taken(link, block(65_535))  # no datagram is as large
+        assert taken(link, block())
     finally:
         link.close()
     link.close()
