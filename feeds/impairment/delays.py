@@ -120,7 +120,8 @@ class DelayLaw:
         elif not self.jitter_ms:
             below = np.where(beyond >= 0, 1.0, 0.0)
         else:
-            below = SHAPES[self.shape][1](beyond / self.jitter_ms)
+            with np.errstate(over="ignore"):  # so many jitters are infinitely many
+                below = SHAPES[self.shape][1](beyond / self.jitter_ms)
         return np.where(at < 0, 0.0, below)
 
     def mean_ms(self) -> float:
@@ -141,7 +142,8 @@ def _sample_cdf(sample: Floats, x: Floats) -> Floats:
     last = len(sample) - 1
     rank = np.searchsorted(sample, x, side="right") - 1
     low = np.clip(rank, 0, max(last - 1, 0))
-    step = sample[np.minimum(low + 1, last)] - sample[low]
-    part = np.divide(x - sample[low], step, out=np.zeros(x.shape), where=step > 0)
+    start, end = sample[low], sample[np.minimum(low + 1, last)]
+    gone, step = np.clip(x, start, end) - start, end - start
+    part = np.divide(gone, step, out=np.zeros(x.shape), where=step > 0)
     inside = (low + part) / max(last, 1)
     return np.where(rank < 0, 0.0, np.where(rank >= last, 1.0, inside))

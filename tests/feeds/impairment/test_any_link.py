@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from links import START_NS
+from pydantic import ValidationError
+
+from plotfeed.feeds.impairment.asked import Asked
+from plotfeed.feeds.impairment.settings import Link
+from plotfeed.feeds.impairment.stage import Fate, Impairment, flip
+
+chance = st.floats(0, 1)
+delay = st.one_of(st.floats(0, 1e9), st.floats(0, 100))
+losses = st.one_of(
+    st.fixed_dictionaries({"kind": st.just("random"), "probability": chance},
+                          optional={"correlation": st.floats(-1, 1)}),
+    st.fixed_dictionaries({"kind": st.just("gilbert-elliott"), "p": chance, "r": chance},
+                          optional={"good_loss": chance, "bad_loss": chance}),
+    st.fixed_dictionaries({"kind": st.just("gilbert-elliott"), "mean_loss": chance,
+                           "mean_burst": st.floats(1, 1e6)}),
+    st.fixed_dictionaries({"kind": st.just("four-state"), "p13": chance},
+                          optional=dict.fromkeys(("p31", "p32", "p23", "p14"), chance)),
+)  # fmt: skip
+tables = st.fixed_dictionaries(
+    {},
+    optional={
+        "latency_ms": delay,
+        "jitter_ms": delay,
+        "distribution": st.sampled_from(["normal", "uniform", "pareto", "paretonormal"]),
+        "delay_correlation": st.floats(-1, 1),
+        "loss": losses,
+        "on_loss": st.sampled_from(["drop", "stall"]),
+        "duplicate": chance,
+        "corrupt": chance,
+        "in_order": st.booleans(),
+        "reorder": st.fixed_dictionaries(
+            {"probability": chance}, optional={"gap": st.integers(1, 10)}
+        ),
+        "rate_kbit_s": st.floats(0.001, 1e9),
+        "overhead_octets": st.integers(0, 65_535),
+        "queue_messages": st.integers(1, 100),
+        "down": st.booleans(),
+    },
+)
+by_table = st.fixed_dictionaries(
+    {
+        "distribution": st.just("table"),
+        "delays_ms": st.lists(delay, min_size=1, max_size=20),
+        "latency_ms": delay,
+        "delay_correlation": st.floats(-0.99, 0.99),
+    }
+)
+
+
+def valid(keys: dict[str, Any]) -> Link | None:
+    try:
+        return Link.model_validate(keys)
+    except ValidationError:
+        return None
+
+
+links = st.one_of(tables, by_table).map(valid).filter(lambda found: found is not None)
+steps_ns = st.one_of(st.integers(0, 10**7), st.integers(0, 10**12))
+messages = st.lists(st.tuples(steps_ns, st.integers(0, 1 << 28)), min_size=1, max_size=60)
+
+
+@given(links, links, messages, st.integers(0, (1 << 63) - 1), st.text(max_size=64))
+def test_any_link_passes_any_messages_on(
+    first: Link, second: Link, sent: list[tuple[int, int]], seed: int, name: str
+) -> None:
+    def outcomes() -> list[Any]:
+        impairment, due, found = Impairment(first, seed, name), START_NS, []
+        for i, (step, octets) in enumerate(sent):
+            if i == len(sent) // 2:
+                impairment.change(second)
+            due += step
+            found.append((due, octets, impairment.link, impairment.pass_on(due, octets)))
+        return found
+
+    all_of_it = outcomes()
+    assert all_of_it == outcomes()
+    for due, octets, link, outcome in all_of_it:
+        assert len(outcome.copies) <= 2
+        assert bool(outcome.copies) == (outcome.fate is Fate.SENT)
+        assert outcome.fate is not Fate.LOST or link.on_loss == "drop"
+        for copy in outcome.copies:
+            assert copy.due_utc_ns >= due
+            assert copy.flipped_bit is None or 0 <= copy.flipped_bit < 8 * octets
+        if link.down:
+            assert outcome.fate is (Fate.OUTAGE if link.on_loss == "drop" else Fate.HELD)
+    for (*_, one), (_, _, link, other) in pairwise(all_of_it):
+        if link.keeps_order and one.copies and other.copies:
+            assert one.copies[-1].due_utc_ns <= other.copies[0].due_utc_ns
+
+
+@given(links)
+def test_any_link_says_what_it_asks(link: Link) -> None:
+    asked = Asked(link)
+    quantiles = asked.delay_quantile_ms(np.linspace(0, 1, 11))
+    assert (np.diff(quantiles) >= 0).all()
+    assert 0 <= asked.mean_loss <= 1
+    assert asked.spread_of_loss(1000) >= 0
+    assert not asked.mean_burst < 1 - 1e-9
+    survival = asked.burst_survival(20)
+    assert not ((survival < -1e-9) | (survival > 1 + 1e-9)).any()
+    assert not abs(asked.lag_1_correlation) > 1 + 1e-6
+
+
+@given(st.binary(min_size=1, max_size=100), st.data())
+def test_a_bit_flipped_twice_is_as_before(payload: bytes, data: st.DataObject) -> None:
+    bit = data.draw(st.integers(0, 8 * len(payload) - 1))
+    assert flip(flip(payload, bit), bit) == payload

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from links import link
+from pydantic import ValidationError
+
+from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, RandomLoss
+from plotfeed.feeds.impairment.settings import Link, Reorder
+from plotfeed.feeds.scene_problems import problems_of
+
+RANDOM = {"kind": "random", "probability": 0.05}
+GILBERT = {"kind": "gilbert-elliott"}
+FOUR = {"kind": "four-state", "p13": 0.02}
+
+
+def problem(keys: dict[str, Any]) -> str:
+    with pytest.raises(ValidationError) as caught:
+        Link.model_validate(keys)
+    ((key, text),) = problems_of(caught.value, keys)
+    assert "\n" not in text
+    return f"{key}: {text}"
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"latency_ms": -1.0}, "latency_ms: input should be greater than or equal to 0, not -1.0"),
+        ({"distribution": "table"}, 'delays_ms: needed with distribution = "table"'),
+        ({"delays_ms": [1.0]}, 'delays_ms: needs distribution = "table"'),
+        (
+            {"distribution": "table", "delays_ms": [1.0], "jitter_ms": 2.0},
+            'jitter_ms: contradicts distribution = "table"',
+        ),
+        ({"distribution": "table", "delays_ms": []}, "delays_ms: at least one is needed"),
+        (
+            {"delay_correlation": 1.0},
+            "delay_correlation: input should be less than 1, not 1.0",
+        ),
+        ({"reorder": {"probability": 0.5}, "in_order": True}, "reorder: contradicts in_order"),
+        (
+            {"reorder": {"probability": 0.5}, "on_loss": "stall"},
+            'reorder: contradicts on_loss = "stall", which keeps the order',
+        ),
+        ({"duplicate": 1.1}, "duplicate: input should be less than or equal to 1, not 1.1"),
+        ({"latency": 1.0}, "latency: no such key; did you mean latency_ms?"),
+        ({"loss": {"kind": "randm"}}, "loss.kind: expected one of"),
+        (
+            {"loss": RANDOM | {"correlation": -0.2}},
+            "loss.correlation: with that probability, at least -0.05263",
+        ),
+        (
+            {"loss": GILBERT | {"p": 0.1, "mean_loss": 0.1}},
+            "loss: expected mean_loss and mean_burst, or p and r",
+        ),
+        ({"loss": GILBERT | {"p": 0.1}}, "loss: expected mean_loss and mean_burst, or p and r"),
+        (
+            {"loss": GILBERT | {"mean_loss": 0.1, "mean_burst": 2.0, "bad_loss": 0.5}},
+            "loss: expected mean_loss and mean_burst, or p and r",
+        ),
+        (
+            {"loss": GILBERT | {"mean_loss": 0.9, "mean_burst": 2.0}},
+            "loss.mean_burst: with that mean_loss, at least 9",
+        ),
+        ({"loss": GILBERT | {"p": 0.0, "r": 0.0}}, "loss.p: must be above 0 where r is 0"),
+        ({"loss": FOUR | {"p14": 0.99}}, "loss.p14: with p13, at most 1"),
+        ({"loss": FOUR | {"p31": 0.5, "p32": 0.6}}, "loss.p32: with p31, at most 1"),
+        ({"loss": FOUR | {"p13": 1.0}}, "loss.p31: must be above 0, or a burst never ends"),
+        ({"loss": FOUR | {"p23": 0.0}}, "loss.p23: must be above 0, or a burst never ends"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(keys: dict[str, Any], expected: str) -> None:
+    assert problem(keys).startswith(expected)
+
+
+def test_a_burst_and_a_loss_fix_the_chain() -> None:
+    loss = GilbertElliott(kind="gilbert-elliott", mean_loss=0.05, mean_burst=4.0)
+    p, r, good, bad = loss.probabilities
+    assert (r, good, bad) == (0.25, 0.0, 1.0)
+    assert p / (p + r) == pytest.approx(0.05, rel=1e-12)
+
+
+@pytest.mark.parametrize("mean_loss", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_the_shortest_bursts_of_a_mean_loss_are_taken(mean_loss: float) -> None:
+    shortest = max(1.0, mean_loss / (1 - mean_loss))
+    loss = GilbertElliott(kind="gilbert-elliott", mean_loss=mean_loss, mean_burst=shortest)
+    assert 0 <= loss.probabilities[0] <= 1
+
+
+def test_four_states_have_the_defaults_of_netem() -> None:
+    loss = FourState(kind="four-state", p13=0.02)
+    assert (loss.ends, loss.p32, loss.p23, loss.p14) == (0.98, 0.0, 1.0, 0.0)
+
+
+def test_a_link_without_effect_is_clear() -> None:
+    assert Link().is_clear
+    assert link(in_order=True, distribution="pareto", queue_messages=3).is_clear
+    some: list[dict[str, Any]] = [
+        {"latency_ms": 1.0},
+        {"jitter_ms": 1.0},
+        {"distribution": "table", "delays_ms": [1.0]},
+        {"loss": RANDOM},
+        {"duplicate": 0.1},
+        {"corrupt": 0.1},
+        {"rate_kbit_s": 1.0},
+        {"down": True},
+    ]
+    assert not any(link(**keys).is_clear for keys in some)
+
+
+@pytest.mark.parametrize("table", [Link, Reorder, RandomLoss, GilbertElliott, FourState])
+def test_every_key_says_what_it_is(table: type[Link]) -> None:
+    for name, key in table.model_fields.items():
+        assert key.description, name
