@@ -1,0 +1,121 @@
+"""The index at the end of a native log that was ended as it should."""
+
+from __future__ import annotations
+
+import struct
+from operator import attrgetter
+from zlib import crc32
+
+from mcap.opcode import Opcode
+
+from plotfeed.proto.errors import DecodeError
+from plotfeed.replay.log_contents import Contents, LogDamages, Source, Span
+from plotfeed.replay.log_records import (
+    HEAD,
+    MAGIC,
+    MAX_RECORD_OCTETS,
+    AttachmentEntry,
+    Fields,
+)
+
+FOOTER = struct.Struct("<BQQQI8s")
+"""Opcode, length, where the summary and its offsets begin, CRC of the summary; then the magic."""
+CHUNK_INDEX = struct.Struct("<QQQQI")
+"""First and last log time, offset and octets of the chunk, and octets of a map to go over."""
+
+
+class _Counts:
+    """What the statistics say."""
+
+    schemas = channels = attachments = chunks = -1
+
+
+def read_index(source: Source, damages: LogDamages) -> Contents | None:
+    """What the index says; None if there is none, or one that does not tell everything."""
+    start = _summary_start(source, damages)
+    if start is None:
+        return None
+    end = source.octets - FOOTER.size
+    summary = source.at(start, end - start)
+    try:
+        return _contents(summary, start)
+    except DecodeError as error:
+        damages.note(start + (error.at_octet or 0), f"the index: {error}")
+        return None
+
+
+def _summary_start(source: Source, damages: LogDamages) -> int | None:
+    """Where the summary begins, if its CRC is right."""
+    octets = source.at(max(0, source.octets - FOOTER.size), FOOTER.size)
+    if len(octets) < FOOTER.size:
+        return None
+    opcode, length, start, _, crc, magic = FOOTER.unpack(octets)
+    start = int(start)
+    if magic != MAGIC:
+        return None  # the scan says how it ends instead
+    at = source.octets - FOOTER.size
+    if (opcode, length) != (Opcode.FOOTER, FOOTER.size - HEAD.size - len(MAGIC)):
+        damages.note(at, "the footer: it is not one")
+    elif not start:
+        return None
+    elif not len(MAGIC) <= start <= at or at - start > MAX_RECORD_OCTETS:
+        damages.note(at, "the footer: the index cannot be where it says")
+    elif crc and crc != crc32(octets[: -4 - len(MAGIC)], crc32(source.at(start, at - start))):
+        damages.note(start, "the index: its CRC is wrong")
+    else:
+        return start
+    return None
+
+
+def _contents(summary: bytes, start: int) -> Contents | None:
+    """None if the records within are not all that the file has; raises `DecodeError`."""
+    found, said = Contents(), _Counts()
+    fields = Fields(summary)
+    while fields.left:
+        opcode, length = fields.take(HEAD)
+        at = fields.skip(length)
+        record = Fields(summary, at, at + length)
+        if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            found.define(opcode, record)
+        elif opcode == Opcode.CHUNK_INDEX:
+            found.spans.append(_span(record))
+        elif opcode == Opcode.ATTACHMENT_INDEX:
+            found.attachments.append(_attachment(record))
+        elif opcode == Opcode.STATISTICS:
+            _take_statistics(record, found, said)
+    spans = sorted(found.spans, key=attrgetter("offset"))
+    ends = [span.offset + span.octets for span in spans]
+    if any(end > after.offset for end, after in zip(ends, spans[1:], strict=False)):
+        raise DecodeError("chunks that overlap")
+    if ends and ends[-1] > start:
+        raise DecodeError("a chunk beyond the data")
+    whole = (
+        said.chunks == len(found.spans)
+        and said.schemas == len(found.schemas)
+        and said.channels == len(found.channels)
+        and said.attachments == len(found.attachments)
+        and (found.spans or not any(found.counts.values()))
+    )
+    return found if whole else None
+
+
+def _span(record: Fields) -> Span:
+    first_ns, last_ns, offset, octets, _ = record.take(CHUNK_INDEX)
+    return Span(first_ns, last_ns, offset, octets)
+
+
+def _attachment(record: Fields) -> AttachmentEntry:
+    offset, length, _logged_ns, _created_ns, octets = record.take(struct.Struct("<QQQQQ"))
+    return AttachmentEntry(
+        name=record.text(), media_type=record.text(), octets=octets, offset=offset, length=length
+    )
+
+
+def _take_statistics(record: Fields, found: Contents, said: _Counts) -> None:
+    _messages, said.schemas = record.number(8), record.number(2)
+    said.channels, said.attachments = record.number(4), record.number(4)
+    _metadata, said.chunks = record.number(4), record.number(4)
+    _first_ns, _last_ns = record.number(8), record.number(8)
+    for _ in range(record.number(4) // 10):
+        channel_id = record.number(2)
+        found.counts[channel_id] = record.number(8)
