@@ -104,7 +104,7 @@ def two_ray_factor(
     rho = _floats(reflection)
     # Sums of squares alone: at grazing 1 + rho^2 + 2 rho cos phi would be a difference of ones.
     wave = np.where(rho < 0, np.sin(half_phase), np.cos(half_phase))
-    return (1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2
+    return _floats((1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2)
 
 
 @np.errstate(all="ignore")

@@ -7,8 +7,9 @@ int64 nanoseconds of UTC since 1970, drones an index into the session's list of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cache
+from operator import attrgetter
 from typing import Any, Self
 
 import numpy as np
@@ -30,7 +31,7 @@ def rows_where(mask: Bools) -> Ints | slice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
-    """Equally long columns, selected and joined by row."""
+    """Equally long columns, selected and joined by row; one that may be None is not there then."""
 
     def __len__(self) -> int:
         return len(getattr(self, self._names()[0]))
@@ -40,20 +41,34 @@ class Columns:
     def _names(cls) -> tuple[str, ...]:
         return tuple(f.name for f in fields(cls))
 
+    @classmethod
+    @cache
+    def _values(cls) -> attrgetter[tuple[Any, ...]]:
+        return attrgetter(*cls._names())
+
     def rows(self, which: NDArray[Any]) -> Self:
         """Those rows: a boolean mask (n,), or distinct indices (m,)."""
         if which.dtype == np.bool_:
             if which.all():
                 return self
             which = np.flatnonzero(which)
-        columns = {name: getattr(self, name) for name in self._names()}
-        return type(self)(
-            **{
+        n = len(which)
+        columns = {}
+        for name in self._names():
+            column = getattr(self, name)
+            if column is not None:
                 # What is the same throughout is not copied, value by value, to be the same again.
-                name: column[: len(which)] if column.strides[0] == 0 else column[which]
-                for name, column in columns.items()
-            }
-        )
+                columns[name] = column[which] if column.strides[0] else column[:n]
+        return type(self)(**columns)
+
+    def between(self, first: int, end: int) -> Self:
+        """Rows from `first` up to `end`, not copied."""
+        columns = {}
+        for name in self._names():
+            column = getattr(self, name)
+            if column is not None:
+                columns[name] = column[first:end]
+        return type(self)(**columns)
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -61,9 +76,9 @@ class Columns:
         parts = [p for p in parts if len(p)] or [parts[0]]
         if len(parts) == 1:
             return parts[0]
-        return cls(
-            **{name: np.concatenate([getattr(p, name) for p in parts]) for name in cls._names()}
-        )
+        lengths = [len(p) for p in parts]
+        by_name = zip(cls._names(), zip(*map(cls._values(), parts), strict=True), strict=True)
+        return cls(**{name: _joined(name, columns, lengths) for name, columns in by_name})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,11 +122,26 @@ class Signatures:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Targets:
-    """Drones seen from a sensor, east, north and up of it, (n, 3), at the times of measurement.
+class Readings:
+    """What a sensor reads in place of what it finds: r (1 + scale) + offset, azimuth + offset."""
 
-    `position_enu_m` is where the signal that is measured left the drone, `true_position_enu_m`
-    where the drone is at the time of measurement: they differ only for sound.
+    range_scale: float = 0.0
+    range_offset_m: float = 0.0
+    azimuth_offset_deg: float = 0.0
+
+    def range_m(self, range_m: Floats) -> Floats:
+        """Of ranges, or of bistatic ranges; (n,)."""
+        return range_m * (1 + self.range_scale) + self.range_offset_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Targets:
+    """Drones seen from a sensor, (n, 3), at the times of measurement.
+
+    `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
+    `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
+    is sound that comes from where the drone was, or the sensor stands askew. Velocities are east,
+    north and up, for sensors that measure them; `readings` for sensors that err in them.
     """
 
     drone: Ints
@@ -119,6 +149,8 @@ class Targets:
     position_enu_m: Floats
     true_position_enu_m: Floats
     signatures: Signatures
+    velocity_enu_m_s: Floats | None = None
+    readings: Readings | None = None
 
     def __len__(self) -> int:
         return len(self.drone)
@@ -150,16 +182,36 @@ class Looks(Columns):
     pd: Floats
     detected: Bools
 
+    @classmethod
+    def none(cls) -> Self:
+        """At nothing."""
+        no_ints, no_floats = np.zeros(0, np.int64), np.zeros(0)
+        return cls(
+            drone=no_ints,
+            channel=no_ints,
+            t_utc_ns=no_ints,
+            range_m=no_floats,
+            azimuth_deg=no_floats,
+            elevation_deg=no_floats,
+            snr=no_floats,
+            pd=no_floats,
+            detected=np.zeros(0, np.bool_),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plots(Columns):
-    """What was measured, and privately of whom: the last four columns are never sent to a tracker.
+    """What was measured, and privately of whom: drones and true columns never go to a tracker.
 
     Azimuth is clockwise from true north in [0, 360), elevation above the sensor's horizontal,
     height above the WGS-84 ellipsoid, bistatic range the path transmitter-target-receiver less the
     baseline. `snr` is that of the very detection, linear; sigmas and covariances, of the position
     east and north, are what the sensor itself would state. NaN and "" stand for what the sensor
     does not measure, NaN also in the true columns for a false alarm. `channel` is as in `Looks`.
+
+    The columns that may be None are of sensors that model what few do. The range rate is that of
+    the range, of a passive radar that of the bistatic range, positive for a target that recedes.
+    `merged_drones` are the drones beside `drone` whose echoes the plot does not tell apart.
     """
 
     t_utc_ns: Ints
@@ -185,6 +237,10 @@ class Plots(Columns):
     true_range_m: Floats
     true_azimuth_deg: Floats
     true_elevation_deg: Floats
+    range_rate_m_s: Floats | None = None
+    sigma_range_rate_m_s: Floats | None = None
+    true_range_rate_m_s: Floats | None = None
+    merged_drones: Texts | None = None
 
     @classmethod
     def of(cls, **columns: NDArray[Any]) -> Self:
@@ -193,27 +249,47 @@ class Plots(Columns):
         A plot of no stated drone is a false alarm.
         """
         n = len(columns["t_utc_ns"])
-        return cls(
-            **{
-                name: columns[name] if name in columns else np.broadcast_to(_absent(name), n)
-                for name in cls._names()
-            }
-        )
+        for name in _ALWAYS - columns.keys():
+            columns[name] = _ABSENT.get(name, _UNMEASURED)[:n]
+        return cls(**columns)
 
     def in_order_of_time(self) -> Self:
         """The same plots, earliest first; ties keep their order."""
-        return self.rows(np.argsort(self.t_utc_ns, kind="stable"))
+        t_utc_ns = self.t_utc_ns
+        if len(self) < 2 or (t_utc_ns[1:] >= t_utc_ns[:-1]).all():
+            return self
+        return self.rows(np.argsort(t_utc_ns, kind="stable"))
 
 
+def _endless(value: object, dtype: type) -> NDArray[Any]:
+    """A column of the same throughout, as long as anybody asks for: it takes no memory."""
+    one: NDArray[Any] = np.empty((), dtype)
+    one[()] = value
+    return np.broadcast_to(one, 1 << 40)
+
+
+_UNMEASURED = _endless(np.nan, np.float64)
 _ABSENT = {
-    "drone": np.array(FALSE_ALARM, np.int64),
-    "channel": np.array(0, np.int64),
-    "kind": np.array("", np.object_),
-    "identity": np.array("", np.object_),
+    "drone": _endless(FALSE_ALARM, np.int64),
+    "channel": _endless(0, np.int64),
+    "kind": _endless("", np.object_),
+    "identity": _endless("", np.object_),
+    "merged_drones": _endless((), np.object_),
 }
-_UNMEASURED = np.array(np.nan)
+"""What stands in the columns of plots that a sensor does not fill, where it is not NaN."""
+_ALWAYS = frozenset(f.name for f in fields(Plots) if f.default is MISSING)
 
 
-def _absent(name: str) -> NDArray[Any]:
-    """What stands in a column of plots that a sensor does not fill; ()."""
-    return _ABSENT.get(name, _UNMEASURED)
+def _joined(
+    name: str, columns: Sequence[NDArray[Any] | None], lengths: Sequence[int]
+) -> NDArray[Any] | None:
+    """One column of all parts; where only some have it, the others say 'not measured'."""
+    there = [column for column in columns if column is not None]
+    if not there:
+        return None
+    absent = _ABSENT.get(name, _UNMEASURED)
+    if len(there) < len(columns):
+        there = [absent[:n] if c is None else c for n, c in zip(lengths, columns, strict=True)]
+    if there[0].base is absent.base and all(column.base is absent.base for column in there):
+        return absent[: sum(lengths)]
+    return np.concatenate(there)
