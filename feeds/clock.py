@@ -60,6 +60,7 @@ class WallClock:
         if not self._begun:
             self._begun = True
             self.resume()
+            return self._zero_utc_ns
         return self.now_ns()
 
     def now_ns(self) -> int:

@@ -58,7 +58,7 @@ class Watcher(Protocol):
 
 
 KeepLedger = Callable[[SectorReport, Sequence[pb.Sent], str], None]
-"""Given a sector, what became of its messages, and the link in JSON where it has changed."""
+"""Given a sector, what became of its messages, and the link's keys then in JSON."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +88,7 @@ class Desk:
         self._office = office
         self._herald = herald
         self._status = pb.SensorStatus(sensor=station.sensor.id)
-        self._link_to_tell = _json_of(station.sensor.link)
+        self._link = _json_of(station.sensor.link)
         self._start_ns = 0
 
     def open(self, start_utc_ns: int) -> None:
@@ -137,7 +137,7 @@ class Desk:
         self._station.change(sensor)
         if sensor.link != self.sensor.link:
             self.outbox.change(sensor.link or Link())
-            self._link_to_tell = _json_of(sensor.link)
+            self._link = _json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled
         for watcher in self._office.watchers:
@@ -157,7 +157,7 @@ class Desk:
         self._plan(self._station.next_sector(sector))
 
     def _send(self, report: SectorReport) -> None:
-        account = Account(partial(self._settled, report))
+        account = Account(partial(self._settled, report, self._link))
         for message in report.messages:
             self.outbox.send(message, account)
         account.close()
@@ -167,8 +167,7 @@ class Desk:
         for watcher in self._office.watchers:
             watcher.report(report)
 
-    def _settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        link, self._link_to_tell = self._link_to_tell, ""
+    def _settled(self, report: SectorReport, link: str, sent: Sequence[pb.Sent]) -> None:
         self._office.keep_ledger(report, sent, link)
         for watcher in self._office.watchers:
             watcher.account(report, sent)
@@ -230,4 +229,4 @@ def _over(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def _json_of(link: Link | None) -> str:
-    return (link or Link()).model_dump_json(exclude_defaults=True)
+    return "" if link is None else link.model_dump_json(exclude_defaults=True)

@@ -16,7 +16,7 @@ CONTENT_TYPE = f"{PROTOBUF}; messageType=plotfeed.v1.Ledger"
 def ledger_message(
     prefix: str, report: SectorReport, drones: Sequence[str], sent: Sequence[pb.Sent], link: str
 ) -> Message:
-    """An entry for {prefix}/truth; `drones` names them by index, `link` is JSON if it is news."""
+    """An entry for {prefix}/truth; `drones` names them by index, `link` is its keys in JSON."""
     sector = report.sector
     return Message(
         topic=f"{prefix}/truth",

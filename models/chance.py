@@ -21,6 +21,8 @@ class Purpose(IntEnum):
     TRACKS = 2
     COOPERATION = 3
     IMPAIRMENT = 4
+    SCAN_TIMES = 5
+    DRIFT = 6
 
 
 class Chance:
@@ -28,6 +30,8 @@ class Chance:
 
     def __init__(self, seed: int, sensor: str) -> None:
         sensor_key = int.from_bytes(blake2b(sensor.encode(), digest_size=8).digest(), "big")
+        self.key = sensor_key
+        """Of the sensor, from its name alone."""
         self._generators = {
             purpose: np.random.Generator(np.random.Philox(key=(seed << 64) | sensor_key))
             for purpose in Purpose

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.cover import Volume
+from plotfeed.models.draws import of_rows
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
@@ -120,6 +121,7 @@ class PolarRadar(Volume, ABC):
         """
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        rng = of_rows(rng, covered)
         snrs = self.signal_snrs(targets.position_enu_m[covered], targets.rcs_m2(covered))
         pd = self.pd(snrs)
         looks = Looks(
@@ -135,7 +137,8 @@ class PolarRadar(Volume, ABC):
         )
         if not looks.detected.any():
             return looks, NO_PLOTS
-        return looks, self._measure(looks.rows(looks.detected), snrs[looks.detected], rng)
+        hits = rows_where(looks.detected)
+        return looks, self._measure(looks.rows(looks.detected), snrs[hits], of_rows(rng, hits))
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""

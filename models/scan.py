@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -30,6 +31,43 @@ class Sector:
     end_ns: int
     start_deg: float
     end_deg: float
+    stares: bool = False
+    """Whether everything is looked at once, when it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sectors:
+    """Several sectors, columns (m,), wherever one could stand."""
+
+    start_ns: Ints
+    end_ns: Ints
+    start_deg: Floats
+    end_deg: Floats
+
+    @classmethod
+    def of(cls, sectors: Sequence[Sector]) -> Self:
+        """Those."""
+        return cls(
+            np.array([s.start_ns for s in sectors], np.int64),
+            np.array([s.end_ns for s in sectors], np.int64),
+            np.array([s.start_deg for s in sectors]),
+            np.array([s.end_deg for s in sectors]),
+        )
+
+    def rows(self, which: Ints) -> Sectors:
+        """Some of them, or one of them several times; (m,)."""
+        return Sectors(
+            self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
+        )
+
+    def as_rows(self) -> Sectors:
+        """Columns (m, 1), against the targets of each."""
+        return Sectors(
+            self.start_ns[:, None],
+            self.end_ns[:, None],
+            self.start_deg[:, None],
+            self.end_deg[:, None],
+        )
 
 
 def sector_at(t_utc_ns: int, period_ns: int, sectors: int) -> Sector:
@@ -41,10 +79,16 @@ def sector_at(t_utc_ns: int, period_ns: int, sectors: int) -> Sector:
 
 def nth_sector(scan: int, index: int, period_ns: int, sectors: int) -> Sector:
     """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond."""
-    start_ns = scan * period_ns - (-index * period_ns // sectors)
-    end_ns = scan * period_ns - (-(index + 1) * period_ns // sectors)
+    return sector_within(scan * period_ns, (scan + 1) * period_ns, scan, index, sectors)
+
+
+def sector_within(start_ns: int, end_ns: int, scan: int, index: int, sectors: int) -> Sector:
+    """Sector `index` of a scan from one time to another."""
+    duration_ns = end_ns - start_ns
+    first_ns = start_ns - (-index * duration_ns // sectors)
+    last_ns = start_ns - (-(index + 1) * duration_ns // sectors)
     start_deg, end_deg = 360.0 * index / sectors, 360.0 * (index + 1) / sectors  # 360 at the last
-    return Sector(scan, index, start_ns, end_ns, start_deg, end_deg)
+    return Sector(scan, index, first_ns, last_ns, start_deg, end_deg, stares=sectors == 1)
 
 
 def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
@@ -54,7 +98,7 @@ def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
 
 
 def beam_passes(
-    sector: Sector, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
+    sector: Sector | Sectors, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
 ) -> tuple[Bools, Floats]:
     """Which targets a clockwise beam passes within a sector, and after what share of it.
 
@@ -73,19 +117,21 @@ def beam_passes(
 
 def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:
     """When a rotating beam is at those azimuths within its sector; the end of a staring scan."""
-    if sector.end_deg - sector.start_deg >= 360.0:
+    if sector.stares:
         return np.full(len(azimuth_deg), sector.end_ns, np.int64)
     share = wrap_360(azimuth_deg - sector.start_deg) / (sector.end_deg - sector.start_deg)
     return time_after_share_ns(sector, share)
 
 
-def time_after_share_ns(sector: Sector, share: Floats) -> Ints:
+def time_after_share_ns(sector: Sector | Sectors, share: Floats) -> Ints:
     """The time after a share of a sector, kept within it."""
     into_ns = np.rint(share * (sector.end_ns - sector.start_ns)).astype(np.int64)
     return sector.start_ns + np.clip(into_ns, 0, sector.end_ns - sector.start_ns - 1)
 
 
-def beam_meets(sector: Sector, share: Floats, azimuth_at: Callable[[Floats], Floats]) -> Floats:
+def beam_meets(
+    sector: Sector | Sectors, share: Floats, azimuth_at: Callable[[Floats], Floats]
+) -> Floats:
     """The share of a sector after which the beam meets each target that it passes; (n,).
 
     By secants, halving where they lead out of what is left, from the first guess `share`;
@@ -110,7 +156,7 @@ def beam_meets(sector: Sector, share: Floats, azimuth_at: Callable[[Floats], Flo
     return np.where(np.abs(late) * width_deg <= LEAP_DEG, share, np.nan)
 
 
-def beam_is_late_by(sector: Sector, share: Floats, azimuth_deg: Floats) -> Floats:
+def beam_is_late_by(sector: Sector | Sectors, share: Floats, azimuth_deg: Floats) -> Floats:
     """The share of a sector by which the beam has yet to turn to reach those azimuths."""
     width_deg = sector.end_deg - sector.start_deg
     return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg

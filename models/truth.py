@@ -159,10 +159,13 @@ class Trajectories:
         """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
         rows = np.arange(len(self.names)) if drones is None else drones
         t = np.broadcast_to(np.asarray(t_utc_ns, dtype=np.int64), rows.shape)
-        self._bring_up_to(t, rows)
+        if self._bring_up_to(t, rows) and not self._holds(t, rows).all():
+            return self._state_by_parts(t, rows)
         there = self._alive[rows]
-        rows, t = rows[there], t[there]
-        c0, c1, c2, c3 = np.moveaxis(self._coefficients[rows], 1, 0)
+        if not there.all():
+            rows, t = rows[there], t[there]
+        coefficients = self._coefficients[rows]
+        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
         tau_s = ((t - self._start_ns[rows]) / NS)[:, None]
         return TruthState(
             drone=rows,
@@ -170,6 +173,39 @@ class Trajectories:
             position_ecef_m=c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3)),
             velocity_ecef_m_s=c1 + tau_s * (2 * c2 + 3 * tau_s * c3),
         )
+
+    def position_at(self, t_utc_ns: Ints, drones: Ints) -> Floats:
+        """ECEF positions of drones (m,) at times (m,), metres; (m, 3), NaN for one not there."""
+        if self._bring_up_to(t_utc_ns, drones) and not self._holds(t_utc_ns, drones).all():
+            parts = [
+                self.position_at(t_utc_ns[i : i + 1], drones[i : i + 1]) for i in range(len(drones))
+            ]
+            return np.concatenate(parts)
+        coefficients = self._coefficients[drones]
+        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
+        tau_s = ((t_utc_ns - self._start_ns[drones]) / NS)[:, None]
+        position_m: Floats = c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3))
+        position_m[~self._alive[drones]] = np.nan
+        return position_m
+
+    def positions_at(self, t_utc_ns: Ints) -> Floats:
+        """ECEF positions of all drones at several times (k,), metres; (k, n, 3), NaN if not there.
+
+        What `state_at` gives at each of them, to the last bit.
+        """
+        rows = np.arange(len(self.names))
+        self._bring_up_to(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
+        one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
+        coefficients = np.where(self._alive[rows, None, None], self._coefficients[rows], np.nan)
+        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
+        tau_s = ((t_utc_ns[:, None] - self._start_ns[rows]) / NS)[..., None]
+        positions_m: Floats = c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3))
+        others = np.flatnonzero(~one_piece)
+        for i, t in enumerate(t_utc_ns if len(others) else ()):
+            state = self.state_at(int(t), others)
+            positions_m[i, others] = np.nan
+            positions_m[i, state.drone] = state.position_ecef_m
+        return positions_m
 
     def _row(self, drone: str, new_track: _Track) -> int:
         row = self._index.get(drone)
@@ -199,15 +235,25 @@ class Trajectories:
         self._end_ns[row] = self._start_ns[row]  # an empty stretch: looked up when next asked for
         self.version += 1
 
-    def _bring_up_to(self, t_utc_ns: Ints, rows: Ints) -> None:
-        """Look up the segments of the drones whose time has left the one at hand."""
-        outside = (t_utc_ns < self._start_ns[rows]) | (t_utc_ns >= self._end_ns[rows])
-        for i in np.flatnonzero(outside):
+    def _state_by_parts(self, t_utc_ns: Ints, rows: Ints) -> TruthState:
+        """Of drones of which some are asked for at times in several of their segments."""
+        parts = [self.state_at(t_utc_ns[i : i + 1], rows[i : i + 1]) for i in range(len(rows))]
+        return TruthState.joined(parts)
+
+    def _holds(self, t_utc_ns: Ints, rows: Ints) -> NDArray[np.bool_]:
+        """Whether the segments at hand are those of that time; (m,)."""
+        return (t_utc_ns >= self._start_ns[rows]) & (t_utc_ns < self._end_ns[rows])
+
+    def _bring_up_to(self, t_utc_ns: Ints, rows: Ints) -> bool:
+        """Look up the segments of drones whose time has left the one at hand; whether any had."""
+        outside = np.flatnonzero(~self._holds(t_utc_ns, rows))
+        for i in outside:
             row = rows[i]
             segment = _segment(self._tracks[row], int(t_utc_ns[i]))
             self._start_ns[row], self._end_ns[row] = segment.start_ns, segment.end_ns
             self._alive[row] = segment.alive
             self._coefficients[row] = segment.coefficients
+        return len(outside) > 0
 
 
 def _segment(track: _Track, t_utc_ns: int) -> _Segment:

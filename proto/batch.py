@@ -55,7 +55,7 @@ def ledger(
     sent: Sequence[pb.Sent],
     link: str = "",
 ) -> bytes:
-    """A serialised Ledger; `drones` names the drones by index, `link` is JSON where it is news."""
+    """A serialised Ledger; `drones` names the drones by index, `link` is its keys in JSON."""
     entry = pb.Ledger(sensor=sensor, scan=scan, sector=sector, messages=sent, link=link)
     entry.looks.extend(_looks(looks, drones))
     entry.plots.extend(_plot_truths(plots, drones))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from road import NS, START_NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 
 from plotfeed.feeds.message import Message
+from plotfeed.proto import plotfeed_pb2 as pb
 
 SENSORS = (
     radar(id="turning", scan=rotating(1.0, 8), pfa=1e-5),
@@ -25,13 +27,23 @@ def drones(start_s: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
+def unnumbered(message: Message) -> Message:
+    """The ledger numbers messages from the beginning of the session."""
+    if not message.topic.endswith("/truth"):
+        return message
+    entry = pb.Ledger.FromString(message.payload)
+    for sent in entry.messages:
+        sent.number = 0
+    return replace(message, payload=entry.SerializeToString())
+
+
 def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
-    """What left from then on, of one sensor or of all with the ledger; statuses are not told."""
+    """What left from then on, of one sensor or of all with the ledger; its status is not told."""
     return [
-        m
+        unnumbered(m)
         for m in road.messages
         if m.due_utc_ns > since_ns
-        and not m.topic.endswith("/status")
+        and not m.topic.endswith(("/status", "/settings", "/session"))
         and (sensor is None or m.topic.startswith(f"plotfeed/{sensor}/"))
     ]
 

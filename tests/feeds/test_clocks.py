@@ -149,7 +149,8 @@ def test_things_are_done_in_the_order_of_their_deadlines(due: list[int]) -> None
     for order, t in enumerate(due):
         agenda.put(t, lambda t=t, order=order: done.append((t, order)))  # type: ignore[misc]
     for now in range(21):
-        for action in agenda.due_by(now):
+        for due_ns, action in agenda.due_by(now):
+            assert due_ns <= now
             action()
         assert all(t <= now for t, _ in done)
     assert done == sorted((t, order) for order, t in enumerate(due))
@@ -165,7 +166,7 @@ def test_what_is_put_meanwhile_is_done_if_it_is_due() -> None:
 
     agenda.put(5, first)
     agenda.put(7, lambda: done.append("last"))
-    for action in agenda.due_by(6):
+    for _, action in agenda.due_by(6):
         action()
     assert done == ["first", "late"]
     assert agenda.next_due_ns() == 7

@@ -1,0 +1,135 @@
+"""A beam that turns sees each drone when it is there, sector by sector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.feeds.eyes import Place
+from plotfeed.models.chance import Purpose
+from plotfeed.models.draws import ScanDraws
+from plotfeed.models.scan import Sector
+from plotfeed.models.sensor import NO_LOOKS, NO_PLOTS, SensorModel
+from plotfeed.models.state import Ints, Looks, Plots
+from plotfeed.models.sweep import Border, meetings
+from plotfeed.models.timetable import Timetable
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """What came of several sectors: rows in the order of time, and how many end with each."""
+
+    model: SensorModel
+    version: int
+    """Of the trajectories."""
+    places: dict[int, int]
+    """Of each sector among them, by its beginning."""
+    borders: Sequence[Border]
+    looks: Looks
+    looks_by: Sequence[int]
+    plots: Plots
+    plots_by: Sequence[int]
+
+    def of(self, i: int) -> tuple[Looks, Plots]:
+        """What came of the i-th."""
+        a, b = (self.looks_by[i - 1] if i else 0), self.looks_by[i]
+        c, d = (self.plots_by[i - 1] if i else 0), self.plots_by[i]
+        return (
+            self.looks.between(a, b) if b > a else NO_LOOKS,
+            self.plots.between(c, d) if d > c else NO_PLOTS,
+        )
+
+
+class TurningEye:
+    """A rotating sensor.
+
+    As long as nothing new is heard of the drones, a whole turn is worked out at once, which costs
+    little more than a sector does. What is seen does not depend on how many sectors that is.
+    """
+
+    def __init__(self, model: SensorModel, place: Place, timetable: Timetable) -> None:
+        self.model = model
+        self._place = place
+        self._timetable = timetable
+        self._draws = ScanDraws(place.chance, Purpose.DETECTION)
+        self._alarms: dict[int, Plots] = {}
+        self._stretch: _Stretch | None = None
+        self._border: Border | None = None
+        # Each sensor begins elsewhere, lest all of them work out a turn at the same time.
+        self._at_once = 1 + place.chance.key % timetable.sectors
+
+    def look(self, sector: Sector) -> tuple[Looks, Plots]:
+        """At the drones that the beam passes."""
+        stretch = self._stretch
+        if stretch is None or not self._still_holds(stretch) or sector.start_ns not in stretch.places:
+            self._stretch = stretch = self._worked_out(self._sectors_from(sector))
+        i = stretch.places[sector.start_ns]
+        self._border = stretch.borders[i]
+        return stretch.of(i)
+
+    def _still_holds(self, stretch: _Stretch) -> bool:
+        current = (self.model, self._place.trajectories.version)
+        return stretch.model is current[0] and stretch.version == current[1]
+
+    def _sectors_from(self, sector: Sector) -> list[Sector]:
+        """As many as the last ones suggest: a turn in quiet times, one where much is heard."""
+        if self._stretch is not None:
+            most = self._timetable.sectors
+            lasted = self._still_holds(self._stretch)
+            self._at_once = min(2 * self._at_once, most) if lasted else max(self._at_once // 2, 1)
+        sectors = [sector]
+        for _ in range(self._at_once - 1):
+            sectors.append(self._timetable.next_sector(sectors[-1]))
+        return sectors
+
+    def _worked_out(self, sectors: Sequence[Sector]) -> _Stretch:
+        """What comes of them, as far as is known now."""
+        place = self._place
+        met = meetings(sectors, place.frame, place.trajectories, self._border)
+        scan_of = self._scans_at(sectors, met.truth.t_utc_ns)
+        looks, detections = self.model.observe(
+            place.targets(met.truth, None),
+            self._draws.of(scan_of, met.truth.drone),  # type: ignore[arg-type]
+        )
+        plots = Plots.joined([detections, *self._false_alarms(sectors)]).in_order_of_time()
+        ends_ns = np.array([s.end_ns for s in sectors], np.int64)
+        return _Stretch(
+            model=self.model,
+            version=place.trajectories.version,
+            places={sector.start_ns: i for i, sector in enumerate(sectors)},
+            borders=met.borders,
+            looks=looks,
+            looks_by=np.searchsorted(looks.t_utc_ns, ends_ns).tolist(),
+            plots=place.with_heights(plots),
+            plots_by=np.searchsorted(plots.t_utc_ns, ends_ns).tolist(),
+        )
+
+    def _scans_at(self, sectors: Sequence[Sector], t_utc_ns: Ints) -> Ints:
+        """The scan of each time within the sectors."""
+        which = np.searchsorted(np.array([s.end_ns for s in sectors]), t_utc_ns, side="right")
+        return np.array([s.scan for s in sectors], np.int64)[which]
+
+    def _false_alarms(self, sectors: Sequence[Sector]) -> list[Plots]:
+        """Those of their scans that fall within the sectors."""
+        start_ns, end_ns = sectors[0].start_ns, sectors[-1].end_ns
+        found = []
+        for scan in range(sectors[0].scan, sectors[-1].scan + 1):
+            alarms = self._false_alarms_of(scan)
+            a, b = np.searchsorted(alarms.t_utc_ns, (start_ns, end_ns)).tolist()
+            if b > a:
+                found.append(alarms.between(a, b))
+        return found
+
+    def _false_alarms_of(self, scan: int) -> Plots:
+        """All those of a scan, in the order of time."""
+        if self._stretch is None or self._stretch.model is not self.model:
+            self._alarms.clear()
+        if scan not in self._alarms:
+            rng = self._place.chance.rng(Purpose.FALSE_ALARMS, scan)
+            turn = self._timetable.turn(scan)
+            self._alarms[scan] = self.model.draw_false_alarms(turn, rng).in_order_of_time()
+            if len(self._alarms) > 2:
+                del self._alarms[min(self._alarms)]
+        return self._alarms[scan]

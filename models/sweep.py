@@ -1,0 +1,70 @@
+"""A rotating beam over moving drones: which it meets in the sectors to come, and exactly when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.models.frames import LocalFrame, enu_to_aer
+from plotfeed.models.scan import Sector, Sectors, beam_meets, beam_passes, time_after_share_ns
+from plotfeed.models.state import Floats, TruthState
+from plotfeed.models.truth import Trajectories
+
+
+@dataclass(frozen=True, slots=True)
+class Border:
+    """Where every drone was taken to be when a sector ended.
+
+    The sector after it takes that over, whatever telemetry says since: else a drone could be on
+    either side of the border in both.
+    """
+
+    t_utc_ns: int
+    azimuth_deg: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Meetings:
+    """What the beam meets in several sectors: drones in the order of time, and all borders."""
+
+    truth: TruthState
+    borders: Sequence[Border]
+    """At the end of each sector."""
+
+
+def meetings(
+    sectors: Sequence[Sector],
+    frame: LocalFrame,
+    trajectories: Trajectories,
+    before: Border | None = None,
+) -> Meetings:
+    """Of sectors that follow each other; `before` is the border that the first begins with."""
+    edges_ns = np.array([sectors[0].start_ns, *(s.end_ns for s in sectors)], np.int64)
+    azimuth_deg = _azimuths(frame, trajectories.positions_at(edges_ns))
+    if before is not None and before.t_utc_ns == edges_ns[0]:
+        taken = before.azimuth_deg
+        known = azimuth_deg[0, : len(taken)]
+        azimuth_deg[0, : len(taken)] = np.where(np.isnan(taken), known, taken)
+    borders = [Border(s.end_ns, azimuth_deg[i + 1]) for i, s in enumerate(sectors)]
+    columns = Sectors.of(sectors)
+    passed, share = beam_passes(columns.as_rows(), azimuth_deg[:-1], azimuth_deg[1:])
+    which, drones = np.nonzero(passed)
+    if not len(drones):
+        return Meetings(trajectories.state_at(sectors[0].end_ns, drones), borders)
+    of_each = columns.rows(which)
+
+    def azimuth_at(share: Floats) -> Floats:
+        t_utc_ns = time_after_share_ns(of_each, share)
+        return _azimuths(frame, trajectories.position_at(t_utc_ns, drones))
+
+    met_share = beam_meets(of_each, share[passed], azimuth_at)
+    met = ~np.isnan(met_share)
+    t_utc_ns = time_after_share_ns(of_each.rows(met), met_share[met])
+    state = trajectories.state_at(t_utc_ns, drones[met])
+    return Meetings(state.rows(np.argsort(state.t_utc_ns, kind="stable")), borders)
+
+
+def _azimuths(frame: LocalFrame, position_ecef_m: Floats) -> Floats:
+    return enu_to_aer(frame.from_ecef(position_ecef_m))[0]
