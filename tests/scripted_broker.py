@@ -23,16 +23,20 @@ class ScriptedBroker:
     """To who subscribes."""
     reads: bool = True
     """Whether it takes anything after it has said welcome."""
+    acknowledges: bool = False
+    """Whether it does so by itself."""
     port: int = 0
     unacknowledged: list[int] = field(default_factory=list)
-    """Ids of QoS 1 messages, in the order in which they came."""
+    """Ids of QoS 1 messages of this connection, in the order in which they came."""
     received: int = 0
     """Messages of any QoS."""
+    heard: list[list[bytes]] = field(default_factory=list)
+    """Their payloads, a list for each connection."""
     _writer: asyncio.StreamWriter | None = None
 
-    def acknowledge(self, n: int) -> None:
+    def acknowledge(self, n: int, reason: bytes = b"") -> None:
         for _ in range(n):
-            self.send(0x40, self.unacknowledged.pop(0).to_bytes(2, "big"))
+            self.send(0x40, self.unacknowledged.pop(0).to_bytes(2, "big") + reason)
 
     def send(self, kind: int, body: bytes) -> None:
         assert self._writer is not None
@@ -59,14 +63,21 @@ class ScriptedBroker:
 
     def _answer(self, kind: int, body: bytes) -> None:
         if kind & 0xF0 == CONNECT:
+            self.unacknowledged.clear()
+            self.heard.append([])
             self.send(0x20, bytes([0, self.code, len(self.properties)]) + self.properties)
         elif kind & 0xF0 == SUBSCRIBE:
             self.send(0x90, body[:2] + bytes([0, self.granted]))
         elif kind & 0xF0 == PUBLISH:
             self.received += 1
+            rest = body[2 + int.from_bytes(body[:2], "big") :]
             if kind & 0x06:
-                end = 2 + int.from_bytes(body[:2], "big")
-                self.unacknowledged.append(int.from_bytes(body[end : end + 2], "big"))
+                self.unacknowledged.append(int.from_bytes(rest[:2], "big"))
+                rest = rest[2:]
+            assert rest[0] < 128
+            self.heard[-1].append(rest[1 + rest[0] :])
+            if self.acknowledges:
+                self.acknowledge(len(self.unacknowledged))
 
 
 async def _packet(reader: asyncio.StreamReader) -> tuple[int, bytes]:
