@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from uuid import uuid4
 
 from plotfeed.feeds.broker_address import BrokerAddress
+from plotfeed.feeds.heard import OnHeard
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_connection import Connection, OnMessage
 from plotfeed.feeds.mqtt_failure import MqttError, no_answer
@@ -41,6 +42,7 @@ class MqttLink(MqttSender):
         will: Message | None = None,
         subscribe: Sequence[str] = (),
         on_message: OnMessage | None = None,
+        on_heard: OnHeard | None = None,
         on_connect: Callable[[MqttLink], None] | None = None,
         queue: MqttQueue | None = None,
     ) -> None:
@@ -56,6 +58,7 @@ class MqttLink(MqttSender):
         self._will = will
         self._subscribe = subscribe
         self._on_message = on_message
+        self._on_heard = on_heard
         self._on_connect = on_connect
         self._versions = address.versions
         self._settled = asyncio.Event()
@@ -126,6 +129,7 @@ class MqttLink(MqttSender):
                 on_room=self._has_room_again,
                 will=self._will,
                 on_message=self._on_message,
+                on_heard=self._on_heard,
             )
             last = version == self._versions[-1]
             try:

@@ -16,6 +16,7 @@ from typing import Any
 import gmqtt
 
 from plotfeed.feeds.broker_address import BrokerAddress
+from plotfeed.feeds.heard import Heard, OnHeard
 from plotfeed.feeds.in_flight import InFlight
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_failure import failure, hung_up, no_answer, reason_name
@@ -55,6 +56,7 @@ class Connection:
         on_room: Callable[[], None],
         will: Message | None = None,
         on_message: OnMessage | None = None,
+        on_heard: OnHeard | None = None,
     ) -> None:
         """`on_room` is called whenever there may be room again."""
         self.lost = asyncio.Event()
@@ -63,6 +65,7 @@ class Connection:
         self.version = version
         self._address = address
         self._on_message = on_message
+        self._on_heard = on_heard
         self._counts = counts
         self._on_room = on_room
         self._in_flight = InFlight(counts, on_room)
@@ -108,7 +111,8 @@ class Connection:
 
     def subscribe(self, topic_filter: str) -> None:
         """Hear what comes there."""
-        self._client.subscribe(topic_filter, qos=1)
+        as_published = self._on_heard is not None and self.version >= 5
+        self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
@@ -252,9 +256,19 @@ class Connection:
             log.warning("%s does not grant a subscription", self._address)
 
     def _received(
-        self, _client: object, topic: str, payload: bytes, _qos: int, properties: dict[str, Any]
+        self, _client: object, topic: str, payload: bytes, qos: int, properties: dict[str, Any]
     ) -> int:
+        content_type = (properties.get("content_type") or [None])[0]
         if self._on_message is not None:
-            content_types = properties.get("content_type") or [None]
-            self._on_message(topic, bytes(payload), content_types[0])
+            self._on_message(topic, bytes(payload), content_type)
+        if self._on_heard is not None:
+            heard = Heard(
+                topic=topic,
+                payload=bytes(payload),
+                content_type=content_type,
+                properties=tuple(properties.get("user_property", ())),
+                retain=bool(properties.get("retain")),
+                qos=qos,
+            )
+            self._on_heard(heard)
         return 0
