@@ -112,7 +112,7 @@ class Outbox:
         self.counts = _Counts()
         self.links = links
         self._clock = clock
-        self._agenda = agenda or Agenda()
+        self._agenda = Agenda() if agenda is None else agenda  # an empty one is false
         self._totals = totals or Totals()
         self._ways = ways or Ways()
         self._impair = impair
