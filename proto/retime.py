@@ -25,8 +25,9 @@ NANOSECONDS = "_utc_ns"
 """How the names of our times end that are not Timestamps."""
 EARLIEST_NS, LATEST_NS = -62_135_596_800 * NS, 253_402_300_800 * NS
 """The years 1 to 9999, which a Timestamp can tell."""
-JSON_KEYS = ("time_utc", "timeUtc")
-_MEMBER = re.compile(r'"(?:time_utc|timeUtc)"\s*:\s*("[^"\\]*")')
+JSON_TIMES = ("time_utc", "timeUtc", "start_utc", "start_utc_ns")
+"""Members of our JSON objects that tell a time."""
+_MEMBER = re.compile(rf'("({"|".join(JSON_TIMES)})"\s*:\s*)(?:"[^"\\]*"|-?\d+\b)')
 
 OneMessage = TypeVar("OneMessage", bound=Message)
 _Move = Callable[[Any, int], None]
@@ -49,24 +50,28 @@ def retime_message(message: Message, shift_ns: int) -> None:
 
 
 def retime_json(data: bytes, shift_ns: int) -> bytes:
-    """A JSON object with its `time_utc` later by that; raises `DecodeError`.
+    """A JSON object with its times later by that; raises `DecodeError` if it has none.
 
-    The other characters stay as they are, unless the time is written so oddly that the whole
-    object has to be written anew.
+    The other characters stay as they are, unless a time is written so oddly that the whole object
+    has to be written anew.
     """
     try:
         text = data.decode()
         fields = json.loads(text)
-        name = next(name for name in JSON_KEYS if name in fields)
-        wanted = {**fields, name: retime_text(fields[name], shift_ns)}
-        new = _MEMBER.sub(lambda found: _member(found, wanted[name]), text, count=1)
-        if json.loads(new) != wanted:
-            new = json.dumps(wanted)
-    except StopIteration:
-        raise DecodeError("a JSON object without time_utc") from None
+        times = {name: fields[name] for name in JSON_TIMES if name in fields}
+        if not times:
+            raise DecodeError(f"a JSON object without {' or '.join(JSON_TIMES)}")
+        moved = {name: _moved(value, shift_ns) for name, value in times.items()}
+        new = _MEMBER.sub(lambda found: found[1] + json.dumps(moved.get(found[2])), text)
+        if json.loads(new) != {**fields, **moved}:
+            new = json.dumps({**fields, **moved})
     except (ValueError, TypeError, RecursionError) as error:
         raise DecodeError(f"not a JSON object with a time: {error}") from None
     return new.encode()
+
+
+def _moved(time: str | int, shift_ns: int) -> str | int:
+    return retime_text(time, shift_ns) if isinstance(time, str) else time + shift_ns
 
 
 def retime_text(text: str, shift_ns: int) -> str:
@@ -86,12 +91,6 @@ def retime_text(text: str, shift_ns: int) -> str:
 def _digits(nanos: int) -> int:
     """How many a fraction of a second needs, in threes."""
     return next(n for n in (0, 3, 6, 9) if nanos % 10 ** (9 - n) == 0)
-
-
-def _member(found: re.Match[str], time: str) -> str:
-    start, end = found.span(1)
-    text = found[0]
-    return f"{text[: start - found.start()]}{json.dumps(time)}{text[end - found.start() :]}"
 
 
 @cache

@@ -6,7 +6,7 @@ nothing adds up. Pause, seek and change of speed put the anchor elsewhere and gi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 NS = 1_000_000_000
@@ -34,18 +34,23 @@ class Pace:
     speed: Fraction = Fraction(1)
     paused: bool = False
     """Nothing is due, and what was due until the anchor has left."""
+    _ratio: tuple[int, int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_ratio", self.speed.as_integer_ratio())
 
     def due(self, recorded_ns: int) -> int:
         """When something recorded then is due, were it not paused; rounded down."""
-        since_ns = recorded_ns - self.recorded_ns
-        return self.due_ns + since_ns * self.speed.denominator // self.speed.numerator
+        numerator, denominator = self._ratio
+        return self.due_ns + (recorded_ns - self.recorded_ns) * denominator // numerator
 
     def position(self, now_ns: int) -> int:
         """The latest recorded time p that is due by then: due(p) <= now < due(p + 1)."""
         if self.paused:
             return self.recorded_ns
+        numerator, denominator = self._ratio
         since_ns = now_ns - self.due_ns + 1
-        return self.recorded_ns - (-since_ns * self.speed.numerator // self.speed.denominator) - 1
+        return self.recorded_ns - (-since_ns * numerator // denominator) - 1
 
     def pause(self, now_ns: int) -> Pace:
         """Stand still from then on."""

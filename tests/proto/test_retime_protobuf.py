@@ -123,8 +123,16 @@ def test_status_and_refusals_are_moved_as_they_are_sent() -> None:
     assert moved == status
 
 
-@pytest.mark.parametrize("data", [b"", b"{}", b"[]", b"1", b'{"time_utc": 5}', b"\xff", b"[" * 9999,
-                                  b'{"time_utc": "yesterday"}'])  # fmt: skip
+def test_a_session_says_in_two_ways_when_it_began() -> None:
+    text = f'{{"start_utc": "{iso_utc(START)}", "start_utc_ns": {START}, "seed": {START}}}'
+    moved = (
+        f'{{"start_utc": "{iso_utc(START + NS)}", "start_utc_ns": {START + NS}, "seed": {START}}}'
+    )
+    assert retime_json(text.encode(), NS).decode() == moved
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b"[]", b"1", b"\xff", b"[" * 9999,
+                                  b'{"time_utc": null}', b'{"time_utc": "yesterday"}'])  # fmt: skip
 def test_what_is_no_json_of_ours_is_refused(data: bytes) -> None:
     with pytest.raises(DecodeError):
         retime_json(data, NS)

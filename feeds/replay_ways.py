@@ -1,0 +1,188 @@
+"""Where each message of a replay goes: its topic, its link, and over which connections."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+from plotfeed.feeds.agenda import Agenda
+from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.impairment.settings import Link
+from plotfeed.feeds.impairment.stage import Impairment
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.outbox import Outbox
+from plotfeed.feeds.parcel import Parcel
+from plotfeed.feeds.replay_outs import WayOut
+from plotfeed.feeds.replay_settings import ReplayError, ReplaySettings, is_topic
+from plotfeed.feeds.replay_udp import ReplayUdp
+from plotfeed.feeds.totals import Totals
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.recorded import Recorded
+
+Properties = tuple[tuple[str, str], ...]
+MAX_LINKS = 1000
+"""Sources with a link of their own."""
+NOT_OVER_LINKS = frozenset({"status", "settings", "session", "errors", "truth"})
+"""Last levels of what a session says beside what its sensors report."""
+_FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
+
+
+@dataclass(slots=True)
+class ReplayTotals(Totals):
+    """What a replay has done so far."""
+
+    worst_ns: int = 0
+    """The greatest lateness."""
+    octets: int = 0
+    """Of payloads that were sent."""
+    laps: int = 0
+    """Begun."""
+    skipped: Counter[str] = field(default_factory=Counter)
+    """Messages that were not sent, by the reason."""
+    left: Counter[str] = field(default_factory=Counter)
+    """Times that were left alone although they should have been moved, by what they are in."""
+
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
+        """Count what became of a message."""
+        if fate != pb.SENT:
+            Totals.settle(self, fate, copy, lateness_ns)
+            return
+        self.messages += 1
+        self.duplicated += copy > 0
+        self.lateness_ns.append(lateness_ns)
+        self.worst_ns = max(self.worst_ns, lateness_ns)
+
+
+def source_of(topic: str) -> str:
+    """The sensor that a topic is of: what stands before the format, else two levels at most."""
+    found = _FORMAT.fullmatch(topic)
+    if found is not None:
+        return found[1]
+    return topic if topic.startswith("udp/") else "/".join(topic.split("/")[:2])
+
+
+class Way(NamedTuple):
+    """What becomes of the messages on a topic."""
+
+    topic: str
+    outbox: Outbox | None
+    """With the link that they go through; None if they go through none."""
+    obstacle: str = ""
+    """Why they are not sent; empty if they are."""
+    datagram: Callable[[bytes], bool] | None = None
+    """Sends a payload, where that is all that has to be done."""
+
+
+class Ways:
+    """All of them; each is found once."""
+
+    def __init__(
+        self,
+        outs: Sequence[WayOut],
+        settings: ReplaySettings,
+        *,
+        clock: Clock,
+        agenda: Agenda,
+        totals: ReplayTotals,
+    ) -> None:
+        self._outs = outs
+        self._settings = settings
+        self._clock = clock
+        self._agenda = agenda
+        self._totals = totals
+        self._ways: dict[tuple[str, str], Way] = {}
+        self._outboxes: dict[str, Outbox] = {}
+
+    def of(self, recorded: Recorded) -> Way:
+        """That of a recorded message."""
+        key = (recorded.topic, recorded.content_type)
+        way = self._ways.get(key)
+        if way is None:
+            way = self._ways[key] = self._found(recorded)
+        return way
+
+    def send(
+        self, recorded: Recorded, way: Way, payload: bytes, properties: Properties, due_ns: int
+    ) -> None:
+        """Send it now, through its link if it has one."""
+        totals = self._totals
+        totals.octets += len(payload)
+        if way.datagram is not None:
+            fate = pb.SENT if way.datagram(payload) else pb.UNDELIVERED
+            totals.settle(fate, 0, self._clock.now_ns() - due_ns)
+            return
+        message = Message(
+            topic=way.topic,
+            payload=payload,
+            content_type=recorded.content_type,
+            due_utc_ns=due_ns,
+            properties=properties,
+            retain=recorded.retain,
+            qos=min(recorded.qos, 1),
+        )
+        if way.outbox is not None:
+            way.outbox.send(message)
+            return
+        parcel = Parcel(message, self._clock, len(self._outs), self._settled)
+        for out in self._outs:
+            out.publish(parcel)
+
+    def end(self) -> None:
+        """What links still hold does not arrive."""
+        for outbox in self._outboxes.values():
+            outbox.end()
+
+    def _found(self, recorded: Recorded) -> Way:
+        topic = self._renamed(recorded.topic)
+        message = Message(
+            topic=topic, payload=b"", content_type=recorded.content_type, due_utc_ns=0
+        )
+        if not is_topic(topic):
+            return Way(topic, None, "their topic is none that a broker takes")
+        if not any(out.carries(message) for out in self._outs):
+            return Way(topic, None, "they are no datagrams, or of no destination")
+        outbox, out = self._outbox(recorded.topic), self._outs[0]
+        if outbox is None and len(self._outs) == 1 and isinstance(out, ReplayUdp):
+            return Way(topic, None, datagram=out.send)
+        return Way(topic, outbox)
+
+    def _renamed(self, topic: str) -> str:
+        found = (rule.apply(topic) for rule in self._settings.topics)
+        return next((new for new in found if new is not None), topic)
+
+    def _outbox(self, topic: str) -> Outbox | None:
+        link = self._link(topic)
+        if link is None or topic.rpartition("/")[2] in NOT_OVER_LINKS:
+            return None
+        source = source_of(topic)
+        if source not in self._outboxes:
+            if len(self._outboxes) >= MAX_LINKS:
+                raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
+            # By the same name as in a session, so that the same seed gives the same losses.
+            name = source.rpartition("/")[2]
+            self._outboxes[source] = Outbox(
+                self._clock,
+                self._outs,
+                agenda=self._agenda,
+                totals=self._totals,
+                link=link,
+                impair=partial(Impairment, seed=self._settings.seed, name=name),
+            )
+        return self._outboxes[source]
+
+    def _link(self, topic: str) -> Link | None:
+        for rule in self._settings.links:
+            if not rule.topic or topic == rule.topic or topic.startswith(f"{rule.topic}/"):
+                return rule.link
+        return None
+
+    def _settled(self, parcel: Parcel) -> None:
+        sent_utc_ns = parcel.sent_utc_ns
+        if sent_utc_ns is None:
+            sent_utc_ns = self._clock.now_ns()
+        fate = pb.SENT if parcel.delivered else pb.UNDELIVERED
+        self._totals.settle(fate, 0, sent_utc_ns - parcel.message.due_utc_ns)

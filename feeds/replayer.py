@@ -1,0 +1,254 @@
+"""A recording replayed: every message at an absolute time, through its link, and away."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from functools import partial
+from itertools import count
+
+from plotfeed.feeds.agenda import Agenda, Kind
+from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.replay_ahead import ReadAhead, undisturbed
+from plotfeed.feeds.replay_control import ReplayControl
+from plotfeed.feeds.replay_outs import WayOut
+from plotfeed.feeds.replay_settings import ReplaySettings
+from plotfeed.feeds.replay_source import Item, Reader, Source
+from plotfeed.feeds.replay_stamps import Restamper
+from plotfeed.feeds.replay_ways import Properties, ReplayTotals, Way, Ways
+from plotfeed.replay.pacing import Pace
+
+READY_NS = 20_000_000
+"""A message is made ready this long before it is due, so that only sending is left."""
+SPARE_NS = 100_000
+"""Less than this before a deadline, nothing else is made ready."""
+AT_ONCE = 1024
+"""Messages sent before others have their turn in the loop, where there are no deadlines."""
+FAREWELL_S = 1.0
+
+
+class RushClock(InstantClock):
+    """Simulated time of a replay without deadlines: it goes on as messages leave."""
+
+    def go_to(self, t_utc_ns: int) -> None:
+        """Be there; it never goes back."""
+        self._now_ns = max(self._now_ns, t_utc_ns)
+
+
+async def replay(
+    source: Source,
+    outs: Sequence[WayOut],
+    settings: ReplaySettings,
+    *,
+    control: ReplayControl | None = None,
+    clock: Clock | None = None,
+    totals: ReplayTotals | None = None,
+) -> ReplayTotals:
+    """Replay a recording over ways out that stand, until its end or until it is stopped.
+
+    `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
+    are filled in on the way. Raises what reading the source raises, and `ReplayError`.
+    """
+    totals = ReplayTotals() if totals is None else totals
+    own = RushClock() if settings.fastest else WallClock()
+    replayer = Replayer(
+        source,
+        outs,
+        settings,
+        clock=clock or own,
+        totals=totals,
+        control=control or ReplayControl(),
+    )
+    try:
+        with undisturbed():
+            await replayer.run()
+    finally:
+        own.close()
+    return totals
+
+
+class Replayer:
+    """One agenda for what is due and for what links delay, and a queue of what comes next."""
+
+    def __init__(
+        self,
+        source: Source,
+        outs: Sequence[WayOut],
+        settings: ReplaySettings,
+        *,
+        clock: Clock,
+        totals: ReplayTotals,
+        control: ReplayControl,
+    ) -> None:
+        self._outs = outs
+        self._settings = settings
+        self._clock = clock
+        self._totals = totals
+        self._control = control
+        self._agenda = Agenda()
+        self._ways = Ways(outs, settings, clock=clock, agenda=self._agenda, totals=totals)
+        self._restamper = Restamper(totals.left)
+        self._news = asyncio.Event()
+        self._ahead = ReadAhead(Reader(source, settings), self._wake)
+        self._ready: dict[int, Item] = {}
+        """What is on the agenda, and can be taken back until it leaves."""
+        self._numbers = count()
+
+    async def run(self) -> None:
+        """Replay it all."""
+        try:
+            if isinstance(self._clock, RushClock):
+                await self._play(self._clock)
+            else:
+                await self._play_while_reading()
+            for out in self._outs:
+                await out.drain(FAREWELL_S)
+        finally:
+            self._ways.end()
+            self._control.end()
+
+    async def _play_while_reading(self) -> None:
+        """In two tasks; what went wrong in either is raised as it is."""
+        reading = asyncio.create_task(self._ahead.run(), name="read-ahead")
+        playing = asyncio.create_task(self._play(None), name="replay")
+        try:
+            await asyncio.wait({reading, playing}, return_when=asyncio.FIRST_COMPLETED)
+            for task in (playing, reading):
+                if task.done():
+                    task.result()
+        finally:
+            for task in (playing, reading):
+                task.cancel()
+            await asyncio.gather(playing, reading, return_exceptions=True)
+
+    async def _play(self, rush: RushClock | None) -> None:
+        """Until nothing is left, or it is stopped; with `rush`, without deadlines."""
+        while not self._control.stopped:
+            self._news.clear()
+            if rush is not None:
+                self._ahead.read_now()
+            if self._control.pace is None:
+                self._begin()
+            next_ns = self._work() if rush is None else self._rush(rush)
+            if next_ns is not None:
+                await (self._clock.sleep_until(next_ns) if rush is None else self._breathe())
+            elif self._ahead.finished and self._ahead.peek() is None:
+                return
+            else:
+                await self._news.wait()
+
+    def _begin(self) -> None:
+        """As soon as the first message has been read."""
+        begin_ns = self._ahead.reader.begin_ns
+        if self._ahead.peek() is None or begin_ns is None:
+            return
+        start_utc_ns = self._clock.start() + READY_NS
+        pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
+        self._control.begin(
+            pace,
+            self._clock,
+            begin_ns=begin_ns,
+            laps=lambda: self._ahead.reader.laps,
+            on_pace=self._repaced,
+            on_seek=self._sought,
+        )
+
+    def _work(self) -> int | None:
+        """Do what is due; when more will be, or None if that is not known."""
+        for _, action in self._agenda.due_by(self._clock.now_ns()):
+            action()
+        return self._prepare()
+
+    def _prepare(self) -> int | None:
+        """Make ready what is due soon; when something has to be done next."""
+        pace = self._control.pace
+        if pace is None:
+            return None
+        while not pace.paused and (item := self._ahead.peek()) is not None:
+            due_ns, soonest_ns = pace.due(item.unrolled_ns), self._agenda.next_due_ns()
+            now_ns = self._clock.now_ns()
+            if due_ns - READY_NS > now_ns:
+                return (
+                    due_ns - READY_NS if soonest_ns is None else min(soonest_ns, due_ns - READY_NS)
+                )
+            if soonest_ns is not None and soonest_ns < min(due_ns, now_ns + SPARE_NS):
+                return soonest_ns
+            self._plan(self._ahead.pop(), due_ns)
+        return self._agenda.next_due_ns()
+
+    def _plan(self, item: Item, due_ns: int) -> None:
+        made = self._made(item, due_ns)
+        if made is not None:
+            number = next(self._numbers)
+            self._ready[number] = item
+            self._agenda.put(due_ns, partial(self._leave, number, *made, due_ns), Kind.SENDING)
+
+    def _leave(
+        self, number: int, way: Way, payload: bytes, properties: Properties, due_ns: int
+    ) -> None:
+        """It is due, and leaves unless it was taken back."""
+        item = self._ready.pop(number, None)
+        if item is not None:
+            self._ways.send(item.recorded, way, payload, properties, due_ns)
+
+    def _rush(self, clock: RushClock) -> int | None:
+        """Do some of what comes next at once; the time that it is, or None if nothing is left."""
+        pace = self._control.pace
+        for _ in range(AT_ONCE):
+            item = None if pace is None or pace.paused else self._ahead.peek()
+            soonest_ns = self._agenda.next_due_ns()
+            if pace is not None and item is not None:
+                due_ns = pace.due(item.unrolled_ns)
+                if soonest_ns is None or due_ns <= soonest_ns:
+                    clock.go_to(due_ns)
+                    made = self._made(self._ahead.pop(), due_ns)
+                    if made is not None:
+                        self._ways.send(item.recorded, *made, due_ns)
+                    continue
+            if soonest_ns is None:
+                waits = self._control.is_paused or self._ahead.finished
+                return None if waits else clock.now_ns()
+            clock.go_to(soonest_ns)
+            for _, action in self._agenda.due_by(soonest_ns):
+                action()
+        return clock.now_ns()
+
+    async def _breathe(self) -> None:
+        """Let others have their turn, and ways out that are full take their time."""
+        await asyncio.sleep(0)
+        for out in self._outs:
+            if isinstance(out, MqttLink) and out.is_full:
+                await out.room()
+
+    def _made(self, item: Item, due_ns: int) -> tuple[Way, bytes, Properties] | None:
+        """The message's way, payload and properties as they are sent; None if it has no way."""
+        recorded = item.recorded
+        self._totals.laps = item.lap + 1
+        way = self._ways.of(recorded)
+        if way.obstacle:
+            self._totals.skipped[way.obstacle] += 1
+            return None
+        shift_ns = self._settings.stamps.shift_ns(due_ns, item.recorded_ns)
+        if not shift_ns:
+            return way, recorded.payload, recorded.properties
+        payload = self._restamper.payload(recorded, shift_ns)
+        return way, payload, self._restamper.properties(recorded, shift_ns)
+
+    def _repaced(self) -> None:
+        """What has not left is due at other times."""
+        pace = self._control.pace
+        if pace is not None:
+            back = [n for n, item in self._ready.items() if item.unrolled_ns > pace.recorded_ns]
+            self._ahead.put_back([self._ready.pop(number) for number in back])
+        self._wake()
+
+    def _sought(self, lap: int, from_ns: int) -> None:
+        """It goes on elsewhere."""
+        self._ready.clear()
+        self._ahead.go_on(self._ahead.reader.elsewhere(lap, from_ns))
+        self._wake()
+
+    def _wake(self) -> None:
+        self._news.set()
+        self._clock.wake()
