@@ -1,4 +1,4 @@
-"""The command: plotfeed demo | run | inject | check | show | sensors | schema."""
+"""The command: plotfeed demo | run | inject | check | show | convert | sensors | schema."""
 
 from __future__ import annotations
 
@@ -222,8 +222,13 @@ def check(scene: Path, **options: Any) -> int:
 
 @cli.command()
 @click.argument("source", metavar="FILE-or-URL")
-@click.option("--count", type=click.IntRange(min=1), help="End after so many lines.")
-@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
+@click.option("--list", "listed", is_flag=True, help="The messages of a file, one a line.")
+@click.option("--count", type=click.IntRange(min=1), help="End after so many; implies --list.")
+@click.option(
+    "--duration",
+    type=click.FloatRange(min=0, min_open=True),
+    help="End after seconds, of what a broker has.",
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option(
     "--edition",
@@ -234,15 +239,52 @@ def check(scene: Path, **options: Any) -> int:
 )
 @access_options
 def show(source: str, **options: Any) -> int:
-    """Print decoded messages, one a line.
+    """Print what a recording holds, in figures, or decoded messages, one a line.
 
-    From a raw ASTERIX file, or from a broker: mqtt://HOST:PORT/TOPIC-FILTER, or mqtts:// for TLS,
-    where the filter is plotfeed/# if it is left out.
+    The messages are those of a file, with --list, or of a broker: mqtt://HOST:PORT/TOPIC-FILTER, or
+    mqtts:// for TLS, where the filter is plotfeed/# if it is left out. A file is MCAP, pcap,
+    pcapng, FINAL, raw ASTERIX or JSON lines.
     """
     from plotfeed.feeds.show import show_source
 
     access = _take_access(options)
     return show_source(source, access, **options)
+
+
+FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
+
+
+@cli.command()
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@click.option("--from", "from_format", type=click.Choice(FORMATS), help="Of IN; else its content.")
+@click.option("--to", "to_format", type=click.Choice(FORMATS), help="Of OUT; else its suffix.")
+@click.option("--topic", "topics", multiple=True, metavar="FILTER", help="Only these: + and #.")
+@click.option(
+    "--stage",
+    "stages",
+    multiple=True,
+    type=click.Choice(["telemetry", "before", "after", "received"]),
+    help="Only these; what has no stages takes 'after' and 'received'.",
+)
+@click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC.")
+@click.option("--end", metavar="TIME", help="As --start; what was recorded then is left out.")
+@click.option(
+    "--date",
+    type=click.DateTime(["%Y-%m-%d"]),
+    help="The first day of a file that has none: FINAL, raw.",
+)
+@click.option("--force", is_flag=True, help="Even if OUT is there already.")
+@click.option("--json", "as_json", is_flag=True, help="Totals as JSON.")
+def convert(source: Path, target: Path, **options: Any) -> int:
+    """Convert the recording IN to OUT.
+
+    What is whole of a damaged file is converted. MCAP, pcap, FINAL, raw ASTERIX and JSON lines go
+    both ways; pcapng is read, and CSV (of plots) is written.
+    """
+    from plotfeed.feeds.convert import convert_as_asked
+
+    return convert_as_asked(source, target, **options)
 
 
 @cli.command()

@@ -35,12 +35,9 @@ def categories_of(editions: Iterable[str]) -> Categories:
     return {**CATEGORIES, **{EDITIONS[name].number: EDITIONS[name] for name in editions}}
 
 
-def asterix_lines(
-    data: bytes, *, as_json: bool, categories: Categories = CATEGORIES
-) -> tuple[list[str], list[DecodeError]]:
-    """A line for each record of raw ASTERIX, and what could not be read."""
-    records, errors = decode_lenient(data, categories)
-    return [_record_json(r) if as_json else _record_line(r) for r in records], errors
+def record_line(record: Record, *, as_json: bool) -> str:
+    """Of one record of ASTERIX."""
+    return _record_json(record) if as_json else _record_line(record)
 
 
 def message_lines(

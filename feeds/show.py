@@ -1,4 +1,4 @@
-"""Messages made readable: from a broker as they come, or from a file."""
+"""What a broker has, one line a message as they come; or a recording."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ from plotfeed.feeds.broker_address import (
     without_secrets,
 )
 from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.readable import asterix_lines, categories_of, message_lines
+from plotfeed.feeds.readable import categories_of, message_lines
+from plotfeed.feeds.show_file import show_file
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
-from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 DEFAULT_FILTER = "plotfeed/#"
 CONNECT_S = 5.0
-MAX_FILE_OCTETS = 1 << 28
 MAX_WAITING_LINES = 100_000
 
 
@@ -32,14 +31,16 @@ def show_source(
     source: str,
     access: dict[str, Any],
     *,
+    listed: bool,
     count: int | None,
     duration: float | None,
     as_json: bool,
     editions: Sequence[str] = (),
 ) -> int:
-    """Print the messages of a broker or a file; the exit code. Raises `PlotfeedError`.
+    """Print the messages of a broker, or what a file holds; the exit code.
 
-    `access` holds the keyword arguments of `BrokerAddress.parse`.
+    `access` holds the keyword arguments of `BrokerAddress.parse`, `listed` says that the messages
+    of a file are wanted. Raises `PlotfeedError`, and `OSError` of a file.
     """
     categories = categories_of(editions)
     if "://" in source:
@@ -54,31 +55,9 @@ def show_source(
                 partial(message_lines, as_json=as_json, categories=categories),
             )
         )
-    return _show_file(
-        Path(source), count, partial(asterix_lines, as_json=as_json, categories=categories)
+    return show_file(
+        Path(source), listed=listed, count=count, as_json=as_json, categories=categories
     )
-
-
-def _show_file(
-    path: Path,
-    count: int | None,
-    lines_of: Callable[[bytes], tuple[list[str], list[DecodeError]]],
-) -> int:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_OCTETS + 1)
-    except OSError as error:
-        raise PlotfeedError(f"{path}: {error.strerror}") from None
-    if len(data) > MAX_FILE_OCTETS:
-        raise PlotfeedError(f"{path}: larger than {MAX_FILE_OCTETS} octets")
-    lines, errors = lines_of(data)
-    for i, line in enumerate(lines):
-        if count is not None and i >= count:
-            return 0
-        click.echo(line)
-    for broken in errors:
-        click.echo(f"plotfeed: {path}: {broken}", err=True)
-    return 2 if errors else 0
 
 
 async def _show_broker(

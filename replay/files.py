@@ -148,6 +148,28 @@ def open_recording(
         yield Recording(_reader_of(file, form, date_utc_ns), form, path.stat().st_size)
 
 
+class FileSource:
+    """A file that is read as often as is asked for; arguments are those of `open_recording`."""
+
+    def __init__(self, path: Path, form: Format | None = None, *, date_utc_ns: int = 0) -> None:
+        self._path = path
+        self._form = form or format_of(path)
+        self._date_utc_ns = date_utc_ns
+        self.damage: list[Damage] = []
+        """As the last pass has found it so far."""
+
+    def messages(
+        self, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
+        with open_recording(self._path, self._form, date_utc_ns=self._date_utc_ns) as recording:
+            self.damage = recording.reader.damage
+            for message in recording.reader.messages():
+                t_ns = message.log_time_ns
+                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
+                    yield message
+
+
 def writer_to(file: BinaryIO, form: Format) -> Writer:
     """Writes that format to a file; raises `PlotfeedError` for one that is only read."""
     if form is Format.CSV:

@@ -118,11 +118,12 @@ class PcapWriter:
         return None
 
     def notes(self) -> list[str]:
-        """What the file does not say: the topics behind the addresses."""
-        return [
+        """What the file does not say; which topics are behind which addresses."""
+        became = (
             f"{topic} became {'.'.join(map(str, octets))}:{ASTERIX_PORT}"
             for topic, octets in self._addresses.items()
-        ]
+        )
+        return ["it has one time of each message, and no topics, content types or stages", *became]
 
     def close(self) -> None:
         """Nothing is left to be written."""

@@ -9,13 +9,12 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Mapping
-from datetime import UTC, datetime, timedelta
 from typing import Any, BinaryIO
 
 from plotfeed.proto.asterix.decode import Record, decode_lenient
 from plotfeed.replay.asterix_payload import is_asterix
 from plotfeed.replay.recorded import Recorded
-from plotfeed.replay.times import NS, near
+from plotfeed.replay.times import NS, iso_utc, near
 
 NM_M = 1852.0  # exact
 FOOT_M = 0.3048  # exact
@@ -188,13 +187,3 @@ _PARTS: Mapping[int, tuple[str, Callable[[Record], Row | None]]] = {
 
 def _times(value: object, factor: float) -> float | None:
     return value * factor if isinstance(value, float) else None
-
-
-def iso_utc(t_utc_ns: int) -> str:
-    """2026-01-01T12:00:00.123456789Z; empty for a time that has no such text."""
-    seconds, ns = divmod(t_utc_ns, NS)
-    try:
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
-    except OverflowError:
-        return ""
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{ns:09d}Z"

@@ -33,7 +33,7 @@ def test_the_entry_point_is_the_command() -> None:
 def test_help_names_every_command() -> None:
     done = plotfeed("--help")
     assert done.returncode == 0
-    for name in ("demo", "run", "inject", "check", "show", "schema"):
+    for name in ("demo", "run", "inject", "check", "show", "convert", "schema"):
         assert f"  {name} " in done.stdout
         assert plotfeed(name, "-h").returncode == 0
 
@@ -227,22 +227,23 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 def test_show_prints_a_line_for_each_record(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 2.0)
     records, _ = decode_lenient(path.read_bytes())
-    done = plotfeed("show", path)
+    done = plotfeed("show", path, "--list")
     assert done.returncode == 0
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert len(lines) == len(records)
     assert lines[0].startswith("CAT034  12:00:00.")
-    objects = [json.loads(x) for x in plotfeed("show", path, "--json").stdout.splitlines()]
+    done = plotfeed("show", path, "--list", "--json")
+    objects = [json.loads(x) for x in done.stdout.splitlines()]
     assert [x["category"] for x in objects] == [r.category for r in records]
     assert len(plotfeed("show", path, "--count", "3").stdout.splitlines()) == 3
 
 
 def test_show_prints_what_a_damaged_file_still_holds(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 2.0)
-    whole = plotfeed("show", path).stdout.splitlines()
+    whole = plotfeed("show", path, "--list").stdout.splitlines()
     path.write_bytes(path.read_bytes()[:-3])
-    done = plotfeed("show", path)
+    done = plotfeed("show", path, "--list")
     assert done.returncode == 2
     assert done.stdout.splitlines() == whole[:-1]
     assert is_one_line(done.stderr)
@@ -266,7 +267,7 @@ def test_show_of_a_folder_is_one_line(tmp_path: Path) -> None:
 def test_show_ends_quietly_when_nobody_reads_on(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 60.0)
     shown = subprocess.Popen(
-        [*PLOTFEED, "show", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [*PLOTFEED, "show", str(path), "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert shown.stdout is not None
     assert shown.stdout.readline().startswith(b"CAT034")

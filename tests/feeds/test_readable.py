@@ -10,7 +10,7 @@ from scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.clock import InstantClock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.readable import asterix_lines, categories_of, message_lines
+from plotfeed.feeds.readable import categories_of, message_lines
 from plotfeed.feeds.scene import load
 from plotfeed.feeds.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -43,17 +43,6 @@ def test_arbitrary_octets_on_any_topic_are_lines(
         assert "\n" not in line.removeprefix(topic)
     for line in message_lines(topic, payload, content_type, as_json=True):
         assert json.loads(line)["topic"] == topic
-
-
-@given(st.binary(max_size=300))
-def test_arbitrary_octets_of_a_file_are_lines_and_errors(data: bytes) -> None:
-    lines, errors = asterix_lines(data, as_json=False)
-    objects, same_errors = asterix_lines(data, as_json=True)
-    assert len(lines) == len(objects)
-    assert len(errors) == len(same_errors)
-    assert bool(lines or errors) == bool(data)
-    for line in objects:
-        json.loads(line)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +108,16 @@ def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
         1, 2, latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0, category=CAT025_HALF_TURN
     )
     block = encoder.block(0)
-    usual, _ = asterix_lines(block, as_json=True)
-    theirs, _ = asterix_lines(block, as_json=True, categories=categories_of(["025-half-turn"]))
-    assert json.loads(theirs[0])["items"]["I025/600"]["LON"] == pytest.approx(-3.73, abs=1e-7)
-    assert json.loads(usual[0])["items"]["I025/600"]["LON"] == pytest.approx(-7.46, abs=1e-6)
+
+    def longitude_deg(*editions: str) -> float:
+        (line,) = message_lines(
+            "r/asterix/025", block, None, as_json=True, categories=categories_of(editions)
+        )
+        degrees: float = json.loads(line)["message"]["items"]["I025/600"]["LON"]
+        return degrees
+
+    assert longitude_deg("025-half-turn") == pytest.approx(-3.73, abs=1e-7)
+    assert longitude_deg() == pytest.approx(-7.46, abs=1e-6)
 
 
 def test_a_time_beyond_the_year_9999_is_one_line() -> None:

@@ -1,0 +1,123 @@
+"""What a recording holds, in figures, from one pass over its messages in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+from plotfeed.replay.asterix_payload import CONTENT_TYPE, categories, is_asterix
+from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.times import NS
+
+MAX_SERIES = 10_000
+OTHERS = "(others)"
+"""In place of the topic when there are more."""
+STEPS = 1000
+"""Of lateness within a factor of e: it is known to 0.05 %."""
+MESSAGE_TYPE = "messageType="
+
+
+@dataclass(slots=True)
+class Series:
+    """Messages of one topic, stage and kind."""
+
+    messages: int = 0
+    octets: int = 0
+
+
+class Lateness:
+    """How much later messages left than they were due; early ones are negative."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[int] = Counter()
+
+    def add(self, late_ns: int) -> None:
+        """Take that of one more message."""
+        step = 1 + round(math.log(abs(late_ns)) * STEPS) if late_ns else 0
+        self._counts[step if late_ns > 0 else -step] += 1
+
+    def __len__(self) -> int:
+        return self._counts.total()
+
+    def percentile_ns(self, percent: float) -> float:
+        """The lateness that so many percent do not exceed; NaN of no messages."""
+        left = math.ceil(percent / 100 * len(self))
+        for step, count in sorted(self._counts.items()):
+            left -= count
+            if left <= 0:
+                return math.copysign(math.exp((abs(step) - 1) / STEPS), step) if step else 0.0
+        return math.nan
+
+
+@dataclass(slots=True)
+class Summary:
+    """Counts, times, the longest gap and lateness."""
+
+    messages: int = 0
+    octets: int = 0
+    """Of payload."""
+    first_ns: int | None = None
+    """Earliest log time."""
+    last_ns: int | None = None
+    """Latest log time."""
+    gap_ns: int = 0
+    """Longest time in which no message came."""
+    gap_from_ns: int | None = None
+    """Log time of the message before that."""
+    disordered: int = 0
+    """Messages of an earlier log time than one before them."""
+    series: dict[tuple[str, Stage, str], Series] = field(default_factory=dict)
+    """By topic, stage and kind. A message of two categories is counted with both."""
+    lateness: dict[Stage, Lateness] = field(default_factory=dict)
+    """Of messages whose due time is known."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the earliest to the latest message."""
+        if self.first_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns - self.first_ns) / NS
+
+    def add(self, message: Recorded) -> None:
+        """Take one more message, in the order of the file."""
+        self.messages += 1
+        self.octets += len(message.payload)
+        self._take_time(message.log_time_ns)
+        for kind in kinds_of(message):
+            series = self._series_of(message, kind)
+            series.messages += 1
+            series.octets += len(message.payload)
+        late_ns = message.log_time_ns - message.publish_time_ns
+        if late_ns or message.stage in (Stage.BEFORE, Stage.AFTER):
+            self.lateness.setdefault(message.stage, Lateness()).add(late_ns)
+
+    def _take_time(self, t_ns: int) -> None:
+        if self.first_ns is None or self.last_ns is None:
+            self.first_ns = self.last_ns = t_ns
+            return
+        if t_ns < self.last_ns:
+            self.disordered += 1
+            self.first_ns = min(self.first_ns, t_ns)
+            return
+        if t_ns - self.last_ns > self.gap_ns:
+            self.gap_ns, self.gap_from_ns = t_ns - self.last_ns, self.last_ns
+        self.last_ns = t_ns
+
+    def _series_of(self, message: Recorded, kind: str) -> Series:
+        key = (message.topic, message.stage, kind)
+        if key not in self.series and len(self.series) >= MAX_SERIES:
+            key = (OTHERS, message.stage, "")
+        return self.series.setdefault(key, Series())
+
+
+def kinds_of(message: Recorded) -> tuple[str, ...]:
+    """Categories of ASTERIX such as 048; else the message's type, or what its content type says."""
+    content = message.content_type
+    if not content and "asterix" in message.topic.split("/")[-2:]:
+        content = CONTENT_TYPE
+    if content.startswith(CONTENT_TYPE) and is_asterix(content, message.payload):
+        return tuple(f"{category:03d}" for category in categories(message.payload))
+    if MESSAGE_TYPE in content:
+        return (content.partition(MESSAGE_TYPE)[2].partition(";")[0].rpartition(".")[2],)
+    return (content.partition(";")[0].removeprefix("application/"),)
