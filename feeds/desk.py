@@ -200,9 +200,10 @@ class Desk:
         message = settings_message(self._office.prefix, self.sensor, self._controlled, now_ns)
         self.outbox.send_past_link(message)
 
-    def _publish_status(self, state: pb.SensorStatus.State) -> None:
+    @property
+    def health(self) -> pb.SensorStatus:
+        """The sensor's status as it is now, but for its lateness."""
         status, counts = self._status, self.outbox.counts
-        status.state = state
         status.refused = self._office.totals.refused
         status.undelivered = counts.undelivered
         status.lost = counts.lost
@@ -210,6 +211,11 @@ class Desk:
         status.on_the_way = self.outbox.on_the_way
         status.waiting = self.outbox.waiting
         status.enabled = self.sensor.enabled
+        return status
+
+    def _publish_status(self, state: pb.SensorStatus.State) -> None:
+        status, counts = self.health, self.outbox.counts
+        status.state = state
         status.lateness_p50_us, status.lateness_p99_us = lateness_us(counts.lateness_ns, 50, 99)
         counts.lateness_ns.clear()
         now_ns = self._office.clock.now_ns()

@@ -9,17 +9,28 @@ import logging
 import signal
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 
 from plotfeed.feeds.channels import ASTERIX
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.rawfile import RawFile
+from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.session import run
+from plotfeed.feeds.session import Extras, run
+from plotfeed.feeds.session_record import (
+    Record,
+    RecordedTelemetry,
+    SessionRecorder,
+    attachments_of,
+)
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.times import NS
 from plotfeed.feeds.totals import Totals, lateness_us
 
 TERMINAL_EVERY_S = 0.5
@@ -34,33 +45,65 @@ def run_in_terminal(
     duration: float | None,
     speed: str,
     write: Path | None,
+    record: Path | None,
+    telemetry: Path | None,
+    force: bool,
+    metrics: int | None,
     as_json: bool,
 ) -> int:
     """Run until it ends or is stopped; the exit code."""
-    clock = _clock(scene, speed)
+    again = Record.open(telemetry) if telemetry else None
+    clock = _clock(scene.scene.start_utc_ns if again is None else again.start_utc_ns, speed)
+    if again is not None and duration is None and scene.scene.duration_s is None:
+        duration = (again.end_utc_ns - again.start_utc_ns) / NS
     with contextlib.ExitStack() as files:
         raw = files.enter_context(RawFile(write)) if write else None
-        code, totals = asyncio.run(_run(scene, clock, broker, duration, raw, quiet=as_json))
+        recorder = files.enter_context(_recorder(scene, record, clock, force)) if record else None
+        extras = Extras(
+            tap=raw.tap if raw else None,
+            observers=[SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)]
+            if recorder
+            else [],
+            recorded=partial(RecordedTelemetry, telemetry) if telemetry else None,
+            metrics_port=metrics,
+        )
+        code, totals = asyncio.run(_run(scene, clock, broker, duration, extras, quiet=as_json))
     if as_json:
         click.echo(json.dumps(_summary(totals)))
     else:
         click.echo(f"\r\033[K{_line(totals)}" if sys.stdout.isatty() else _line(totals))
-    if raw and raw.failure:
-        click.echo(f"plotfeed: {raw.failure}", err=True)
-        return FAILED
-    return code
+    failures = [file.failure for file in (raw, recorder) if file and file.failure]
+    for failure in failures:
+        click.echo(f"plotfeed: {failure}", err=True)
+    return FAILED if failures else code
 
 
-def _clock(scene: Scene, speed: str) -> Clock:
+def run_again(path: Path, *, telemetry: Path | None, **options: Any) -> int:
+    """Run the record of a session again, with the scene that it holds; the exit code."""
+    with TemporaryDirectory(prefix="plotfeed-") as folder:
+        scene = Record.open(path).scene(Path(folder))
+        return run_in_terminal(scene, telemetry=telemetry or path, **options)
+
+
+def _recorder(scene: Scene, path: Path, clock: Clock, force: bool) -> Recorder:
+    return Recorder(
+        path,
+        attachments=attachments_of(scene, clock.now_ns()),
+        force=force,
+        waits=isinstance(clock, InstantClock),
+    )
+
+
+def _clock(start_utc_ns: int | None, speed: str) -> Clock:
     if speed == "max":
-        return InstantClock(scene.scene.start_utc_ns)
+        return InstantClock(start_utc_ns)
     try:
         factor = float(speed)
     except ValueError:
         factor = 0.0
     if not 0.001 <= factor <= 10_000:
         raise click.BadParameter("expected 0.001 to 10000, or max", param_hint="--speed")
-    return WallClock(scene.scene.start_utc_ns, speed=factor)
+    return WallClock(start_utc_ns, speed=factor)
 
 
 async def _run(
@@ -68,7 +111,7 @@ async def _run(
     clock: Clock,
     broker: str | None,
     duration_s: float | None,
-    raw: RawFile | None,
+    extras: Extras,
     *,
     quiet: bool,
 ) -> tuple[int, Totals]:
@@ -89,7 +132,7 @@ async def _run(
             broker=broker,
             duration_s=duration_s,
             stop=stop,
-            tap=raw.tap if raw else None,
+            extras=extras,
             on_ready=ready,
         )
     if teller is not None:

@@ -166,6 +166,7 @@ class Scene(Part):
     cooperative: Cooperation | None = None
 
     _folder: Path = PrivateAttr(default=Path())
+    _text: str = PrivateAttr(default="")
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
@@ -220,6 +221,11 @@ class Scene(Part):
         """Where the scene's own files are."""
         return self._folder
 
+    @property
+    def text(self) -> str:
+        """The file as it was written; empty for a scene that was not loaded from one."""
+        return self._text
+
 
 def _check_false_alarms(sensor: Sensor, site: Site) -> None:
     expected = sensor.model(site).false_alarms_per_scan
@@ -242,12 +248,15 @@ def load(path: str | Path) -> Scene:
     if len(data) > MAX_SCENE_OCTETS:
         raise SceneError(path, [("", f"larger than {MAX_SCENE_OCTETS} octets: not a scene")])
     try:
-        tree = tomllib.loads(data.decode())
+        text = data.decode()
+        tree = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise SceneError(path, [("", f"not UTF-8 at octet {error.start}")]) from None
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, or an int of 5,000 digits
         raise SceneError(path, [("", f"not TOML: {error}")]) from None
-    return from_tree(tree, path)
+    scene = from_tree(tree, path)
+    scene._text = text
+    return scene
 
 
 def example(name: str) -> Scene:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from plotfeed.feeds import metrics
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.changes import ChangeError
@@ -16,7 +17,7 @@ from plotfeed.feeds.clock import Clock, WallClock
 from plotfeed.feeds.control import ClockCommand, Command, ControlError, parsed
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
-from plotfeed.feeds.desk import Desk, Herald, Office, Watcher
+from plotfeed.feeds.desk import Desk, Herald, Office
 from plotfeed.feeds.engine import Engine, Recorded
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.health import session_message, status_message
@@ -47,11 +48,26 @@ FAREWELL_S = 0.8
 """And so long for sockets to take the last messages."""
 
 
-class Observer(Watcher):
-    """Follows a whole session from within; every method returns soon, and none raises."""
+class Observer:
+    """Follows a whole session from within; every method returns soon, and none raises.
+
+    What an observer does not care for, it leaves as it is here.
+    """
 
     def begun(self, session: Session) -> None:
         """It stands, and its time begins."""
+
+    def ended(self) -> None:
+        """It is over."""
+
+    def report(self, report: SectorReport) -> None:
+        """A sector is reported now."""
+
+    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of its messages."""
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
 
     def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry or a command was taken in, as of that time."""
@@ -65,6 +81,11 @@ class Observer(Watcher):
     def ledger(self, message: Message) -> None:
         """The ledger of a sector is complete, whether it is published or not."""
 
+    @property
+    def wants_ledger(self) -> bool:
+        """Whether it must be written for this one, even if it is not published."""
+        return _cares(self, "ledger")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extras:
@@ -75,6 +96,8 @@ class Extras:
     observers: Sequence[Observer] = ()
     recorded: Callable[[Session], Recorded] | None = None
     """Telemetry of a recording, to be taken in again."""
+    metrics_port: int | None = None
+    """Where Prometheus finds metrics, on loopback."""
 
 
 async def run(
@@ -100,11 +123,16 @@ async def run(
     try:
         async with brokers_of(scene, broker) as (addresses, urls):
             session = Session(scene, clock, addresses, totals, extras)
-            await session.run(
-                scene.scene.duration_s if duration_s is None else duration_s,
-                stop,
-                lambda: on_ready and on_ready(urls, totals),
-            )
+            with contextlib.ExitStack() as observed:
+                for observer in extras.observers:
+                    observed.callback(observer.ended)
+                if extras.metrics_port is not None:
+                    observed.enter_context(metrics.served(session, extras.metrics_port))
+                await session.run(
+                    scene.scene.duration_s if duration_s is None else duration_s,
+                    stop,
+                    lambda: on_ready and on_ready(urls, totals),
+                )
     except ExceptionGroup as group:  # of the task group: whoever called wants what went wrong
         raise _cause(group) from None
     finally:
@@ -134,6 +162,7 @@ class Session:
         self.start_ns = clock.now_ns()
         self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
         self._observers = extras.observers
+        self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in self._observers)
         self._intake = Intake(scene, self.trajectories)
         launch(scene, self.trajectories, self.start_ns)
         self._links: list[Connection] = []
@@ -145,8 +174,11 @@ class Session:
             recorded=extras.recorded(self) if extras.recorded else None,
         )
         self._ways = Ways(
-            before=[observer.before for observer in extras.observers],
-            after=[*([extras.tap] if extras.tap else []), *(o.after for o in extras.observers)],
+            before=[o.before for o in extras.observers if _cares(o, "before")],
+            after=[
+                *([extras.tap] if extras.tap else []),
+                *(o.after for o in extras.observers if _cares(o, "after")),
+            ],
         )
         self._office = Office(
             prefix=scene.mqtt.prefix,
@@ -325,7 +357,7 @@ class Session:
 
     def _keep_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
-        if self.scene.mqtt.truth or self._observers:
+        if self._ledger_is_wanted:
             self._engine.later(partial(self._write_ledger, report, sent, link))
 
     def _write_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
@@ -378,6 +410,11 @@ class Session:
     async def _drain(self) -> None:
         boxes = [self._front, *(desk.outbox for desk in self.desks.values())]
         await asyncio.gather(*(box.drain(FAREWELL_S) for box in boxes))
+
+
+def _cares(observer: Observer, method: str) -> bool:
+    """Whether an observer has that method of its own."""
+    return getattr(type(observer), method) is not getattr(Observer, method)
 
 
 def _impairment(seed: int, name: str, link: LinkSettings) -> Impairment:

@@ -1,0 +1,104 @@
+"""Prometheus metrics of a session, on a loopback port: plotfeed[metrics]."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from plotfeed.feeds.totals import lateness_us
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session import Session
+
+LOOPBACK = "127.0.0.1"
+COUNTERS = {
+    "looks": "Looks at drones within cover",
+    "plots": "Plots reported, false alarms among them",
+    "false_alarms": "Plots that no drone caused",
+    "messages": "Messages that left, each copy counted",
+    "lost": "Messages that links lost, as the scene asks",
+    "duplicated": "Messages that links doubled",
+    "stale": "Messages too late for whom they were for",
+    "undelivered": "Messages for which there was no connection",
+    "missed_scans": "Scans skipped because the machine was late",
+    "telemetry": "Telemetry messages taken",
+    "refused": "Telemetry and control messages refused",
+    "controls": "Changes made by control",
+}
+"""Of the session, by the name in its totals."""
+
+
+class MetricsError(PlotfeedError):
+    """Metrics that cannot be served."""
+
+    exit_code = 1
+
+
+class SessionCollector:
+    """Reads a session when it is asked, and costs nothing in between."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def collect(self) -> Iterator[Any]:
+        """Of the session, and of each sensor."""
+        from prometheus_client.core import (  # noqa: PLC0415 - an extra
+            CounterMetricFamily,
+            GaugeMetricFamily,
+        )
+
+        totals = self._session.totals
+        for name, text in COUNTERS.items():
+            yield CounterMetricFamily(f"plotfeed_{name}", text, value=getattr(totals, name))
+        yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
+        late = GaugeMetricFamily(
+            "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
+        )
+        for quantile, late_us in zip(
+            ("0.5", "0.99", "0.999"),
+            lateness_us(list(totals.lateness_ns), 50, 99, 99.9),
+            strict=True,
+        ):
+            late.add_metric([quantile], late_us / 1e6)
+        yield late
+        yield from self._of_sensors(GaugeMetricFamily)
+
+    def _of_sensors(self, family: Any) -> Iterable[Any]:
+        gauges = {
+            "scan": "The last scan reported",
+            "plots": "Plots reported so far",
+            "lost": "Messages that the link lost so far",
+            "on_the_way": "Messages that the link holds",
+            "waiting": "Messages that wait for the broker",
+            "enabled": "1 where the sensor is at work",
+        }
+        for name, text in gauges.items():
+            gauge = family(f"plotfeed_sensor_{name}", text, labels=["sensor"])
+            for sensor, desk in self._session.desks.items():
+                gauge.add_metric([sensor], float(getattr(desk.health, name)))
+            yield gauge
+
+
+@contextlib.contextmanager
+def served(session: Session, port: int) -> Iterator[None]:
+    """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`."""
+    try:
+        from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415
+    except ImportError:
+        raise MetricsError(
+            "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
+        ) from None
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(SessionCollector(session))
+    try:
+        server, thread = start_http_server(port, addr=LOOPBACK, registry=registry)
+    except OSError as error:
+        raise MetricsError(f"metrics: port {port} on {LOOPBACK}: {error.strerror}") from None
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
