@@ -125,8 +125,9 @@ class Engine:
                 self._recorded.take_before(due_ns)
             self._done_ns = due_ns
             action()
-        due_ns = self.agenda.next_due_ns()
-        self._do_later(AT_ONCE if due_ns is None or self._has_time_before(due_ns) else BUSY_AT_ONCE)
+        next_ns = self.agenda.next_due_ns()
+        has_time = next_ns is None or self._has_time_before(next_ns)
+        self._do_later(AT_ONCE if has_time else BUSY_AT_ONCE)
 
     async def _wait_until(self, due_ns: int) -> None:
         """Until then, take in what has come, and do what could wait."""

@@ -56,11 +56,8 @@ class SessionCollector:
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
         )
-        for quantile, late_us in zip(
-            ("0.5", "0.99", "0.999"),
-            lateness_us(list(totals.lateness_ns), 50, 99, 99.9),
-            strict=True,
-        ):
+        found_us = lateness_us(list(totals.lateness_ns), 50, 99, 99.9)
+        for quantile, late_us in zip(("0.5", "0.99", "0.999"), found_us, strict=True):
             late.add_metric([quantile], late_us / 1e6)
         yield late
         yield from self._of_sensors(GaugeMetricFamily)
