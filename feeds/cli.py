@@ -1,4 +1,4 @@
-"""The command: plotfeed demo | run | inject | check | show | convert | sensors | schema."""
+"""The command: plotfeed demo | run | inject | check | show | replay | convert | sensors | schema."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from plotfeed.feeds.replay_options import replay_options
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -249,6 +250,21 @@ def show(source: str, **options: Any) -> int:
 
     access = _take_access(options)
     return show_source(source, access, **options)
+
+
+@cli.command()
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@replay_options
+@access_options
+def replay(recording: Path, **options: Any) -> int:
+    """Replay the recording FILE to a broker or over UDP, with its own timing.
+
+    FILE is MCAP, pcap, pcapng, FINAL, raw ASTERIX or JSON lines. In a terminal keys steer it.
+    """
+    from plotfeed.feeds.replay_asked import replay_as_asked
+
+    access = _take_access(options)
+    return replay_as_asked(recording, DEFAULT_BROKER, access, **options)
 
 
 FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]

@@ -1,0 +1,215 @@
+"""A replay in a terminal: its ways out, a line of counts that lives, keys, and what was done."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from plotfeed.feeds.broker_address import BrokerAddress
+from plotfeed.feeds.replay_control import ReplayControl
+from plotfeed.feeds.replay_keys import HELP, steered_by_keys
+from plotfeed.feeds.replay_outs import ReplayMqtt, WayOut
+from plotfeed.feeds.replay_settings import ReplaySettings
+from plotfeed.feeds.replay_source import Source
+from plotfeed.feeds.replay_udp import RecordedUdp, ReplayUdp
+from plotfeed.feeds.replay_ways import ReplayTotals
+from plotfeed.feeds.replayer import replay
+from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.times import iso_utc
+from plotfeed.feeds.totals import lateness_us
+from plotfeed.feeds.udp import UdpDestination
+from plotfeed.replay.files import FileSource, Format, format_of
+from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.recorded import Damage
+
+CONNECT_S = 5.0
+TERMINAL_EVERY_S = 0.5
+LOG_EVERY_S = 10.0
+MAX_DAMAGES_TOLD = 20
+FAILED = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Destinations:
+    """Where a replay goes."""
+
+    broker: BrokerAddress | None = None
+    udp: tuple[UdpDestination, ...] = ()
+    recorded_udp: bool = False
+    """Whether datagrams go where they once went."""
+    ttl: int = 1
+    """Of those that once went to a multicast group."""
+    interface: str | None = None
+    """By which those leave."""
+
+
+def replay_in_terminal(
+    path: Path,
+    destinations: Destinations,
+    settings: ReplaySettings,
+    *,
+    date_utc_ns: int = 0,
+    as_json: bool = False,
+) -> int:
+    """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`.
+
+    `date_utc_ns` is midnight of the day on which a file without dates begins.
+    """
+    with opened(path, date_utc_ns) as (source, damage):
+        return asyncio.run(_replay(path, source, damage, destinations, settings, as_json=as_json))
+
+
+@contextlib.contextmanager
+def opened(
+    path: Path, date_utc_ns: int = 0
+) -> Iterator[tuple[Source, Callable[[], Sequence[Damage]]]]:
+    """A file as a source, and what of it could not be read so far."""
+    form = format_of(path)
+    if form is Format.MCAP:
+        with LogReader(path) as log:
+            yield log, lambda: log.damage
+    else:
+        source = FileSource(path, form, date_utc_ns=date_utc_ns)
+        yield source, lambda: source.damage
+
+
+@contextlib.asynccontextmanager
+async def ways_out(to: Destinations, *, waits: bool) -> AsyncIterator[list[WayOut]]:
+    """Sockets that are open and a broker that is there; raises `PlotfeedError`."""
+    outs: list[WayOut] = []
+    running: asyncio.Task[None] | None = None
+    with contextlib.ExitStack() as sockets:
+        for settings in to.udp:
+            link = ReplayUdp(settings, waits=waits)
+            sockets.callback(link.close)
+            link.open()
+            outs.append(link)
+        if to.recorded_udp:
+            recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
+            sockets.callback(recorded.close)
+            outs.append(recorded)
+        try:
+            if to.broker is not None:
+                mqtt = ReplayMqtt(to.broker, waits=waits)
+                running = asyncio.create_task(mqtt.run(), name="link[replay]")
+                await mqtt.wait_until_up(CONNECT_S)
+                outs.append(mqtt)
+            yield outs
+        finally:
+            if running is not None:
+                running.cancel()
+                await asyncio.gather(running, return_exceptions=True)
+
+
+async def _replay(
+    path: Path,
+    source: Source,
+    damage: Callable[[], Sequence[Damage]],
+    destinations: Destinations,
+    settings: ReplaySettings,
+    *,
+    as_json: bool,
+) -> int:
+    control, totals = ReplayControl(), ReplayTotals()
+    async with ways_out(destinations, waits=settings.fastest) as outs:
+        with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
+            if not as_json:
+                _introduce(path, destinations, has_keys=has_keys)
+            telling = asyncio.create_task(_tell(control, totals, quiet=as_json), name="tell")
+            began_s = time.monotonic()
+            try:
+                await replay(source, outs, settings, control=control, totals=totals)
+            finally:
+                telling.cancel()
+                await asyncio.gather(telling, return_exceptions=True)
+    took_s = time.monotonic() - began_s
+    summary = _summary(totals, outs, took_s)
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(("\r\033[K" if sys.stdout.isatty() else "") + _line(totals, settings, took_s))
+        _tell_of_the_rest(totals)
+    found = damage()
+    for each in found[:MAX_DAMAGES_TOLD]:
+        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+    if signal.SIGINT in signals:
+        return INTERRUPTED
+    return FAILED if totals.undelivered or (found and not totals.messages) else 0
+
+
+def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
+    click.echo(f"{path}")
+    if to.broker is not None:
+        click.echo(f"  MQTT  {to.broker}")
+    for udp in to.udp:
+        click.echo(f"  UDP   {udp.destination}")
+    if to.recorded_udp:
+        click.echo("  UDP   where each datagram once went")
+    if has_keys:
+        click.echo(HELP)
+    sys.stdout.flush()
+
+
+async def _tell(control: ReplayControl, totals: ReplayTotals, *, quiet: bool) -> None:
+    """The line of counts: over itself in a terminal, now and then in a log."""
+    in_terminal = sys.stdout.isatty()
+    while not quiet:
+        await asyncio.sleep(TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S)
+        lap, position_ns = control.position
+        where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(control.speed):g}"
+        text = f"{where}{'  paused' if control.is_paused else ''}  messages {totals.messages}"
+        sys.stdout.write(f"\r\033[K{text}" if in_terminal else f"{text}\n")
+        sys.stdout.flush()
+
+
+def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
+    text = f"messages {totals.messages}  octets {totals.octets}  in {took_s:.2f} s"
+    if settings.fastest:
+        text += f", {totals.messages / max(took_s, 1e-9):.0f} a second"
+    else:
+        p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
+        late = f"{p50_us / 1e3:.3f} p99 {p99_us / 1e3:.3f} most {totals.worst_ns / 1e6:.3f}"
+        text += f"  late p50 {late} ms"
+    for name in ("lost", "duplicated", "undelivered", "ended"):
+        if count := getattr(totals, name):
+            text += f"  {name} {count}"
+    return text if totals.laps < 2 else f"{text}  laps {totals.laps}"
+
+
+def _tell_of_the_rest(totals: ReplayTotals) -> None:
+    for why, count in totals.skipped.items():
+        click.echo(f"plotfeed: {count} messages were not sent: {why}", err=True)
+    for what, count in totals.left.items():
+        click.echo(f"plotfeed: times left alone {count} times: {what}", err=True)
+
+
+def _summary(
+    totals: ReplayTotals, outs: Sequence[WayOut], took_s: float
+) -> dict[str, float | dict[str, int]]:
+    p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
+    return {
+        "messages": totals.messages,
+        "octets": totals.octets,
+        "laps": totals.laps,
+        "duration_s": took_s,
+        "lost": totals.lost,
+        "duplicated": totals.duplicated,
+        "undelivered": totals.undelivered,
+        "ended": totals.ended,
+        "refused": sum(getattr(out, "refused", 0) for out in outs),
+        "skipped": dict(totals.skipped),
+        "times_left_alone": dict(totals.left),
+        "lateness_p50_us": p50_us,
+        "lateness_p99_us": p99_us,
+        "lateness_p999_us": p999_us,
+        "lateness_max_us": totals.worst_ns / 1e3,
+    }
