@@ -8,14 +8,14 @@ HEADER_OCTETS = 3
 MAX_TRAILER_OCTETS = 16
 CONTENT_TYPE = "application/x-asterix"
 UNKNOWN = "application/octet-stream"
+_OF_CATEGORY = tuple(f"{CONTENT_TYPE}; cat={category}" for category in range(256))
 
 
 def block_octets(payload: bytes) -> int:
     """How many of the first octets are whole data blocks, back to back."""
-    at = 0
-    for _, length in _headers(payload):
-        at += length
-    return at
+    if _is_one_block(payload):
+        return len(payload)
+    return sum(length for _, length in _headers(payload))
 
 
 def categories(payload: bytes) -> tuple[int, ...]:
@@ -38,10 +38,12 @@ def trailer_octets(payload: bytes) -> int | None:
 
 def content_type(payload: bytes) -> str:
     """Of a payload that nobody has labelled: ASTERIX, of one category or many, or unknown."""
+    if _is_one_block(payload) and len(payload) > HEADER_OCTETS and payload[0]:
+        return _OF_CATEGORY[payload[0]]
     if trailer_octets(payload) is None:
         return UNKNOWN
     found = categories(payload)
-    return f"{CONTENT_TYPE}; cat={found[0]}" if len(found) == 1 else CONTENT_TYPE
+    return _OF_CATEGORY[found[0]] if len(found) == 1 else CONTENT_TYPE
 
 
 def is_asterix(content: str, payload: bytes) -> bool:
@@ -49,6 +51,12 @@ def is_asterix(content: str, payload: bytes) -> bool:
     if content and not content.startswith(CONTENT_TYPE):
         return False
     return bool(block_octets(payload)) if content else trailer_octets(payload) is not None
+
+
+def _is_one_block(payload: bytes) -> bool:
+    """Whether it is a single block, as most are."""
+    octets = len(payload)
+    return octets >= HEADER_OCTETS and payload[1] << 8 | payload[2] == octets
 
 
 def _headers(payload: bytes) -> Iterator[tuple[int, int]]:

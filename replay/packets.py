@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.asterix_payload import content_type
 from plotfeed.replay.damages import Damages
@@ -45,10 +47,20 @@ class Packets:
             self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")
             return None
         return Recorded(
-            topic=f"{UDP_TOPIC}{found.destination}/{found.port}",
+            topic=_topic(found.destination, found.port),
             payload=found.payload,
             log_time_ns=t_utc_ns,
             publish_time_ns=t_utc_ns,
             content_type=content_type(found.payload),
-            properties=((SOURCE, f"{found.source}/{found.source_port}"),),
+            properties=_properties(found.source, found.source_port),
         )
+
+
+@lru_cache(maxsize=4096)
+def _topic(address: str, port: int) -> str:
+    return f"{UDP_TOPIC}{address}/{port}"
+
+
+@lru_cache(maxsize=4096)
+def _properties(address: str, port: int) -> tuple[tuple[str, str], ...]:
+    return ((SOURCE, f"{address}/{port}"),)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 from ipaddress import ip_address
 from typing import BinaryIO
 
@@ -129,9 +130,10 @@ class PcapWriter:
         """Nothing is left to be written."""
 
     def _destination(self, message: Recorded) -> tuple[bytes, int] | str:
-        place = place_of(message.topic.removeprefix(UDP_TOPIC))
-        if message.topic.startswith(UDP_TOPIC) and place is not None:
-            return place
+        if message.topic.startswith(UDP_TOPIC):
+            place = place_of(message.topic.removeprefix(UDP_TOPIC))
+            if place is not None:
+                return place
         if not is_asterix(message.content_type, message.payload):
             return "neither UDP nor ASTERIX"
         if message.topic not in self._addresses and len(self._addresses) == MAX_TOPICS:
@@ -141,6 +143,7 @@ class PcapWriter:
         return self._addresses.setdefault(message.topic, own), ASTERIX_PORT
 
 
+@lru_cache(maxsize=4096)
 def place_of(text: str) -> tuple[bytes, int] | None:
     """The address, 4 or 16 octets, and the port of ADDRESS/PORT; None if it is not that."""
     host, _, port = text.rpartition("/")

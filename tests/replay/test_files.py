@@ -14,6 +14,7 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
     DATELESS,
     SUFFIXES,
+    FileSource,
     Format,
     format_of,
     format_of_content,
@@ -114,6 +115,17 @@ def test_real_recordings_are_told_by_their_content() -> None:
     for name in ("jade_062_one.ff", "jade_nats_cat048_tcas.ff"):
         path = shared(f"recordings/{name}")
         assert format_of_content(path.read_bytes()) is Format.FINAL
+
+
+def test_a_source_is_read_again_and_in_parts(tmp_path: Path) -> None:
+    source = FileSource(stored(tmp_path, data_of(Format.PCAP)))
+    whole = list(source.messages())
+    times_ns = [each.log_time_ns for each in whole]
+    assert list(source.messages()) == whole
+    assert list(source.messages(times_ns[1], None)) == whole[1:]
+    assert list(source.messages(None, times_ns[1])) == whole[:1]
+    assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
+    assert source.damage == []
 
 
 def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import io
 from pathlib import Path
 
 import pytest
+from asterix_oracle import items_of, read_blocks
 from captures import tshark_fields
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,10 +18,11 @@ from recordings import (
     read,
     written,
 )
+from shared_files import shared
 
 from plotfeed.proto.asterix.decode import CATEGORIES, decode
 from plotfeed.proto.asterix.layout import Extended, Fixed
-from plotfeed.replay.pcap import PcapWriter
+from plotfeed.replay.pcap import PcapReader, PcapWriter
 from plotfeed.replay.raw import RawReader, RawWriter
 from plotfeed.replay.time_of_day import ITEMS, SPARE, TIME, time_of_day_ns
 from plotfeed.replay.times import DAY_NS, NS
@@ -175,6 +177,16 @@ def test_any_octets_are_blocks_and_at_most_one_damage(data: bytes) -> None:
     whole = b"".join(each.payload for each in messages)
     assert data.startswith(whole)
     assert [each.offset for each in reader.damage] == ([len(whole)] if whole != data else [])
+
+
+def test_an_independent_decoder_reads_every_record_of_a_real_recording_made_raw() -> None:
+    capture = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
+    messages, _ = read(PcapReader, capture)
+    (records,) = read_blocks([written(RawWriter, messages)])
+    ours = [record for each in messages for record in decode(each.payload)]
+    assert [record["category"] for record in records] == [record.category for record in ours]
+    for theirs, record in zip(records, ours, strict=True):
+        assert set(items_of(theirs)) == set(record.items)
 
 
 def test_what_is_no_asterix_is_left_out_and_trailers_are_cut_off() -> None:
