@@ -1,4 +1,4 @@
-"""The command: plotfeed demo | run | inject | check | show | replay | convert | sensors | schema."""
+"""The command: plotfeed demo, run, inject, check, show, record, replay, convert, and others."""
 
 from __future__ import annotations
 
@@ -301,6 +301,27 @@ def convert(source: Path, target: Path, **options: Any) -> int:
     from plotfeed.feeds.convert import convert_as_asked
 
     return convert_as_asked(source, target, **options)
+
+
+@cli.command()
+@click.argument("source", metavar="URL")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--interface", metavar="NAME", help="Where a multicast group is joined.")
+@click.option("--count", type=click.IntRange(min=1), help="End after so many messages.")
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
+@click.option("--force", is_flag=True, help="Even if FILE is there already.")
+@click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON.")
+@access_options
+def record(source: str, file: Path, **options: Any) -> int:
+    """Record what a broker or a network has to FILE, MCAP.
+
+    URL is mqtt://HOST:PORT/TOPIC-FILTER (mqtts:// for TLS, plotfeed/# without a filter), or
+    udp://ADDRESS:PORT: an address of this machine, 0.0.0.0 for all of them, or a multicast group.
+    """
+    from plotfeed.feeds.record import record_source
+
+    access = _take_access(options)
+    return record_source(source, file, access, **options)
 
 
 @cli.command()
