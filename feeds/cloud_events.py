@@ -15,5 +15,5 @@ def attributes(
         ("source", source),
         ("type", f"plotfeed.{kind.replace('/', '.')}"),
         ("time", iso_utc(t_utc_ns)),
-        *((name, str(value)) for name, value in more.items()),
+        *[(name, str(value)) for name, value in more.items()],
     )

@@ -10,10 +10,13 @@ from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from operator import attrgetter
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from plotfeed.models.readings import Readings
 
 FALSE_ALARM = -1
 """The drone index of a plot that no drone caused."""
@@ -63,12 +66,11 @@ class Columns:
 
     def between(self, first: int, end: int) -> Self:
         """Rows from `first` up to `end`, not copied."""
-        columns = {}
-        for name in self._names():
-            column = getattr(self, name)
-            if column is not None:
-                columns[name] = column[first:end]
-        return type(self)(**columns)
+        part = slice(first, end)
+        names, values = self._names(), self._values()(self)
+        return type(self)(
+            **{n: v[part] for n, v in zip(names, values, strict=True) if v is not None}
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -119,19 +121,6 @@ class Signatures:
     rcs_m2: Floats
     sound_power_db: Floats
     emitters: Sequence[tuple[Emitter, ...]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Readings:
-    """What a sensor reads in place of what it finds: r (1 + scale) + offset, azimuth + offset."""
-
-    range_scale: float = 0.0
-    range_offset_m: float = 0.0
-    azimuth_offset_deg: float = 0.0
-
-    def range_m(self, range_m: Floats) -> Floats:
-        """Of ranges, or of bistatic ranges; (n,)."""
-        return range_m * (1 + self.range_scale) + self.range_offset_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
