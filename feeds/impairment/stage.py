@@ -6,8 +6,8 @@ In this order: outage, loss, duplication, corruption, the queue of the rate, del
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.impairment.draws import Draws
@@ -28,8 +28,7 @@ class Fate(StrEnum):
     """The link is down and loses nothing: pass it on again when it is up."""
 
 
-@dataclass(frozen=True, slots=True)
-class Copy:
+class Copy(NamedTuple):
     """A message as it leaves the link."""
 
     due_utc_ns: int
@@ -37,14 +36,14 @@ class Copy:
     """Of the payload, counted from the most significant bit of its first octet."""
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """A message's fate, and the copies that leave; a second one is a duplicate."""
 
     fate: Fate
     copies: tuple[Copy, ...]
 
 
+_new = tuple.__new__  # half the time of a named tuple's own constructor
 SENT = Fate.SENT  # looked up once: an enumeration takes its time
 LOST = Outcome(Fate.LOST, ())
 QUEUE_FULL = Outcome(Fate.QUEUE_FULL, ())
@@ -93,6 +92,9 @@ class Impairment:
             known = before is not None and self._state < before.start == self._chain.start
             self._state = self._state if known else self._chain.start
         self._duplicate, self._corrupt, self._reorder = link.duplicate, link.corrupt, link.reorder
+        self._is_plain = self._is_clear or not (
+            link.duplicate or link.corrupt or link.reorder or link.rate_kbit_s
+        )
         stalls = link.on_loss == "stall"
         self._waits_ns = waits_ns(DelayLaw.of(link)) if stalls else None
         self._stopped = (HELD if stalls else OUTAGE) if link.down else None
@@ -102,23 +104,37 @@ class Impairment:
 
         One that is due before the last one counts as due with that.
         """
-        due_utc_ns = self._now_utc_ns = max(due_utc_ns, self._now_utc_ns)
+        last_utc_ns = self._now_utc_ns
+        t_utc_ns = self._now_utc_ns = due_utc_ns if due_utc_ns > last_utc_ns else last_utc_ns
         draws = self._draws
-        i = draws.next(due_utc_ns)
+        i = draws.next(t_utc_ns)
         if self._is_clear:
-            due_utc_ns = self._in_order(max(due_utc_ns, self._queue.free_utc_ns))
-            return Outcome(SENT, (Copy(due_utc_ns, None),))
-        repeats = 0 if self._chain is None else self._repeats(self._chain, i)
-        if self._stopped is not None:
-            return self._stopped
-        if repeats and self._waits_ns is None:
-            return LOST
-        wait_ns = self._waits_ns[repeats] if self._waits_ns else 0
-        first = self._leave(due_utc_ns, octets, draws.delay_ns[i] + wait_ns, i)
+            delay_ns = 0
+        else:
+            repeats = 0 if self._chain is None else self._repeats(self._chain, i)
+            if self._stopped is not None:
+                return self._stopped
+            delay_ns = draws.delay_ns[i]
+            if repeats:
+                if self._waits_ns is None:
+                    return LOST
+                delay_ns += self._waits_ns[repeats]
+        if self._is_plain:
+            free_utc_ns = self._queue.free_utc_ns
+            sent_utc_ns = t_utc_ns if t_utc_ns > free_utc_ns else free_utc_ns
+            return _new(
+                Outcome, (SENT, (_new(Copy, (self._in_order(sent_utc_ns + delay_ns), None)),))
+            )
+        return self._changed(t_utc_ns, octets, delay_ns, i)
+
+    def _changed(self, t_utc_ns: int, octets: int, delay_ns: int, i: int) -> Outcome:
+        """Where more is asked than delay and loss."""
+        first = self._leave(t_utc_ns, octets, delay_ns, i)
         if first is None:
             return QUEUE_FULL
-        if self._duplicate and draws.duplicate[i] < self._duplicate:
-            second = self._leave(due_utc_ns, octets, draws.copy_delay_ns[i], i, again=True)
+        if self._duplicate and self._draws.duplicate[i] < self._duplicate:
+            delay_ns = self._draws.copy_delay_ns[i]
+            second = self._leave(t_utc_ns, octets, delay_ns, i, again=True)
             if second is not None:
                 return Outcome(SENT, (first, second))
         return Outcome(SENT, (first,))

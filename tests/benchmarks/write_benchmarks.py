@@ -20,6 +20,7 @@ BENCHMARKS = {
     "bench_sensors.py": "The sensors, beside Stone Soup",
     "bench_asterix.py": "ASTERIX records",
     "bench_sapient.py": "SAPIENT messages",
+    "bench_impairment.py": "Impaired links",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
     "bench_mqtt.py": "MQTT clients",
