@@ -222,6 +222,33 @@ def check(scene: Path, **options: Any) -> int:
 
 
 @cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Also draw: a figure a stage, one of batch sizes, one of whole configurations.",
+)
+@click.option("--picture", type=click.Choice(["png", "svg"]), default="png", show_default=True)
+@click.option(
+    "--targets",
+    type=click.IntRange(1, 100_000),
+    default=1000,
+    show_default=True,
+    help="Seen at once.",
+)
+@click.option("--quick", is_flag=True, help="In seconds, roughly, with 200 targets at most.")
+@click.option("--json", "as_json", is_flag=True)
+def chart(scene: Path, **options: Any) -> int:
+    """Chart speed against accuracy: every stage of SCENE by other methods, measured here."""
+    from plotfeed.feeds.chart.command import print_chart
+    from plotfeed.feeds.scene import load
+
+    print_chart(load(scene), **options)
+    return 0
+
+
+@cli.command()
 @click.argument("source", metavar="FILE-or-URL")
 @click.option("--list", "listed", is_flag=True, help="The messages of a file, one a line.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many; implies --list.")

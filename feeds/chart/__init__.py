@@ -1,0 +1,1 @@
+"""Speed against accuracy: the methods of every stage, measured for a scene on a machine."""

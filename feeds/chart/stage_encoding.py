@@ -1,0 +1,139 @@
+"""Encoding: from plots to the octets that a tracker reads, and what reading them gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any, get_args
+
+import numpy as np
+
+from plotfeed.feeds.chart.case import Case
+from plotfeed.feeds.chart.readers import HEIGHT, READERS, TIME, Columns
+from plotfeed.feeds.chart.stage import Alternative, Stage, rms
+from plotfeed.feeds.formats import MAKERS
+from plotfeed.feeds.formats.base import Format
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.sapient.groups import Groups
+from plotfeed.feeds.sensors.base import RotatingScan
+from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.scan import Sector, next_sector, nth_sector
+from plotfeed.models.state import Floats, Plots
+from plotfeed.models.truth import NS
+from plotfeed.proto.errors import PlotfeedError
+
+STEP_S = 1e-3
+"""Over which rates of change are taken."""
+SOME_SCAN = 1000
+"""It begins a group, if its number is a multiple of their size."""
+Parts = list[tuple[Sector, Plots]]
+
+
+def encoding(case: Case) -> Stage | None:
+    """Every format that such a sensor can report in, and that is installed."""
+    parts = _parts(case)
+    sent = Plots.joined([plots for _, plots in parts])
+    if not len(sent):
+        return None
+    found = []
+    for name in formats_of(case):
+        try:
+            maker = MAKERS[name](case.scene, case.sensor)
+        except PlotfeedError:  # an extra that is missing
+            continue
+        read = READERS[name](_messages(maker, parts), parts[0][0].start_ns)
+        found.append(
+            Alternative(
+                name=name,
+                run=partial(_messages, MAKERS[name](case.scene, case.sensor), parts),
+                units=len(sent),
+                errors=_errors(case, sent, read),
+                ours=name in case.sensor.report,
+            )
+        )
+    return Stage(
+        name="encoding",
+        question="How to write plots down",
+        alternatives=tuple(found),
+    )
+
+
+def formats_of(case: Case) -> list[str]:
+    """The formats of plots that the scene could ask of such a sensor."""
+    annotation: Any = type(case.sensor).model_fields["report"].annotation
+    named = get_args(get_args(annotation)[0])
+    return [name for name in named if name in READERS]
+
+
+def _messages(maker: Format, parts: Parts) -> list[Message]:
+    return [message for sector, plots in parts for message in maker.messages(sector, plots)]
+
+
+def _parts(case: Case) -> Parts:
+    """One detection of each seen target where that is to be had, spread over a few sectors."""
+    targets, rng = case.seen_targets(), case.rng
+    _, plots = case.model.observe(targets, rng)
+    sectors = _group(case)
+    start_ns, end_ns = sectors[0].start_ns, sectors[-1].end_ns
+    if len(sectors) > 1:
+        t_ns = np.sort(rng.integers(start_ns, end_ns, len(plots)))
+    else:
+        t_ns = np.full(len(plots), end_ns, np.int64)  # a sensor that stares reports when it ends
+    plots = _with_heights(case, replace(plots, t_utc_ns=t_ns))
+    index = np.searchsorted([s.end_ns for s in sectors[:-1]], t_ns, side="right")
+    return [(sector, plots.rows(index == i)) for i, sector in enumerate(sectors)]
+
+
+def _group(case: Case) -> list[Sector]:
+    """As many sectors as SAPIENT keeps together, so that its messages leave within them."""
+    scan = case.sensor.scan
+    period_ns = round(scan.period_s * NS)
+    n = scan.sectors if isinstance(scan, RotatingScan) else 1
+    size = Groups(period_ns, n).size
+    sectors = [nth_sector(size * SOME_SCAN, 0, period_ns, n)]
+    while len(sectors) < size:
+        sectors.append(next_sector(sectors[-1], period_ns, n))
+    return sectors
+
+
+def _with_heights(case: Case, plots: Plots) -> Plots:
+    if np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
+        return plots
+    enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    return replace(plots, height_m=case.frame.to_geodetic(enu_m)[2])
+
+
+def _errors(case: Case, sent: Plots, read: Columns) -> dict[str, float]:
+    """Of what is read, for where the target was at the time that is read beside it."""
+    late_s = (read[TIME] - sent.t_utc_ns) / NS
+    rates = _rates(case, sent)
+    errors = {}
+    for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg"):
+        if name not in case.own:
+            continue
+        found = _read(case, name, sent, read)
+        if found is not None:
+            difference = found - getattr(sent, name) - rates[name] * late_s
+            errors[name] = rms(wrap_180(difference) if name.endswith("_deg") else difference)
+    return errors
+
+
+def _read(case: Case, name: str, sent: Plots, read: Columns) -> Floats | None:
+    """What is read of a quantity; None if the format has nothing to read it from."""
+    if name == "elevation_deg" and name not in read and HEIGHT in read:
+        undulation_m = case.scene.telemetry.geoid_undulation_m or 0.0
+        higher_m = read[HEIGHT] + undulation_m - sent.height_m
+        level_m = sent.range_m * np.cos(np.radians(sent.elevation_deg))
+        return np.asarray(sent.elevation_deg + np.degrees(higher_m / level_m))
+    return np.asarray(read[name]) if name in read else None
+
+
+def _rates(case: Case, sent: Plots) -> dict[str, Floats]:
+    """How fast what is measured of each plot's target changes, a second."""
+    enu_m = case.seen_targets().position_enu_m
+    before, after = case.measured(enu_m), case.measured(enu_m + STEP_S * case.velocity_enu_m_s)
+    changes = {name: after[name] - value for name, value in before.items()}
+    return {
+        name: (wrap_180(change) if name.endswith("_deg") else change)[sent.drone] / STEP_S
+        for name, change in changes.items()
+    }
