@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 
 from plotfeed.feeds.udp import Endpoint, UdpError
 from plotfeed.replay.asterix_payload import content_type
+from plotfeed.replay.packets import SOURCE, UDP_TOPIC
 from plotfeed.replay.recorded import Recorded
 
 IS_LINUX = sys.platform == "linux"
@@ -41,7 +42,8 @@ class UdpSource:
         """`interface` is where a group is joined; raises `UdpError`."""
         if interface is not None and not endpoint.address.is_multicast:
             raise UdpError(f"--interface: only for multicast, which {endpoint.address} is not")
-        self.shown = f"udp://{_place(endpoint)}"
+        host = str(endpoint.address)
+        self.shown = f"udp://{f'[{host}]' if ':' in host else host}:{endpoint.port}"
         self.has_kernel_times = False
         """Whether times are those of the kernel, not of this program."""
         self._endpoint = endpoint
@@ -94,7 +96,7 @@ class UdpSource:
         """What has come, up to a number that takes no long time; how many."""
         for n in range(AT_ONCE):
             try:
-                payload, extras, _, _ = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
+                payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
             except OSError:  # there is nothing, or only word of an error
                 return n
             topic, at_ns = self._told(extras)
@@ -105,6 +107,7 @@ class UdpSource:
                     log_time_ns=at_ns,
                     publish_time_ns=at_ns,
                     content_type=content_type(payload),
+                    properties=((SOURCE, _place(*sender[:2])),),
                 )
             )
         return AT_ONCE
@@ -141,17 +144,24 @@ class UdpSource:
         found = socket.getaddrinfo(
             str(address), self._endpoint.port, ears.family, socket.SOCK_DGRAM
         )
-        ears.bind(found[0][4])
+        place = found[0][4]
+        if address.is_multicast and address.version == 6:  # whose scope may need its interface
+            place = (*place[:3], self._index())
+        ears.bind(place)
 
     def _join(self, ears: socket.socket) -> None:
-        group, interface = self._endpoint.address, self._interface
+        group = self._endpoint.address
         if group.version == 4:
-            member = group.packed + _interface_4(interface)
+            member = group.packed + _interface_4(self._interface)
             ears.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-            return
-        name = interface or getattr(group, "scope_id", None)
-        member = group.packed + struct.pack("@I", socket.if_nametoindex(name) if name else 0)
-        ears.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+        else:
+            member = group.packed + struct.pack("@I", self._index())
+            ears.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+
+    def _index(self) -> int:
+        """Of the interface for a group of IPv6; 0 is the system's own choice."""
+        name = self._interface or getattr(self._endpoint.address, "scope_id", None)
+        return socket.if_nametoindex(name) if name else 0
 
     def _topic_of(self, level: int, kind: int, data: bytes) -> str:
         """By a struct in_pktinfo or in6_pktinfo; empty if it is none."""
@@ -163,13 +173,13 @@ class UdpSource:
         return ""
 
 
-def _topic(address: ipaddress.IPv4Address | ipaddress.IPv6Address, port: int) -> str:
-    return f"udp/{str(address).partition('%')[0]}/{port}"
+def _place(address: object, port: int) -> str:
+    """As topics and properties have it."""
+    return f"{str(address).partition('%')[0]}/{port}"
 
 
-def _place(endpoint: Endpoint) -> str:
-    host = f"[{endpoint.address}]" if endpoint.address.version == 6 else str(endpoint.address)
-    return f"{host}:{endpoint.port}"
+def _topic(address: object, port: int) -> str:
+    return f"{UDP_TOPIC}{_place(address, port)}"
 
 
 def _interface_4(interface: str | None) -> bytes:
