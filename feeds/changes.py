@@ -44,7 +44,9 @@ def changed(sensor: Sensor, *changes: Mapping[str, Any]) -> Sensor:
     try:
         return _SENSOR.validate_python(tree)
     except ValidationError as error:
-        raise ChangeError(list(problems_of(error, tree))) from None
+        variant = f"{sensor.type}."  # pydantic says which of all sensors it took it for
+        problems = [(k.removeprefix(variant), text) for k, text in problems_of(error, tree)]
+        raise ChangeError(problems) from None
 
 
 def merged(tree: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

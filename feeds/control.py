@@ -43,7 +43,7 @@ class Command(Part):
         if (self.sensor is None) == (self.clock is None):
             raise ValueError("expected either sensor or clock")
         if self.sensor is not None and (self.set is None) != self.reset:
-            raise ValueError('expected "set": {...} or "reset": true with a sensor')
+            raise ValueError('with a sensor, expected either "set" or "reset"')
         if self.clock is not None and not self.clock.model_fields_set:
             raise ValueError("clock: expected paused, speed or step_s")
         return self
@@ -74,4 +74,5 @@ def command_of(tree: dict[str, Any]) -> Command:
 
 
 def _in_a_line(problems: Iterable[tuple[str, str]]) -> str:
-    return "; ".join(f"{key}: {text}" if key else text for key, text in problems)
+    line = "; ".join(f"{key}: {text}" if key else text for key, text in problems)
+    return "".join(c if c.isprintable() else " " for c in line)
