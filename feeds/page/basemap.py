@@ -1,0 +1,156 @@
+"""What lies under the display: GeoJSON brought to the site's plane, or an image and its corners."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.page.settings import BasemapImage
+from plotfeed.feeds.parts import Site
+from plotfeed.feeds.places import site_frame
+from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+from plotfeed.models.state import Floats
+from plotfeed.proto.errors import PlotfeedError
+
+MAX_OCTETS = 32 << 20
+MAX_VERTICES = 300_000
+MAX_DEPTH = 8
+"""Of collections of geometries within collections."""
+SKEW = 0.02
+"""Of its diagonal, by which the fourth corner of an image may be off the parallelogram."""
+IMAGES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
+
+
+@dataclass(frozen=True, slots=True)
+class Basemap:
+    """A basemap as browsers fetch it."""
+
+    media_type: str
+    content: bytes
+    corners_m: list[list[float]] | None = None
+    """East and north of an image's top left, top right and bottom left corner."""
+
+
+def load_basemap(settings: str | BasemapImage, folder: Path, site: Site) -> Basemap:
+    """Read the file that a scene names; raises `PlotfeedError`."""
+    frame = site_frame(site)
+    name = settings if isinstance(settings, str) else settings.image
+    path = folder / name
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_OCTETS + 1)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise PlotfeedError(f"page.basemap: {path}: {why}") from None
+    if len(content) > MAX_OCTETS:
+        raise PlotfeedError(f"page.basemap: {path}: larger than {MAX_OCTETS >> 20} MiB")
+    try:
+        if isinstance(settings, str):
+            shapes = _shapes(json.loads(content), frame)
+            return Basemap("application/json", json.dumps(shapes, separators=(",", ":")).encode())
+        return Basemap(_image_type(content), content, _corners(settings, frame))
+    except (ValueError, RecursionError) as error:
+        raise PlotfeedError(f"page.basemap: {path}: {error}") from None
+
+
+def _image_type(content: bytes) -> str:
+    for magic, media_type in IMAGES.items():
+        if content.startswith(magic):
+            return media_type
+    raise ValueError("expected a PNG, JPEG or WebP image")
+
+
+def _corners(settings: BasemapImage, frame: LocalFrame) -> list[list[float]]:
+    """Three corners, of which the fourth follows; raises ValueError if it does not."""
+    latitude_deg, longitude_deg = np.array(settings.corners).T
+    enu_m = frame.from_ecef(geodetic_to_ecef(latitude_deg, longitude_deg, frame.height_m))
+    top_left, top_right, bottom_right, bottom_left = enu_m[:, :2]
+    off_m = float(np.hypot(*(top_right + bottom_left - top_left - bottom_right)))
+    diagonal_m = float(np.hypot(*(bottom_right - top_left)))
+    if not diagonal_m > 1 or off_m > SKEW * diagonal_m:
+        raise ValueError(
+            f"corners: expected a parallelogram, in the order top left, top right, bottom right, "
+            f"bottom left; the last is {off_m:.0f} m off"
+        )
+    return [[round(float(v), 2) for v in corner] for corner in (top_left, top_right, bottom_left)]
+
+
+def _shapes(tree: Any, frame: LocalFrame) -> dict[str, list[Any]]:
+    """Lines, areas and points: lists of east and north in turns, metres, with names of points."""
+    shapes: dict[str, list[Any]] = {"lines": [], "areas": [], "points": []}
+    vertices = 0
+    for geometry, name in _geometries(tree):
+        for kind, positions in _parts(geometry):
+            vertices += len(positions)
+            if vertices > MAX_VERTICES:
+                raise ValueError(f"more than {MAX_VERTICES} vertices: simplify it")
+            flat = np.round(_placed(positions, frame), 1).ravel().tolist()
+            shapes[kind].append([*flat, name] if kind == "points" else flat)
+    return shapes
+
+
+def _geometries(tree: Any, depth: int = 0) -> Iterator[tuple[dict[str, Any], str]]:
+    """Every geometry of a GeoJSON tree, with the name of its feature."""
+    if not isinstance(tree, dict) or depth > MAX_DEPTH:
+        raise ValueError("expected GeoJSON: an object with a type")
+    kind = tree.get("type")
+    if kind == "FeatureCollection":
+        for feature in _list(tree, "features"):
+            yield from _geometries(feature, depth + 1)
+    elif kind == "Feature":
+        properties = tree.get("properties")
+        name = properties.get("name") if isinstance(properties, dict) else None
+        if tree.get("geometry") is not None:
+            for geometry, _ in _geometries(tree["geometry"], depth + 1):
+                yield geometry, str(name)[:80] if name is not None else ""
+    elif kind == "GeometryCollection":
+        for geometry in _list(tree, "geometries"):
+            yield from _geometries(geometry, depth + 1)
+    else:
+        yield tree, ""
+
+
+def _parts(geometry: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Its lines, the rings of its areas, its points; each a list of positions."""
+    kind, found = geometry.get("type"), _list(geometry, "coordinates")
+    match kind:
+        case "Point":
+            yield "points", [found]
+        case "MultiPoint":
+            yield from (("points", [point]) for point in found)
+        case "LineString":
+            yield "lines", found
+        case "MultiLineString":
+            yield from (("lines", line) for line in found)
+        case "Polygon":
+            yield from (("areas", ring) for ring in found)
+        case "MultiPolygon":
+            yield from (("areas", ring) for polygon in found for ring in polygon)
+        case _:
+            raise ValueError(f"expected a GeoJSON geometry, not a type {str(kind)[:40]!r}")
+
+
+def _placed(positions: Sequence[Any], frame: LocalFrame) -> Floats:
+    """East and north of longitudes and latitudes at the site's height; (n, 2)."""
+    try:
+        longitude_deg, latitude_deg = np.array([p[:2] for p in positions], dtype=np.float64).T
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError("coordinates: expected lists of longitude and latitude") from None
+    if not (np.abs(latitude_deg) <= 90).all() or not (np.abs(longitude_deg) <= 540).all():
+        raise ValueError("coordinates: expected longitudes and latitudes in degrees (WGS-84)")
+    placed_m: Floats = frame.from_ecef(
+        geodetic_to_ecef(latitude_deg, longitude_deg, frame.height_m)
+    )[:, :2]
+    return placed_m
+
+
+def _list(tree: dict[str, Any], key: str) -> list[Any]:
+    found = tree.get(key)
+    if not isinstance(found, list) or (key == "coordinates" and not found):
+        raise ValueError(f"{key}: expected a list")
+    return found

@@ -1,0 +1,113 @@
+"""What a sensor's link did, beside what it was asked for: latency, loss, bursts, duplicates."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import Floats
+
+LATENCIES_KEPT = 3000
+LOSSES_KEPT = 3000
+BINS = 40
+QUANTILES = 201
+
+
+class LinkRecord:
+    """One link, since its settings last changed."""
+
+    def __init__(self) -> None:
+        self._asked_ms: Floats = np.zeros(0)
+        self.begin()
+
+    def begin(self, asked_ms: ArrayLike | None = None) -> None:
+        """Settings changed; `asked_ms` is a sample of the delays that they ask for."""
+        if asked_ms is not None:
+            sample = np.asarray(asked_ms, dtype=np.float64)
+            self._asked_ms = (
+                np.quantile(sample, np.linspace(0, 1, QUANTILES)) if len(sample) else np.zeros(0)
+            )
+        self._latency_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._messages = self._lost = self._bursts = self._duplicates = 0
+        self._lost_numbers: deque[int] = deque()
+        self._lost_lately: set[int] = set()
+
+    def sent(self, latency_ms: float, *, duplicate: bool) -> None:
+        """A message, or a duplicate of one, left so long after the sensor handed it over."""
+        if duplicate:
+            self._duplicates += 1
+            return
+        self._latency_ms.append(latency_ms)
+        self._messages += 1
+
+    def lost(self, number: int) -> None:
+        """That message of the link did not leave; numbers may come in any order."""
+        self._messages += 1
+        self._lost += 1
+        lately = self._lost_lately
+        # A burst of its own, or a part of one, or what joins two.
+        self._bursts += 1 - (number - 1 in lately) - (number + 1 in lately)
+        lately.add(number)
+        self._lost_numbers.append(number)
+        if len(self._lost_numbers) > LOSSES_KEPT:
+            lately.discard(self._lost_numbers.popleft())
+
+    def summary(self) -> dict[str, Any]:
+        """Shares and moments, and the histogram of latencies beside the one asked for."""
+        latency_ms = np.array(self._latency_ms)
+        return {
+            "messages": self._messages,
+            "lost": self._lost,
+            "duplicates": self._duplicates,
+            "mean_burst": self._lost / self._bursts if self._bursts else None,
+            "mean_ms": float(latency_ms.mean()) if len(latency_ms) else None,
+            "sigma_ms": float(latency_ms.std()) if len(latency_ms) else None,
+            "asked_mean_ms": float(np.mean(self._asked_ms)) if len(self._asked_ms) else None,
+            **_histogram(latency_ms, self._asked_ms),
+        }
+
+
+def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:
+    """Shares of both in the same bins: from `low_ms`, each of `width_ms`."""
+    both = np.concatenate([latency_ms, asked_ms])
+    low_ms, high_ms = np.quantile(both, (0.003, 0.997)) if len(both) else (0.0, 1.0)
+    low_ms, width_ms = _nice_bins(float(low_ms), float(high_ms))
+    edges_ms: Floats = low_ms + width_ms * np.arange(BINS + 1, dtype=np.float64)
+    return {
+        "low_ms": low_ms,
+        "width_ms": width_ms,
+        "delivered": _shares(_below(np.sort(latency_ms), edges_ms)),
+        "asked": _shares(_below_quantiles(asked_ms, edges_ms)),
+    }
+
+
+def _shares(below: Floats) -> list[float]:
+    """The share within each bin, of those below its edges."""
+    return [round(float(x), 5) for x in np.diff(below)]
+
+
+def _below(ordered_ms: Floats, edges_ms: Floats) -> Floats:
+    """The share of an ordered sample below each edge; empty without a sample."""
+    if not len(ordered_ms):
+        return np.zeros(0)
+    return np.searchsorted(ordered_ms, edges_ms, side="left") / len(ordered_ms)
+
+
+def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:
+    """The same for a distribution by its quantiles at equal steps, straight between them."""
+    if not len(quantiles_ms):
+        return np.zeros(0)
+    return np.interp(edges_ms, quantiles_ms, np.linspace(0, 1, len(quantiles_ms)), 0.0, 1.0)
+
+
+def _nice_bins(low_ms: float, high_ms: float) -> tuple[float, float]:
+    """Bins of a round width that hold an interval: the first edge, and the width."""
+    least = max((high_ms - low_ms) * 1.1, high_ms * 0.02, 0.04) / BINS
+    decade = 10.0 ** np.floor(np.log10(least))
+    width_ms = next(float(step * decade) for step in (1, 2, 2.5, 5, 10) if step * decade >= least)
+    slack_ms = (BINS * width_ms - (high_ms - low_ms)) / 2
+    first_ms = np.floor(max(low_ms - slack_ms, 0.0) / width_ms) * width_ms
+    return float(first_ms), width_ms

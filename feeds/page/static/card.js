@@ -1,0 +1,119 @@
+// What is known of the mark that is selected, and what the marks mean.
+
+import { TrackFlag } from "./frames.js";
+import { colours, sensorColour } from "./colours.js";
+import { inKilometres } from "./ground.js";
+import { dronePlace, trackPlace } from "./marks.js";
+import { azimuthOf } from "./viewport.js";
+
+const byId = (id) => document.getElementById(id);
+const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit}` : "–");
+const clock = (ms) => new Date(ms).toISOString().slice(11, 23);
+
+/** Show what is selected; false if it is no longer there. */
+export function showCard(picture, selected, { truth, nowMs }) {
+  const found = selected && describe(picture, selected, truth, nowMs);
+  byId("card-title").textContent = found ? found.title : "Nothing selected";
+  byId("card-hint").hidden = Boolean(found);
+  byId("card-values").replaceChildren(...(found?.rows ?? []).flatMap(([name, measured, real = ""]) => {
+    const cells = [["dt", name], ["dd", measured], ["dd", real]].map(([tag, words]) => Object.assign(document.createElement(tag), { textContent: words }));
+    cells[2].className = "true";
+    return cells;
+  }));
+  return Boolean(found);
+}
+
+function describe(picture, selected, truth, nowMs) {
+  if (selected.kind === "plot") return describePlot(picture, selected, truth);
+  if (selected.kind === "track") return describeTrack(picture.tracks.get(selected.id), nowMs);
+  return truth ? describeDrone(picture, selected.drone, nowMs) : null;
+}
+
+function describePlot({ plots, news, droneNames }, { row, at }, truth) {
+  const sensor = news.scene?.sensors[plots.sensor[at]];
+  if (!plots.holds(row) || !sensor) return null;
+  const tells = truth && plots.drone[at] >= -1, has = tells && plots.drone[at] >= 0;
+  const real = (words) => (has ? words : "");
+  const error = Math.hypot(plots.east_m[at] - plots.true_east_m[at], plots.north_m[at] - plots.true_north_m[at]);
+  const rows = [
+    ["", "measured", tells ? "true" : ""],
+    ["Range", fixed(plots.range_m[at], 1, " m"), real(fixed(plots.true_range_m[at], 1, " m"))],
+    ["Azimuth", fixed(plots.azimuth_deg[at], 3, "°"), real(fixed(plots.true_azimuth_deg[at], 3, "°"))],
+    ["Elevation", fixed(plots.elevation_deg[at], 2, "°"), real(fixed(plots.true_elevation_deg[at], 2, "°"))],
+    ["Height", fixed(plots.height_m[at], 0, " m")],
+    ["SNR", fixed(plots.snr_db[at], 1, " dB")],
+    ["Latency", fixed(plots.latency_ms[at], 1, " ms")],
+    ["Measured", clock(plots.t_utc_ms[at])],
+  ];
+  const others = plots.merged[at] ? ` + ${plots.merged[at]}` : "";
+  if (tells) rows.push(["Of", has ? (droneNames[plots.drone[at]] ?? "a drone") + others : "false alarm", has && !plots.isBearing(at) ? `off ${fixed(error, 1, " m")}` : ""]);
+  return { title: `Plot of ${sensor.id}`, rows };
+}
+
+function describeTrack(track, nowMs) {
+  if (!track) return null;
+  const [east, north] = trackPlace(track, nowMs), speed = Math.hypot(track.velocity_east_m_s, track.velocity_north_m_s);
+  const states = [[TrackFlag.TENTATIVE, "tentative"], [TrackFlag.COASTED, "coasted"]].filter(([flag]) => track.flags & flag).map(([, word]) => word);
+  return {
+    title: `Track ${track.id}`,
+    rows: [
+      ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
+      ["Speed", fixed(speed, 1, " m/s")],
+      ["Course", fixed(azimuthOf(track.velocity_east_m_s, track.velocity_north_m_s), 0, "°")],
+      ["Updated", fixed((nowMs - track.t_utc_ms) / 1000, 1, " s ago")],
+      ["State", states.join(", ") || "confirmed"],
+    ],
+  };
+}
+
+function describeDrone({ drones, droneNames }, drone, nowMs) {
+  const i = drones ? Array.prototype.indexOf.call(drones.drone, drone) : -1;
+  if (i < 0) return null;
+  const [east, north] = dronePlace(drones, i, nowMs), gone = drones.gone_ms[i];
+  const speed = Math.hypot(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]);
+  return {
+    title: `Drone ${droneNames[drone] ?? drone}`,
+    rows: [
+      ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
+      ["Above site", fixed(drones.up_m[i], 0, " m")],
+      ["Speed", fixed(speed, 1, " m/s")],
+      ["Course", fixed(azimuthOf(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]), 0, "°")],
+      ["State", gone > 0 ? `gone for ${(gone / 1000).toFixed(0)} s` : "flying"],
+    ],
+  };
+}
+
+const MARKS = {
+  plot: (c) => { c.fillStyle = sensorColour(0); c.fillRect(6.5, 6.5, 5, 5); },
+  bearing: (c) => { c.strokeStyle = sensorColour(3); line(c, 1, 16, 17, 3); },
+  track: (c) => { c.strokeStyle = colours.track; c.strokeRect(4.5, 4.5, 9, 9); line(c, 9, 9, 17, 3); },
+  drone: (c) => { c.fillStyle = colours.truth; c.beginPath(); c.moveTo(9, 1.5); c.lineTo(14, 15); c.lineTo(9, 12); c.lineTo(4, 15); c.fill(); },
+  "drone gone": (c) => { c.strokeStyle = colours.warn; c.setLineDash([2, 2]); c.beginPath(); c.moveTo(9, 1.5); c.lineTo(14, 15); c.lineTo(9, 12); c.lineTo(4, 15); c.closePath(); c.stroke(); },
+  "false alarm": (c) => { c.strokeStyle = sensorColour(0); line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
+  "lost by the link": (c) => { c.strokeStyle = sensorColour(0); c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
+  "several drones": (c) => { c.fillStyle = c.strokeStyle = sensorColour(0); c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
+};
+const ALWAYS = ["plot", "bearing", "track"];
+
+function line(context, x0, y0, x1, y1) {
+  context.beginPath();
+  context.moveTo(x0, y0);
+  context.lineTo(x1, y1);
+  context.stroke();
+}
+
+/** What the marks mean that are shown. */
+export function showLegend(truth) {
+  const names = Object.keys(MARKS).filter((name) => truth || ALWAYS.includes(name)), dpr = devicePixelRatio || 1;
+  byId("legend").replaceChildren(...names.map((name) => {
+    const item = document.createElement("li"), canvas = document.createElement("canvas");
+    canvas.width = canvas.height = 18 * dpr;
+    canvas.setAttribute("aria-hidden", "true");
+    const context = canvas.getContext("2d");
+    context.scale(dpr, dpr);
+    context.lineWidth = 1.4;
+    MARKS[name](context);
+    item.append(canvas, name);
+    return item;
+  }));
+}

@@ -1,0 +1,137 @@
+// A small chart on a canvas: axes with round numbers, lines, bars, dots.
+
+import { colours } from "./colours.js";
+import { nice } from "./ground.js";
+
+const LEFT = 38, RIGHT = 8, TOP = 6, BOTTOM = 17;
+
+export class Chart {
+  #low = 0;
+  #high = 1;
+  #bottom = 0;
+  #top = 1;
+
+  constructor(id) {
+    this.canvas = document.getElementById(id);
+    this.context = this.canvas.getContext("2d");
+  }
+
+  /** Begin anew with those axes; `unit` stands at the right end of the lower one. */
+  begin({ low, high, bottom = 0, top, unit, xTick = String, yTick = String, xStep }) {
+    const { canvas, context } = this, dpr = devicePixelRatio || 1;
+    const width = Math.round(canvas.clientWidth * dpr), height = Math.round(canvas.clientHeight * dpr);
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    context.setTransform(dpr, 0, 0, dpr, 0, 0);
+    this.width = canvas.clientWidth;
+    this.height = canvas.clientHeight;
+    [this.#low, this.#high, this.#bottom, this.#top] = [low, high, bottom, top];
+    context.clearRect(0, 0, this.width, this.height);
+    this.#axes(unit, xTick, yTick, xStep);
+  }
+
+  x(value) {
+    return LEFT + ((value - this.#low) / (this.#high - this.#low)) * (this.width - LEFT - RIGHT);
+  }
+
+  y(value) {
+    return this.height - BOTTOM - ((value - this.#bottom) / (this.#top - this.#bottom)) * (this.height - TOP - BOTTOM);
+  }
+
+  #axes(unit, xTick, yTick, xStep) {
+    const { context } = this;
+    context.font = colours.font;
+    context.lineWidth = 1;
+    context.strokeStyle = colours.grid;
+    context.fillStyle = colours.quiet;
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    for (const value of ticks(this.#bottom, this.#top, Math.max(2, Math.floor((this.height - TOP - BOTTOM) / 34)))) {
+      const y = Math.round(this.y(value)) + 0.5;
+      context.beginPath();
+      context.moveTo(LEFT, y);
+      context.lineTo(this.width - RIGHT, y);
+      context.stroke();
+      context.fillText(yTick(value), LEFT - 5, y);
+    }
+    context.textBaseline = "alphabetic";
+    const unitWidth = context.measureText(unit).width;
+    for (const value of ticks(this.#low, this.#high, Math.max(2, Math.floor(this.width / 70)), xStep)) {
+      const x = this.x(value), words = xTick(value), half = context.measureText(words).width / 2;
+      if (x + half > this.width - RIGHT - unitWidth - 6) continue;
+      context.textAlign = "center";
+      context.fillText(words, x, this.height - 4);
+    }
+    context.textAlign = "right";
+    context.fillText(unit, this.width - RIGHT, this.height - 4);
+  }
+
+  line(points, colour, { dashed = false, width = 1.5 } = {}) {
+    const { context } = this;
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.lineJoin = "round";
+    context.setLineDash(dashed ? [4, 3] : []);
+    context.beginPath();
+    let down = false;
+    for (const [x, y] of points) {
+      if (y === null || !Number.isFinite(y)) { down = false; continue; }
+      context[down ? "lineTo" : "moveTo"](this.x(x), this.y(Math.min(y, this.#top)));
+      down = true;
+    }
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  /** Between two curves, each as points of equal x. */
+  band(lower, upper, colour) {
+    const { context } = this;
+    context.fillStyle = colour;
+    context.beginPath();
+    upper.forEach(([x, y], i) => context[i ? "lineTo" : "moveTo"](this.x(x), this.y(Math.min(y, this.#top))));
+    for (const [x, y] of [...lower].reverse()) context.lineTo(this.x(x), this.y(Math.max(y, this.#bottom)));
+    context.closePath();
+    context.fill();
+  }
+
+  bars(low, width, values, colour) {
+    this.context.fillStyle = colour;
+    values.forEach((value, i) => {
+      const x0 = this.x(low + i * width), x1 = this.x(low + (i + 1) * width), y = this.y(Math.min(value, this.#top));
+      const gap = x1 - x0 > 6 ? 1 : 0;
+      if (value > 0) this.context.fillRect(x0, y, Math.max(x1 - x0 - gap, 1), this.y(this.#bottom) - y);
+    });
+  }
+
+  /** Dots with their error bars: [x, y, low, high]. */
+  dots(points, colour) {
+    const { context } = this;
+    context.fillStyle = colour;
+    context.strokeStyle = colour;
+    context.lineWidth = 1;
+    for (const [x, y, low, high] of points) {
+      context.beginPath();
+      context.moveTo(this.x(x), this.y(low));
+      context.lineTo(this.x(x), this.y(high));
+      context.stroke();
+      context.beginPath();
+      context.arc(this.x(x), this.y(y), 2.4, 0, 2 * Math.PI);
+      context.fill();
+    }
+  }
+
+  /** Words in the middle, where there is nothing to draw. */
+  say(words) {
+    const { context } = this;
+    context.font = colours.font;
+    context.fillStyle = colours.quiet;
+    context.textAlign = "center";
+    context.fillText(words, (LEFT + this.width - RIGHT) / 2, this.height / 2);
+  }
+}
+
+/** Round numbers from low to high, about so many. */
+function ticks(low, high, count, step = nice((high - low) / count)) {
+  const found = [];
+  for (let value = Math.ceil(low / step - 1e-9) * step; value <= high + step * 1e-6; value += step) found.push(+value.toPrecision(12));
+  return found;
+}

@@ -1,0 +1,228 @@
+// The plan-position display: its layers, what the mouse and the keys do there, and a loop of frames.
+
+import { drawGround, inKilometres, ringSpacing } from "./ground.js";
+import { dronePlace, drawMarks, drawMoving, placeOf, trackPlace } from "./marks.js";
+import { azimuthOf, Viewport } from "./viewport.js";
+
+const REACH = 11; // pixels within which a mark is hit
+const MARKS_SHARE = 0.05; // of the time, at most, for drawing marks anew
+const LONGEST_STILL_MS = 150;
+const byId = (id) => document.getElementById(id);
+
+/** A layer that is drawn elsewhere and then copied. */
+function layer() {
+  return document.createElement("canvas").getContext("2d", { alpha: false });
+}
+
+export class Display {
+  view = new Viewport();
+  hidden = new Set(); // ids of sensors
+  layers = { cover: true, sweep: true, labels: true, tracks: true, basemap: true };
+  truth = false;
+  glowMs = 10_000;
+  selected = null;
+  following = false;
+  framesDrawn = 0;
+  #box = byId("display");
+  #ground = layer(); // what lies still
+  #marks = layer(); // ground and marks
+  #screen = byId("screen").getContext("2d", { alpha: false });
+  #groundIsOld = true;
+  #marksDueAt = 0;
+  #basemap = null;
+  #fitted = false;
+  #cursor = null;
+
+  constructor(picture, onSelect) {
+    this.picture = picture;
+    this.onSelect = onSelect;
+    new ResizeObserver(() => this.#resize()).observe(this.#box);
+    this.#resize();
+    this.#hearMouse();
+    requestAnimationFrame((at) => this.#draw(at));
+  }
+
+  /** What lies still has changed. */
+  redraw() {
+    this.#groundIsOld = true;
+  }
+
+  /** Another scene: show all of it, and its basemap. */
+  async newScene() {
+    this.#fitted = false;
+    this.selected = null;
+    this.following = false;
+    this.#basemap = null;
+    this.redraw();
+    const basemap = this.picture.news.scene?.basemap;
+    if (!basemap) return;
+    const url = `/basemap?${this.picture.news.generation}`;
+    if (basemap.corners_m) {
+      const image = new Image();
+      image.onload = () => { this.#basemap = { image, corners: basemap.corners_m }; this.redraw(); };
+      image.src = url;
+    } else {
+      const shapes = await fetch(url).then((answer) => answer.json(), () => null);
+      this.#basemap = shapes && { shapes };
+      this.redraw();
+    }
+  }
+
+  home() {
+    const sensors = this.picture.news.scene?.sensors ?? [];
+    this.view.fit(sensors.filter((s) => !this.hidden.has(s.id)).map((s) => ({ east: s.east_m, north: s.north_m, radius: s.range_max_m })));
+    this.following = false;
+    this.redraw();
+  }
+
+  zoom(factor, x, y) {
+    this.view.zoom(factor, x, y);
+    this.redraw();
+  }
+
+  pan(dx, dy) {
+    this.view.pan(dx, dy);
+    this.following = false;
+    this.redraw();
+  }
+
+  select(selected) {
+    this.selected = selected;
+    if (!selected || selected.kind === "plot") this.following = false;
+    this.onSelect();
+  }
+
+  /** The next newer plot that is shown, or with -1 the next older one. */
+  selectNext(step) {
+    const { plots } = this.picture, nowMs = this.picture.nowMs(performance.now());
+    let row = this.selected?.kind === "plot" ? this.selected.row + step : plots.end - 1;
+    for (; plots.holds(row); row += step) {
+      const at = plots.at(row), sensor = this.picture.news.scene.sensors[plots.sensor[at]];
+      if (nowMs - plots.shown_ms[at] < this.glowMs && sensor && !this.hidden.has(sensor.id)) {
+        this.select({ kind: "plot", row, at });
+        return;
+      }
+    }
+  }
+
+  #resize() {
+    const { clientWidth, clientHeight } = this.#box, dpr = devicePixelRatio || 1;
+    for (const context of [this.#ground, this.#marks, this.#screen]) {
+      context.canvas.width = Math.round(clientWidth * dpr);
+      context.canvas.height = Math.round(clientHeight * dpr);
+      context.setTransform(dpr, 0, 0, dpr, 0, 0);
+    }
+    this.view.width = clientWidth;
+    this.view.height = clientHeight;
+    this.redraw();
+  }
+
+  #draw(at) {
+    requestAnimationFrame((next) => this.#draw(next));
+    const nowMs = this.picture.nowMs(at);
+    if (!this.#fitted && this.picture.news.scene) {
+      this.#fitted = true;
+      this.home();
+    }
+    if (this.following && this.selected) this.#centre(nowMs);
+    if (this.#groundIsOld || at >= this.#marksDueAt) this.#drawMarks(at, nowMs);
+    copy(this.#marks, this.#screen);
+    drawMoving(this.#screen, this.view, this.picture, nowMs, this);
+    this.framesDrawn++;
+  }
+
+  /** Marks are drawn as often as there is time for: every frame where they are few. */
+  #drawMarks(at, nowMs) {
+    const began = performance.now();
+    if (this.#groundIsOld) {
+      this.#groundIsOld = false;
+      drawGround(this.#ground, this.view, { scene: this.picture.news.scene, hidden: this.hidden, layers: this.layers, basemap: this.#basemap });
+      byId("scale").textContent = `rings ${inKilometres(ringSpacing(this.view))}`;
+    }
+    copy(this.#ground, this.#marks);
+    drawMarks(this.#marks, this.view, this.picture, nowMs, this);
+    this.#marksDueAt = at + Math.min((performance.now() - began) / MARKS_SHARE, LONGEST_STILL_MS);
+  }
+
+  #centre(nowMs) {
+    const place = placeOf(this.picture, this.selected, nowMs);
+    if (!place) return;
+    const moved = Math.hypot(place[0] - this.view.east, place[1] - this.view.north) / this.view.scale;
+    if (moved < 0.5) return;
+    [this.view.east, this.view.north] = place;
+    this.redraw();
+  }
+
+  #hearMouse() {
+    const box = this.#box;
+    let drag = null;
+    box.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
+    }, { passive: false });
+    box.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      drag = { x: event.offsetX, y: event.offsetY, moved: false };
+      box.setPointerCapture(event.pointerId);
+    });
+    box.addEventListener("pointermove", (event) => {
+      this.#point(event.offsetX, event.offsetY);
+      if (!drag) return;
+      const dx = event.offsetX - drag.x, dy = event.offsetY - drag.y;
+      if (!drag.moved && Math.hypot(dx, dy) < 4) return;
+      box.classList.add("dragged");
+      this.pan(dx, dy);
+      drag = { x: event.offsetX, y: event.offsetY, moved: true };
+    });
+    box.addEventListener("pointerup", (event) => {
+      if (drag && !drag.moved) this.select(this.#hit(event.offsetX, event.offsetY));
+      drag = null;
+      box.classList.remove("dragged");
+    });
+    box.addEventListener("pointerleave", () => this.#point(null));
+  }
+
+  #point(x, y) {
+    const words = byId("cursor");
+    if (x === null) { words.textContent = ""; return; }
+    const east = this.view.eastAt(x), north = this.view.northAt(y), metres = Math.hypot(east, north);
+    words.textContent = `${azimuthOf(east, north).toFixed(1).padStart(5, "0")}°  ${(metres / 1000).toFixed(2)} km`;
+  }
+
+  /** The mark at a place on the screen: drone, track or plot, whichever is nearest. */
+  #hit(x, y) {
+    const nowMs = this.picture.nowMs(performance.now()), { view, picture } = this;
+    let best = null, least = REACH;
+    const offer = (distance, found) => { if (distance < least) [best, least] = [found, distance]; };
+    const away = ([east, north]) => Math.hypot(view.x(east) - x, view.y(north) - y);
+    this.#hitPlots(x, y, nowMs, offer);
+    if (this.layers.tracks) for (const track of picture.tracks.values()) offer(away(trackPlace(track, nowMs)), { kind: "track", id: track.id });
+    const { drones } = picture;
+    if (this.truth && drones) for (let i = 0; i < drones.rows; i++) offer(away(dronePlace(drones, i, nowMs)), { kind: "drone", drone: drones.drone[i] });
+    return best;
+  }
+
+  #hitPlots(x, y, nowMs, offer) {
+    const { plots, news } = this.picture, { view } = this;
+    for (let row = plots.begin; row < plots.end; row++) {
+      const at = plots.at(row), sensor = news.scene?.sensors[plots.sensor[at]];
+      if (nowMs - plots.shown_ms[at] >= this.glowMs || !sensor || this.hidden.has(sensor.id) || plots.isNowhere(at)) continue;
+      const px = view.x(plots.east_m[at]), py = view.y(plots.north_m[at]);
+      const distance = plots.isBearing(at) ? fromSegment(x, y, view.x(sensor.east_m), view.y(sensor.north_m), px, py) + 3 : Math.hypot(px - x, py - y);
+      offer(distance, { kind: "plot", row, at });
+    }
+  }
+}
+
+function copy(from, to) {
+  const scale = to.getTransform();
+  to.setTransform(1, 0, 0, 1, 0, 0);
+  to.drawImage(from.canvas, 0, 0);
+  to.setTransform(scale);
+}
+
+function fromSegment(x, y, x0, y0, x1, y1) {
+  const dx = x1 - x0, dy = y1 - y0;
+  const share = Math.min(Math.max(((x - x0) * dx + (y - y0) * dy) / (dx * dx + dy * dy || 1), 0), 1);
+  return Math.hypot(x0 + share * dx - x, y0 + share * dy - y);
+}

@@ -1,0 +1,155 @@
+// The table of sensors, and what can be asked of the one that is chosen.
+
+import { SENSOR_COLOURS } from "./colours.js";
+import { askedLoss } from "./strips.js";
+
+const byId = (id) => document.getElementById(id);
+const TYPES = { active_radar: "radar", mimo_radar: "MIMO radar", passive_radar: "passive radar", acoustic: "acoustic", rf: "RF", range_gate: "range gate" };
+const DEGRADED_PFA = 10; // times
+const DEGRADED_LOSS_DB = 6;
+const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPrecision(digits)));
+
+export class Sensors {
+  chosen = null;
+  #rows = new Map();
+  #dirty = new Set();
+
+  /** ask(command) gives the session's answer; onChoose() and onHide() tell of changes here. */
+  constructor(picture, hidden, { ask, onChoose, onHide }) {
+    Object.assign(this, { picture, hidden, ask, onChoose, onHide });
+    const form = byId("sensor-form");
+    form.addEventListener("input", (event) => { if (event.target.type !== "radio") this.#dirty.add(event.target.id); });
+    form.addEventListener("change", (event) => { if (event.target.name === "state") this.#setState(event.target.value); });
+    form.addEventListener("submit", (event) => { event.preventDefault(); this.#apply(); });
+    byId("reset").addEventListener("click", () => { this.#dirty.clear(); this.#send({ sensor: this.chosen, reset: true }); });
+  }
+
+  /** Another scene: rows anew, and the first sensor chosen unless the one before is there too. */
+  newScene() {
+    const sensors = this.picture.news.scene?.sensors ?? [];
+    this.#rows.clear();
+    byId("sensors").replaceChildren(...sensors.map((sensor, number) => this.#row(sensor, number)));
+    const kept = sensors.some((sensor) => sensor.id === this.chosen);
+    this.choose(kept ? this.chosen : (sensors[0]?.id ?? null));
+  }
+
+  #row(sensor, number) {
+    const row = document.createElement("tr");
+    row.innerHTML = '<td><input type="checkbox" checked></td><td><button type="button" aria-pressed="false"><span class="swatch"></span></button></td><td class="number">0</td><td></td>';
+    const box = row.querySelector("input"), button = row.querySelector("button");
+    box.setAttribute("aria-label", `Show ${sensor.id}`);
+    box.checked = !this.hidden.has(sensor.id);
+    box.addEventListener("change", () => { this.hidden[box.checked ? "delete" : "add"](sensor.id); this.onHide(); });
+    button.firstChild.dataset.colour = number % SENSOR_COLOURS;
+    button.append(`${sensor.id} · ${TYPES[sensor.type] ?? sensor.type}`);
+    button.title = sensor.preset ? `${sensor.id}: ${sensor.preset}` : sensor.id;
+    button.addEventListener("click", () => this.choose(sensor.id));
+    this.#rows.set(sensor.id, { row, button, rate: row.children[2], state: row.children[3] });
+    return row;
+  }
+
+  choose(id) {
+    this.chosen = id;
+    this.#dirty.clear();
+    for (const [key, { row, button }] of this.#rows) {
+      row.classList.toggle("chosen", key === id);
+      button.setAttribute("aria-pressed", String(key === id));
+    }
+    this.#say("");
+    this.showSettings();
+    this.onChoose(id);
+  }
+
+  showRates() {
+    const last = this.picture.seconds.at(-1);
+    (this.picture.news.scene?.sensors ?? []).forEach((sensor, number) => {
+      this.#rows.get(sensor.id).rate.textContent = last ? (last.plots[number] ?? 0) : 0;
+    });
+  }
+
+  /** What is in force, in the table and beside the fields; fields that are being filled in are left alone. */
+  showSettings() {
+    for (const sensor of this.picture.news.scene?.sensors ?? []) {
+      const state = this.#stateOf(sensor), cell = this.#rows.get(sensor.id)?.state;
+      if (cell) Object.assign(cell, { textContent: state, className: `state-${state}` });
+    }
+    const sensor = this.#sensor();
+    byId("sensor-title").textContent = sensor ? `${sensor.id}: settings` : "Sensor";
+    byId("sensor-form").inert = !sensor;
+    if (!sensor) return;
+    const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
+    for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);
+    const pfa = now.pfa ?? sensor.pfa;
+    byId("pfa").disabled = sensor.pfa == null;
+    this.#show("pfa", pfa == null ? "" : pfa.toExponential(), pfa == null ? "has none" : pfa.toExponential());
+    this.#show("latency", link.latency_ms ?? 0, `${plain(link.latency_ms ?? 0)} ms`);
+    this.#show("jitter", link.jitter_ms ?? 0, `${plain(link.jitter_ms ?? 0)} ms${link.distribution ? ` ${link.distribution}` : ""}`);
+    this.#show("loss", loss.share == null ? "" : +(100 * loss.share).toPrecision(6), loss.share == null ? link.loss.kind : `${plain(100 * loss.share)} %`);
+    this.#show("burst", loss.burst == null ? 1 : +loss.burst.toPrecision(6), link.loss ? plain(loss.burst) : "–");
+  }
+
+  #show(id, value, words) {
+    if (!this.#dirty.has(id)) byId(id).value = value;
+    byId(`${id}-now`).textContent = words;
+  }
+
+  #sensor() {
+    return this.picture.news.scene?.sensors.find((sensor) => sensor.id === this.chosen);
+  }
+
+  #inForce(sensor) {
+    return this.picture.news.settings?.[sensor.id] ?? {};
+  }
+
+  #stateOf(sensor) {
+    const now = this.#inForce(sensor);
+    if (now.enabled === false) return "off";
+    if (now.link?.down) return "link down";
+    const worse = (key) => sensor[key] != null && now[key] != null && now[key] > sensor[key] * 1.0001;
+    return worse("pfa") || worse("loss_db") ? "degraded" : "on";
+  }
+
+  #setState(state) {
+    const sensor = this.#sensor(), degraded = state === "degraded", set = { enabled: state !== "off" };
+    if (state !== "off" && sensor.pfa != null) set.pfa = degraded ? Math.min(sensor.pfa * DEGRADED_PFA, 0.1) : sensor.pfa;
+    if (state !== "off" && sensor.loss_db != null) set.loss_db = degraded ? sensor.loss_db + DEGRADED_LOSS_DB : sensor.loss_db;
+    this.#send({ sensor: this.chosen, set });
+  }
+
+  /** What was filled in, and nothing else. */
+  #apply() {
+    const set = {}, link = {}, dirty = this.#dirty;
+    const number = (id) => (byId(id).value.trim() === "" ? null : Number(byId(id).value));
+    if (dirty.has("pfa")) set.pfa = number("pfa");
+    if (dirty.has("latency")) link.latency_ms = number("latency");
+    if (dirty.has("jitter")) link.jitter_ms = number("jitter");
+    if (dirty.has("loss") || dirty.has("burst")) link.loss = lossOf(number("loss"), number("burst"));
+    if (Object.keys(link).length) set.link = link;
+    if (!Object.keys(set).length) {
+      this.#say("Nothing was changed.");
+      return;
+    }
+    this.#send({ sensor: this.chosen, set });
+  }
+
+  async #send(command) {
+    const answer = await this.ask(command);
+    if (command.sensor !== this.chosen) return;
+    if (answer.ok) this.#dirty.clear();
+    this.#say(answer.ok ? "In force." : answer.error, !answer.ok);
+    this.showSettings();
+  }
+
+  #say(words, failed = false) {
+    const answer = byId("answer");
+    answer.textContent = words;
+    answer.toggleAttribute("data-failed", failed);
+  }
+}
+
+/** The keys of a link's loss, for a percentage and a mean burst. */
+export function lossOf(percent, burst) {
+  if (!percent) return null;
+  const share = +(percent / 100).toPrecision(12);
+  return burst > 1 ? { kind: "gilbert-elliott", mean_loss: share, mean_burst: burst } : { kind: "random", probability: share };
+}

@@ -1,0 +1,135 @@
+// The session as a whole: its clock, recording and replay, the choice of scenes, totals and refusals.
+
+const byId = (id) => document.getElementById(id);
+const TOTALS = [
+  ["drones", "Drones"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
+  ["lost", "Lost"], ["duplicated", "Duplicated"], ["undelivered", "Undelivered"], ["missed_scans", "Missed scans"], ["telemetry", "Telemetry"], ["refused", "Refused"], ["stale", "Too late"],
+];
+const whole = new Intl.NumberFormat("en");
+const clockText = (seconds) => `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(1).padStart(4, "0")}`;
+
+export class Session {
+  #scrubbing = false;
+  #last = 0;
+
+  constructor(picture, ask) {
+    this.picture = picture;
+    this.ask = ask;
+    this.#hear("pause", () => ({ clock: { paused: !this.#state.clock?.paused } }));
+    this.#hear("step", () => ({ clock: { step_s: 1 } }));
+    this.#hear("restart", () => ({ session: { restart: true } }));
+    this.#hear("record", () => ({ record: this.#state.record?.on ? { stop: true } : { start: true } }));
+    this.#hear("load-scene", () => ({ session: { scene: byId("scene").value } }));
+    this.#hear("load-recording", () => ({ replay: { file: byId("recording").value } }));
+    this.#hear("replay-pause", () => ({ replay: { paused: !this.#state.replay?.paused } }));
+    this.#hear("replay-stop", () => ({ replay: { stop: true } }));
+    byId("speed").addEventListener("change", () => this.#send({ clock: { speed: Number(byId("speed").value) } }));
+    this.#hearScrubbing();
+    byId("totals").replaceChildren(...TOTALS.flatMap(([key, words]) => {
+      const dt = document.createElement("dt"), dd = document.createElement("dd");
+      dt.textContent = words;
+      dd.id = `total-${key}`;
+      dd.textContent = "0";
+      return [dt, dd];
+    }));
+  }
+
+  get #state() {
+    return this.picture.news.session ?? {};
+  }
+
+  #hear(id, command) {
+    byId(id).addEventListener("click", () => this.#send(command()));
+  }
+
+  /** Moved along a recording: asked for at most ten times a second, and at the end. */
+  #hearScrubbing() {
+    const position = byId("position");
+    const seek = () => this.#send({ replay: { position_s: Number(position.value) } });
+    position.addEventListener("input", () => {
+      this.#scrubbing = true;
+      byId("position-text").textContent = clockText(Number(position.value));
+      if (performance.now() - this.#last < 100) return;
+      this.#last = performance.now();
+      seek();
+    });
+    position.addEventListener("change", () => { this.#scrubbing = false; seek(); });
+  }
+
+  async #send(command) {
+    const answer = await this.ask(command), words = byId("session-answer");
+    words.textContent = answer.ok ? "" : answer.error;
+    words.toggleAttribute("data-failed", !answer.ok);
+    if (!answer.ok) this.show();
+  }
+
+  togglePause() {
+    if (!byId("pause").disabled) byId("pause").click();
+  }
+
+  step() {
+    if (!byId("step").disabled) byId("step").click();
+  }
+
+  show() {
+    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], allows, refuses = {} } = this.#state;
+    byId("scene-name").textContent = news.scene?.name ?? "";
+    document.title = news.scene ? `${news.scene.name} · plotfeed` : "plotfeed";
+    for (const element of document.querySelectorAll("[data-needs]")) {
+      const need = element.dataset.needs;
+      element.disabled = (allows !== undefined && !allows.includes(need)) || (need === "scene" && !scenes.length) || (need === "replay" && !recordings.length);
+    }
+    byId("pause").textContent = clock.paused ? "Go on" : "Pause";
+    byId("pause").setAttribute("aria-pressed", String(Boolean(clock.paused)));
+    showSpeed(clock.speed ?? 1);
+    byId("record").setAttribute("aria-pressed", String(Boolean(record.on)));
+    byId("record-text").textContent = record.on ? `Stop ${clockText(record.seconds ?? 0)}` : "Record";
+    byId("record").title = record.file ? `${record.on ? "Recording to" : "Recorded"} ${record.file}` : "";
+    fill("scene", scenes, news.scene?.name);
+    fill("recording", recordings, replay.file);
+    this.#showReplay(replay);
+    const reasons = new Set(Object.values(refuses));
+    byId("not-allowed").textContent = [...reasons].join(" ");
+  }
+
+  #showReplay(replay) {
+    const position = byId("position"), on = Boolean(replay.file);
+    for (const id of ["position", "replay-pause", "replay-stop"]) byId(id).disabled = !on;
+    byId("replay-pause").textContent = replay.paused ? "Play" : "Pause";
+    byId("replay-pause").setAttribute("aria-pressed", String(Boolean(replay.paused)));
+    position.max = replay.duration_s ?? 1;
+    if (this.#scrubbing) return;
+    position.value = replay.position_s ?? 0;
+    byId("position-text").textContent = on ? `${clockText(replay.position_s ?? 0)} / ${clockText(replay.duration_s ?? 0)}` : "no replay";
+    position.setAttribute("aria-valuetext", byId("position-text").textContent);
+  }
+
+  showTotals() {
+    for (const [key] of TOTALS) byId(`total-${key}`).textContent = whole.format(this.picture.news.totals?.[key] ?? 0);
+  }
+
+  showRefusal() {
+    const { refusal, track_problem: problem } = this.picture.news, words = byId("refusal");
+    words.textContent = [refusal && `Last refused: ${refusal}`, problem && `Tracks: ${problem}`].filter(Boolean).join(" ") || "No telemetry was refused.";
+    words.title = words.textContent;
+  }
+
+  showTime(nowMs) {
+    if (nowMs) byId("time").textContent = new Date(nowMs).toISOString().slice(11, 21);
+  }
+}
+
+function showSpeed(speed) {
+  const select = byId("speed"), value = String(speed);
+  if (![...select.options].some((option) => option.value === value)) select.add(new Option(`× ${value}`, value));
+  if (document.activeElement !== select) select.value = value;
+}
+
+/** Options by name; the choice that somebody made stays. */
+function fill(id, names, current) {
+  const select = byId(id);
+  if ([...select.options].map((option) => option.value).join("\n") === names.join("\n")) return;
+  const before = select.value;
+  select.replaceChildren(...names.map((name) => new Option(name, name)));
+  select.value = names.includes(before) ? before : names.includes(current) ? current : (names[0] ?? "");
+}

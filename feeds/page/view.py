@@ -1,0 +1,255 @@
+"""What the page shows: told by the session as it happens, told on to browsers as frames.
+
+Everything here is cheap when it is called and worked out once an update, for all sensors together.
+Nothing waits, and whatever is kept is bounded.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+from numpy.typing import ArrayLike
+
+from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.detections import DetectionRecord
+from plotfeed.feeds.page.frames import LAYOUTS, FrameFlag, Kind, header, news
+from plotfeed.feeds.page.latencies import LinkRecord
+from plotfeed.feeds.page.outline import outline
+from plotfeed.feeds.page.placements import Placements
+from plotfeed.feeds.page.plots import PlotStore
+from plotfeed.feeds.page.rates import Rates
+from plotfeed.feeds.page.shown_tracks import ShownTracks
+from plotfeed.feeds.page.tracks import TrackNews
+from plotfeed.feeds.page.truth import Drones
+from plotfeed.feeds.parts import Site
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.station import SectorReport
+from plotfeed.models.state import TruthState
+from plotfeed.proto import plotfeed_pb2 as pb
+
+PLOT_CARRIERS = frozenset({"015", "048", "062", "205", "plots", "sapient"})
+"""Last levels of topics whose messages bring a sector's plots."""
+MAX_WATCHED = 16
+"""Sensors whose details are worked out for the viewers who look at them."""
+MAX_REASON = 300
+_NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
+
+
+class Update(NamedTuple):
+    """A frame: what everybody sees, and what follows for who sees the truth."""
+
+    public: bytes
+    truth: bytes
+    is_snapshot: bool
+
+
+class Counts(Protocol):
+    """The session's totals: numbers by name."""
+
+    __slots__: Iterable[str]
+
+
+class View:
+    """A session as it is to be seen, whatever scene it runs."""
+
+    def __init__(self) -> None:
+        self.basemap: Basemap | None = None
+        self.generation = 0
+        """Of the scene: goes up with each."""
+        self._number = 0
+        self._news: dict[str, Any] = {"layouts": _layouts(), "session": {}, "totals": {}}
+        self._changed: set[str] = set()
+        self._watched: frozenset[str] = frozenset()
+        self._is_new = True
+        self._totals: dict[str, float] = {}
+        self._begin(Placements(_NOWHERE, ()), ())
+
+    # What the session tells.
+
+    def scene(self, scene: Scene, basemap: Basemap | None = None) -> None:
+        """Another scene begins, or the same one anew: what was seen before is forgotten."""
+        self.basemap = basemap
+        self.generation += 1
+        placements = Placements(scene.scene.site, scene.sensor)
+        self._begin(placements, [sensor.id for sensor in scene.sensor])
+        seconds = scene.page.afterglow_s if hasattr(scene, "page") else 10.0
+        self._tell("scene", outline(scene, placements, basemap) | {"afterglow_s": seconds})
+        self._tell("generation", self.generation)
+        self._tell("settings", {})
+        self._tell("refusal", None)
+
+    def clear(self) -> None:
+        """The same scene at another time, as after a leap within a recording."""
+        self.generation += 1
+        self._begin(self._placements, list(self._sensors))
+        self._tell("generation", self.generation)
+
+    def report(self, report: SectorReport) -> None:
+        """A sector was worked out: what its sensor looked at."""
+        number = self._sensors.get(report.sensor)
+        if number is not None:
+            self._detections.add(number, report.looks)
+
+    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of the messages of a sector: if one that brings plots left, so did they."""
+        number = self._sensors.get(report.sensor)
+        if number is None:
+            return
+        link, first_utc_ns = self._links[number], None
+        for message in sent:
+            if not message.delivered:
+                self._rates.lost()
+                link.lost(message.number)
+                continue
+            at_utc_ns = message.sent_utc_ns
+            self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
+            link.sent((at_utc_ns - message.due_utc_ns) / 1e6, duplicate=message.copy > 0)
+            if _carries_plots(message.topic):
+                first_utc_ns = min(at_utc_ns, first_utc_ns or at_utc_ns)
+        self._plots.take(number, report.plots, first_utc_ns)
+        if first_utc_ns is not None:
+            self._rates.plots(number, len(report.plots))
+
+    def truth(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
+        """Where the drones are now; ten times a second is enough."""
+        self._drones.take(now_utc_ns, state, names)
+
+    def settings(
+        self,
+        sensor: str,
+        in_force: Mapping[str, Any],
+        *,
+        asked_latency_ms: ArrayLike | None = None,
+        new_model: bool = True,
+    ) -> None:
+        """The keys of a sensor as they are in force now, its link's among them.
+
+        `asked_latency_ms` is a sample of the delays that the link is to make; with `new_model`,
+        detections are counted anew.
+        """
+        number = self._sensors.get(sensor)
+        if number is None:
+            return
+        self._tell("settings", {**self._news["settings"], sensor: dict(in_force)})
+        self._links[number].begin(() if asked_latency_ms is None else asked_latency_ms)
+        if new_model:
+            self._detections.begin(number)
+
+    def session(self, state: Mapping[str, Any]) -> None:
+        """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.
+
+        `clock`: kind ("wall" or "simulated"), paused, speed. `allows`: the controls that work now;
+        `refuses`: why others do not, by name. `record`: on, file, octets, seconds. `replay`: file,
+        position_s, duration_s, paused. `scenes`, `recordings`: names.
+        """
+        self._tell("session", {**self._news["session"], **state})
+
+    def totals(self, totals: Counts) -> None:
+        """Counts of the whole session; told on once a second."""
+        self._totals = {
+            name: getattr(totals, name)
+            for name in totals.__slots__
+            if isinstance(getattr(totals, name), int | float)
+        }
+
+    def refusal(self, text: str) -> None:
+        """Telemetry was refused, for that reason."""
+        self._tell("refusal", text[:MAX_REASON])
+
+    def tracks(self, tracks: TrackNews) -> None:
+        """News of the tracker under test."""
+        self._tracks.take(tracks)
+
+    def track_problem(self, text: str) -> None:
+        """What the tracker published could not be read."""
+        self._tell("track_problem", text[:MAX_REASON])
+
+    # What the server asks.
+
+    def watch(self, sensors: Iterable[str]) -> None:
+        """Work out the details of these sensors, at most `MAX_WATCHED`, with the next update."""
+        known = sorted(s for s in set(sensors) if s in self._sensors)[:MAX_WATCHED]
+        if frozenset(known) != self._watched:
+            self._watched = frozenset(known)
+            self._tell_details()
+
+    def update(self, now_utc_ns: int, monotonic_s: float) -> Update:
+        """What has changed since the last one."""
+        self._number += 1
+        self._detections.fold()
+        seconds = self._rates.over(monotonic_s)
+        if seconds:
+            self._tell("totals", self._totals)
+            self._tell_details()
+        public_plots, true_plots = self._plots.sections(now_utc_ns)
+        public_tracks = self._tracks.news(now_utc_ns)
+        if self._is_new:
+            self._is_new = False
+            self._changed.clear()
+            return self.snapshot(now_utc_ns)
+        told = {key: self._news[key] for key in sorted(self._changed)}
+        self._changed.clear()
+        if seconds:
+            told["seconds"] = seconds
+        public = header(self._number, now_utc_ns) + _news(told) + public_plots + public_tracks
+        names = {"drones": list(self._drones.names)} if self._drones.changed else {}
+        self._drones.changed = False
+        truth = _news(names, Kind.TRUE_NEWS) + true_plots + self._drones.section()
+        return Update(public, truth, False)
+
+    def snapshot(self, now_utc_ns: int) -> Update:
+        """All that there is to see, for who comes or has missed something."""
+        plots, plot_truths = self._plots.kept()
+        told = {**self._news, "seconds": list(self._rates.history)}
+        public = header(self._number, now_utc_ns, FrameFlag.SNAPSHOT) + _news(told)
+        names = _news({"drones": list(self._drones.names)}, Kind.TRUE_NEWS)
+        return Update(
+            public + plots + self._tracks.snapshot(),
+            names + plot_truths + self._drones.section(),
+            True,
+        )
+
+    def _begin(self, placements: Placements, sensors: Sequence[str]) -> None:
+        self._placements = placements
+        self._sensors = {sensor: number for number, sensor in enumerate(sensors)}
+        self._plots = PlotStore(placements)
+        self._rates = Rates(len(sensors))
+        self._links = [LinkRecord() for _ in sensors]
+        self._detections = DetectionRecord(placements.range_max_m)
+        self._drones = Drones(placements.site)
+        self._tracks = ShownTracks(placements.site)
+        self._totals = {}
+        self._is_new = True
+
+    def _tell(self, key: str, value: Any) -> None:
+        self._news[key] = value
+        self._changed.add(key)
+
+    def _tell_details(self) -> None:
+        numbers = {sensor: self._sensors[sensor] for sensor in self._watched & self._sensors.keys()}
+        self._tell(
+            "details",
+            {
+                sensor: {
+                    "link": self._links[number].summary(),
+                    "detections": self._detections.summary(number),
+                }
+                for sensor, number in numbers.items()
+            },
+        )
+
+
+def _carries_plots(topic: str) -> bool:
+    return topic.rpartition("/")[2] in PLOT_CARRIERS
+
+
+def _layouts() -> dict[str, Sequence[Sequence[str]]]:
+    return {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
+
+
+def _news(told: Mapping[str, Any], kind: Kind = Kind.NEWS) -> bytes:
+    if not told:
+        return b""
+    return news(json.dumps(told, separators=(",", ":"), default=str).encode(), kind)

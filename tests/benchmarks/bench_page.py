@@ -1,0 +1,190 @@
+"""The live page in a headless browser: frames a second, processor time of server and browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import page_stage
+import road
+from chromium import OPTIONS, program
+
+from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.scene import Scene
+
+SIZES = ((500, 5_000), (2_000, 20_000))
+WINDOW = {"width": 1920, "height": 1080}
+WARM_UP_S = 12.0
+MEASURED_S = 10.0
+FADE_S = 10
+AIM_FPS, AIM_SERVER_PERCENT, AIM_PAINT_MS = 50, 5.0, 1000.0
+CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
+
+
+def crowded(drones: int) -> Scene:
+    """One radar that finds every drone once a second, so that ten seconds of plots are on show."""
+    radar = page_stage.sensors(9000.0)[0] | {
+        "power_w": 5e6,
+        "scan": road.rotating(period_s=1.0, sectors=32),
+        "range_min_m": 0.0,
+        "elevation_min_deg": -10.0,
+        "elevation_max_deg": 90.0,
+        "pfa": 1e-8,
+    }
+    return road.scene([radar], page_stage.drones(drones, 8000.0), seed=8)
+
+
+async def serve(drones: int, *, with_page: bool) -> None:
+    """A child: the stage, with the page or without, until its input ends; tells its CPU time."""
+    view = View() if with_page else None
+    stage = page_stage.Stage(view, crowded(drones))
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    playing = asyncio.create_task(stage.run())
+    async with contextlib.AsyncExitStack() as stack:
+        if view is not None:
+            server = PageServer(PageAddress("127.0.0.1", 0), view, stage, lambda: stage.now_ns)
+            print(await stack.enter_async_context(serving(server)), flush=True)
+        while await reader.readline():
+            print(time.process_time(), flush=True)
+        playing.cancel()
+
+
+@contextlib.contextmanager
+def child(drones: int, *, with_page: bool) -> Iterator[subprocess.Popen[str]]:
+    """That child."""
+    mode = "page" if with_page else "bare"
+    process = subprocess.Popen(
+        [sys.executable, __file__, "--serve", mode, str(drones)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        assert process.stdin
+        process.stdin.close()
+        process.wait(10)
+
+
+def cpu_s(process: subprocess.Popen[str]) -> float:
+    """What the child has used so far."""
+    assert process.stdin
+    assert process.stdout
+    process.stdin.write("\n")
+    process.stdin.flush()
+    return float(process.stdout.readline())
+
+
+def browser_cpu_s() -> float:
+    """What all processes of the browser have used so far."""
+    total = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            name, _, rest = stat.read_text().partition(") ")
+            if "chrom" in name:
+                total += sum(int(x) for x in rest.split()[11:13])
+    return total * CLOCK_TICK_S
+
+
+def measured(drones: int) -> dict[str, float]:
+    """One run in the browser, and one without a page for comparison."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - the children need none
+
+    found: dict[str, float] = {}
+    with child(drones, with_page=True) as process, sync_playwright() as playwright:
+        assert process.stdout
+        url = process.stdout.readline().strip()
+        path = program()
+        assert path, "no Chromium is installed"
+        browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(url)
+        page.get_by_role("button", name="Truth").click()
+        page.wait_for_timeout(WARM_UP_S * 1000)
+        before = [counts(page), cpu_s(process), browser_cpu_s(), time.monotonic()]
+        page.wait_for_timeout(MEASURED_S * 1000)
+        after = [counts(page), cpu_s(process), browser_cpu_s(), time.monotonic()]
+        passed_s = after[3] - before[3]
+        found["frames"] = (after[0]["frames"] - before[0]["frames"]) / passed_s
+        found["updates"] = (after[0]["updates"] - before[0]["updates"]) / passed_s
+        found["plots"] = after[0]["plots"]
+        found["kB"] = (after[0]["octets"] - before[0]["octets"]) / passed_s / 1000
+        found["browser"] = 100 * (after[2] - before[2]) / passed_s
+        found["server"] = 100 * (after[1] - before[1]) / passed_s
+        found["paint"] = median(first_paint_ms(browser, url) for _ in range(5))
+        browser.close()
+    with child(drones, with_page=False) as process:
+        time.sleep(WARM_UP_S)
+        before_s = cpu_s(process)
+        time.sleep(MEASURED_S)
+        found["server"] -= 100 * (cpu_s(process) - before_s) / MEASURED_S
+    return found
+
+
+def counts(page: Any) -> dict[str, float]:
+    """What the page has drawn and taken so far, and how many plots are visible."""
+    script = """() => {
+      const { picture, display } = plotfeed, { plots } = picture, now = picture.nowMs(performance.now());
+      let shown = 0;
+      for (let row = plots.begin; row < plots.end; row++) shown += now - plots.shown_ms[plots.at(row)] < display.glowMs;
+      return { frames: display.framesDrawn, updates: picture.framesTaken, octets: picture.octetsTaken, plots: shown };
+    }"""
+    found: dict[str, float] = page.evaluate(script)
+    return found
+
+
+def first_paint_ms(browser: Any, url: str) -> float:
+    """From the request to the first contentful paint, with an empty cache."""
+    page = browser.new_context(viewport=WINDOW).new_page()
+    page.goto(url)
+    page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
+    script = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+    paint_ms = float(page.evaluate(script))
+    page.context.close()
+    return paint_ms
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{WINDOW['width']} by {WINDOW['height']} pixels, rendered in software; truth shown; "
+          f"{MEASURED_S:g} s each. The server's share is that of the session with the page less that "
+          "of the same session without.\n")  # fmt: skip
+    print("| drones | plots on show | frames/s | updates/s | kB/s | server, % of a core | browser, % | "
+          "first paint, ms |\n|--:|--:|--:|--:|--:|--:|--:|--:|")  # fmt: skip
+    results = [(drones, measured(drones)) for drones, _ in SIZES]
+    for drones, r in results:
+        print(f"| {drones:,} | {r['plots']:,.0f} | {r['frames']:.0f} | {r['updates']:.1f} | {r['kB']:.0f} | "
+              f"{r['server']:.1f} | {r['browser']:.0f} | {r['paint']:.0f} |")  # fmt: skip
+    first = results[0][1]
+    met = {
+        f"{AIM_FPS} frames/s": first["frames"] >= AIM_FPS,
+        f"server under {AIM_SERVER_PERCENT:g} %": first["server"] < AIM_SERVER_PERCENT,
+        f"first paint under {AIM_PAINT_MS / 1000:g} s": first["paint"] < AIM_PAINT_MS,
+    }
+    aims = "; ".join(f"{aim}: {'met' if ok else '**missed**'}" for aim, ok in met.items())
+    print(f"\nAims at {SIZES[0][0]} drones: {aims}.")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--serve"]:
+        asyncio.run(serve(int(sys.argv[3]), with_page=sys.argv[2] == "page"))
+    elif program() is None:
+        print("Not measured: no Chromium is installed.")
+    else:
+        main()

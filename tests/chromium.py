@@ -1,0 +1,60 @@
+"""The browser that this machine has, driven for tests; they skip where there is none."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+OPTIONS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+AXE = Path(__file__).parents[1] / ".node" / "node_modules" / "axe-core" / "axe.min.js"
+
+
+def program() -> str | None:
+    """Where the browser is; PLOTFEED_CHROMIUM may say."""
+    given = os.environ.get("PLOTFEED_CHROMIUM")
+    found = (shutil.which(name) for name in ((given,) if given else NAMES))
+    return next((path for path in found if path), None)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser in a folder of its own; skips the test where there is none to drive."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = program()
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def axe(page: Page) -> list[dict[str, Any]]:
+    """Rules of accessibility that the page breaks, by axe-core; skips where that is missing."""
+    if not AXE.exists():
+        pytest.skip("axe-core is not installed: npm was not there")
+    # Evaluated and not added as a script, which the page's own policy would refuse.
+    page.evaluate(AXE.read_text())
+    result: dict[str, Any] = page.evaluate("axe.run()")
+    found: list[dict[str, Any]] = result["violations"]
+    return found
