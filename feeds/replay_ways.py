@@ -7,14 +7,12 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock
 from plotfeed.feeds.impairment.settings import Link
-from plotfeed.feeds.impairment.stage import Impairment
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.outbox import Outbox
 from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.replay_outs import WayOut
 from plotfeed.feeds.replay_settings import ReplayError, ReplaySettings, is_topic
@@ -22,6 +20,9 @@ from plotfeed.feeds.replay_udp import ReplayUdp
 from plotfeed.feeds.totals import Totals
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.outbox import Outbox
 
 Properties = tuple[tuple[str, str], ...]
 MAX_LINKS = 1000
@@ -162,6 +163,9 @@ class Ways:
         if source not in self._outboxes:
             if len(self._outboxes) >= MAX_LINKS:
                 raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
+            from plotfeed.feeds.impairment.stage import Impairment  # noqa: PLC0415 - it takes long
+            from plotfeed.feeds.outbox import Outbox  # noqa: PLC0415
+
             # By the same name as in a session, so that the same seed gives the same losses.
             name = source.rpartition("/")[2]
             self._outboxes[source] = Outbox(

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plotfeed.feeds.station import SectorReport
 from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:  # else whoever only counts waits for all sensors
+    from plotfeed.feeds.station import SectorReport
 
 LATENESS_KEPT = 100_000
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
