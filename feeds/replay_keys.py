@@ -29,11 +29,11 @@ def _slower(control: ReplayControl) -> None:
 KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
     b"\x1b[C": lambda control: control.skip(SKIP_S),
     b"\x1b[D": lambda control: control.skip(-SKIP_S),
-    b" ": ReplayControl.toggle,
+    b" ": lambda control: control.toggle(),
     b"+": _faster,
     b"=": _faster,
     b"-": _slower,
-    b"q": ReplayControl.stop,
+    b"q": lambda control: control.stop(),
 }
 """What a terminal sends, and what is done then; the arrows first, for they hold other keys."""
 

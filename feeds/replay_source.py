@@ -50,7 +50,7 @@ class Reader:
         self._from_ns: int | None = None
         """Where this lap begins, if not with all others."""
         self._bounds: tuple[int | None, int | None] | None = None
-        self._is_taken: dict[tuple[str, str, Stage], bool] = {}
+        self._is_taken: dict[tuple[str, str, str], bool] = {}
         self._messages: Iterator[Recorded] | None = None
         self._first_ns: int | None = None
         self._last_ns = self._count = 0
@@ -74,9 +74,10 @@ class Reader:
             looked += 1
             octets += len(recorded.payload)
             stage = recorded.stage
-            key = (recorded.topic, recorded.content_type, stage)
+            # Its text, since the hash of an enum takes longer.
+            key = (recorded.topic, recorded.content_type, stage._value_)
             if (taken := is_taken.get(key)) is None:
-                taken = is_taken[key] = takes(*key)
+                taken = is_taken[key] = takes(recorded.topic, recorded.content_type, stage)
             if taken:
                 t_ns = recorded.publish_time_ns if stage is BEFORE else recorded.log_time_ns
                 if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
