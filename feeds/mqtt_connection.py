@@ -128,19 +128,20 @@ class Connection:
         """Hand a message of QoS 0 to the socket, where there is room."""
         parcel.leave()
         self._client.publish(self._packed(parcel.message))
-        if self._unsent.given():
+        if self._unsent.given(len(parcel.message.payload)):
             parcel.settle(delivered=True)
         else:
             self._unsent.keep(parcel)
 
     def send_until_acknowledged(self, entry: Entry) -> None:
         """The same with one of QoS 1; it is kept until the broker has answered."""
+        message = entry.parcel.message
         entry.sent = True
         entry.parcel.leave()
         self._in_flight.sending = entry
-        self._client.publish(self._packed(entry.parcel.message))
+        self._client.publish(self._packed(message))
         self._in_flight.sending = None
-        self._unsent.given()
+        self._unsent.given(len(message.payload))
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""

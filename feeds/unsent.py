@@ -18,7 +18,10 @@ GIVE_UP_S = 20.0
 
 
 class Unsent:
-    """Watches the buffer of one transport; messages of QoS 0 are delivered when it is empty."""
+    """Watches the buffer of one transport; a message of QoS 0 is delivered when it has left that.
+
+    Octets that are written unseen, such as pings, or that TLS adds, can only make it seem later.
+    """
 
     def __init__(
         self,
@@ -36,9 +39,13 @@ class Unsent:
         self._transport = transport
         self._on_room = on_room
         self._now_s = now_s
-        self._parcels: deque[Parcel] = deque()
+        self._parcels: deque[tuple[int, Parcel]] = deque()
         self._holds = False
         self._octets = 0
+        """In the buffer, at the last look."""
+        self._given = 0
+        """Octets since it began to hold any."""
+        self._only_began = False
         protocol.pause_writing = self._hold
         protocol.resume_writing = self._release
         transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
@@ -65,21 +72,27 @@ class Unsent:
             and not self._transport.is_closing()
         )
 
-    def given(self) -> bool:
-        """It has been given something; whether it has taken that at once."""
-        if self._holds:
-            self._octets = self.octets
-        return not self._holds
+    def given(self, octets: int) -> bool:
+        """At least so many have been written, when there was room; whether all have left."""
+        if not self._holds:
+            return True
+        before, self._octets = self._octets, self.octets
+        if self._only_began:
+            self._only_began = False
+        else:
+            self._given += max(self._octets - before, octets)
+        self._settle_taken()
+        return False
 
     def keep(self, parcel: Parcel) -> None:
-        """Remember what was given and not taken at once."""
-        self._parcels.append(parcel)
+        """The one that was given last, and has not left."""
+        self._parcels.append((self._given, parcel))
 
     def give_up(self) -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""
         lost = len(self._parcels)
         while self._parcels:
-            self._parcels.popleft().settle(delivered=False)
+            self._parcels.popleft()[1].settle(delivered=False)
         return lost
 
     def is_stuck(self) -> bool:
@@ -87,6 +100,7 @@ class Unsent:
         if not self._holds and not self._transport.is_closing():
             return False
         self._look()
+        self._settle_taken()
         return self._now_s() - self.moved_s > GIVE_UP_S
 
     def _look(self) -> None:
@@ -95,14 +109,20 @@ class Unsent:
             self.moved_s = self._now_s()
         self._octets = octets
 
+    def _settle_taken(self) -> None:
+        taken = self._given - self._octets
+        while self._parcels and self._parcels[0][0] <= taken:
+            self._parcels.popleft()[1].settle(delivered=True)
+
     def _hold(self) -> None:
-        self._holds = True
-        self._octets = self.octets
+        self._holds = self._only_began = True
+        self._octets = self._given = self.octets
         self.moved_s = self._now_s()
 
     def _release(self) -> None:
         self._holds = False
+        self._octets = 0
         self.moved_s = self._now_s()
         for _ in range(len(self._parcels)):
-            self._parcels.popleft().settle(delivered=True)
+            self._parcels.popleft()[1].settle(delivered=True)
         self._on_room()

@@ -28,7 +28,7 @@ def free_port() -> int:
 @contextmanager
 def mosquitto(
     folder: Path, port: int, settings: str | None = None, *, per_listener: bool = True
-) -> Iterator[None]:
+) -> Iterator[subprocess.Popen[bytes]]:
     """Mosquitto on that port, for MQTT 3.1.1 and 5; skips the test where it is not installed.
 
     `settings` stand instead of a listener on loopback for everybody.
@@ -48,7 +48,7 @@ def mosquitto(
     )
     try:
         wait_until_listening(port)
-        yield
+        yield broker
     finally:
         broker.terminate()
         broker.wait(PATIENCE_S)
@@ -66,7 +66,9 @@ def password_file(folder: Path, username: str, password: str) -> Path:
 
 
 @contextmanager
-def rumqttd(folder: Path, listeners: dict[str, tuple[str, int, str]]) -> Iterator[None]:
+def rumqttd(
+    folder: Path, listeners: dict[str, tuple[str, int, str]]
+) -> Iterator[subprocess.Popen[bytes]]:
     """iotcore's broker; listeners are named v4.1, v5.1, ...: host, port, more tables."""
     tables = [
         "id = 0\n[router]\nid = 0\nmax_connections = 100\nmax_outgoing_packet_count = 1000\n"
@@ -90,7 +92,7 @@ def rumqttd(folder: Path, listeners: dict[str, tuple[str, int, str]]) -> Iterato
     try:
         for host, port, _ in listeners.values():
             wait_until_listening(port, host)
-        yield
+        yield broker
     finally:
         broker.terminate()
         broker.wait(PATIENCE_S)
