@@ -181,6 +181,8 @@ def _message(flow: Flow) -> dict[str, Any]:
 
 
 def _payload(flow: Flow) -> dict[str, Any]:
+    if flow.schema is not None:
+        return dict(flow.schema)
     if flow.content_type == JSON:
         descriptor = pb.DESCRIPTOR.message_types_by_name[flow.message.rpartition(".")[2]]
         return json_schema(descriptor, flow.required)

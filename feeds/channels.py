@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, get_args
 
+from plotfeed.feeds.control import Command
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
 from plotfeed.feeds.message import JSON, PROTOBUF
@@ -54,6 +55,8 @@ class Flow:
     inbound: bool = False
     required: tuple[str, ...] | None = None
     """Keys of JSON; None is what protobuf always writes."""
+    schema: Mapping[str, Any] | None = None
+    """Of JSON that is no protobuf message."""
 
 
 def flows() -> list[Flow]:
@@ -64,7 +67,7 @@ def flows() -> list[Flow]:
             before = found.get(flow.name)
             sensors = {*flow.sensors, *(before.sensors if before else ())}
             found[flow.name] = _with_sensors(flow, sensors)
-    return [*found.values(), *_of_session(), *_telemetry()]
+    return [*found.values(), *_of_session(), *_telemetry(), _control()]
 
 
 def types_that_report(name: str) -> tuple[str, ...]:
@@ -155,6 +158,34 @@ def _of_session() -> Iterator[Flow]:
         retain=True,
     )
     yield Flow(
+        name="settings",
+        address="{prefix}/{sensor}/settings",
+        content_type=JSON,
+        summary="What the keys of a sensor are at the moment, and which control has changed.",
+        attributes=OF_SENSOR,
+        kind="plotfeed.settings",
+        qos=1,
+        retain=True,
+        schema=_object(sensor="string", time_utc="string", controlled="object", in_force="object"),
+    )
+    yield Flow(
+        name="session",
+        address="{prefix}/session",
+        content_type=JSON,
+        summary="Which scene runs, and since when.",
+        kind="plotfeed.session",
+        qos=1,
+        retain=True,
+        schema=_object(
+            scene="string",
+            seed="integer",
+            start_utc="string",
+            start_utc_ns="integer",
+            sensors="array",
+            plotfeed="string",
+        ),
+    )
+    yield Flow(
         name="truth",
         address="{prefix}/truth",
         content_type=f"{PROTOBUF}; messageType={OURS}.Ledger",
@@ -169,11 +200,11 @@ def _of_session() -> Iterator[Flow]:
         name="errors",
         address="{prefix}/errors",
         content_type=JSON,
-        summary="Telemetry that was refused, and why.",
+        summary="Telemetry or a command that was refused, and why.",
         message=f"{OURS}.Refusal",
         kind="plotfeed.errors",
         qos=0,
-        needs="telemetry was refused",
+        needs="something was refused",
     )
     yield _asterix(
         129,
@@ -181,6 +212,40 @@ def _of_session() -> Iterator[Flow]:
         address=f"{{prefix}}/{COOPERATIVE}/asterix/129",
         attributes=("drone",),
         needs="the scene has [cooperative]",
+    )
+
+
+def _object(**types: str) -> dict[str, Any]:
+    """The schema of an object that has all of those keys."""
+    properties = {name: {"type": kind} for name, kind in types.items()}
+    return {"type": "object", "properties": properties, "required": list(properties)}
+
+
+def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema of pydantic's with its definitions where they are referred to."""
+    definitions = schema.pop("$defs", {})
+
+    def inlined(value: Any) -> Any:
+        if isinstance(value, list):
+            return [inlined(inner) for inner in value]
+        if not isinstance(value, dict):
+            return value
+        if "$ref" in value:
+            return inlined(definitions[value["$ref"].rpartition("/")[2]])
+        return {key: inlined(inner) for key, inner in value.items()}
+
+    inside: dict[str, Any] = inlined(schema)
+    return inside
+
+
+def _control() -> Flow:
+    return Flow(
+        name="control",
+        address="{prefix}/control",
+        content_type=JSON,
+        summary="What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
+        inbound=True,
+        schema=_inlined(Command.model_json_schema()),
     )
 
 

@@ -19,6 +19,7 @@ from road import START_NS, held, radar, rotating, staring, waypoint
 from plotfeed.feeds.asyncapi import document
 from plotfeed.feeds.channels import ASTERIX, REQUIRED, reports_of_types
 from plotfeed.feeds.clock import WallClock
+from plotfeed.feeds.control import parsed
 from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.report import Refused
@@ -282,9 +283,23 @@ def test_what_a_session_publishes_is_what_the_document_says(
         if described["contentType"] == "application/json":
             jsonschema.validate(json.loads(message.payload), described["payload"])
     assert seen == set(sends(api))
-    expected = {f"{PREFIX}/{s['id']}/status" for s in SENSORS}
-    assert retained == expected
-    assert [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]] == ["sendStatus"]
+    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in ("status", "settings")}
+    assert retained == {f"{PREFIX}/session", *of_sensors}
+    keeps = [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]]
+    assert keeps == ["sendStatus", "sendSettings", "sendSession"]
+
+
+def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:
+    schema = api["components"]["messages"]["control"]["payload"]
+    for command in (
+        {"sensor": "radar", "set": {"link": {"latency_ms": 250}}},
+        {"sensor": "radar", "reset": True},
+        {"clock": {"speed": 10}},
+    ):
+        jsonschema.validate(command, schema)
+        assert parsed(json.dumps(command).encode())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({"clock": {"sped": 10}}, schema)
 
 
 def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
