@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-SIZE_POINTS = 7.5
-MARKER_PIXELS = 7.0
-GAP_PIXELS = 9.0
+STYLE = {"fontsize": 7.5, "linespacing": 1.2, "va": "bottom", "ha": "left"}
+MARKER_PIXELS = 8.0
+GAP_PIXELS = 10.0
 REACHES = (1.0, 2.0, 3.5, 5.5, 8.0, 11.0, 15.0)
 """How far labels may move away, in gaps."""
 Box = tuple[float, float, float, float]
@@ -32,9 +32,7 @@ def place_labels(axes: Any, labels: Sequence[Label], renderer: Any) -> None:
     within = axes.get_window_extent(renderer)
     frame = (within.x0, within.y0, within.x1, within.y1)
     for label, (x, y) in zip(labels, points, strict=True):
-        text = axes.annotate(
-            label.text, (label.x, label.y), fontsize=SIZE_POINTS, color=label.color, zorder=6
-        )
+        text = axes.annotate(label.text, (label.x, label.y), **STYLE)
         extent = text.get_window_extent(renderer)
         text.remove()
         best = min(
@@ -57,10 +55,9 @@ def _write(axes: Any, label: Label, point: tuple[float, float], box: Box) -> Non
         (label.x, label.y),
         xytext=offset,
         textcoords="offset points",
-        fontsize=SIZE_POINTS,
+        **STYLE,
         color=label.color,
         zorder=6,
-        linespacing=1.25,
         annotation_clip=False,
         arrowprops={"arrowstyle": "-", "lw": 0.5, "color": label.color, "alpha": 0.6, "shrinkA": 0}
         if far

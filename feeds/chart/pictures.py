@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,11 @@ from plotfeed.proto.errors import PlotfeedError
 
 COLUMNS = 2
 PANEL_INCHES = (6.6, 4.7)
-LEFT_INCHES, RIGHT_INCHES, BELOW_INCHES, ABOVE_INCHES = 0.75, 0.15, 0.55, 0.4
+LEFT_INCHES, RIGHT_INCHES, BELOW_INCHES, ABOVE_INCHES = 0.95, 0.15, 0.55, 0.4
 TITLE_INCHES, LEGEND_INCHES = 0.4, 0.5
 DPI = 110
-LEAST_SHARE = 1e-12
-"""Smaller shares are drawn there."""
+LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e6
+"""Smaller shares are none, and larger ones are drawn there."""
 SCENE, FRONT, OTHER, CHEAP, QUIET = "#c2410c", "#1d4ed8", "#64748b", "#15803d", "#94a3b8"
 INK = "#1e293b"
 COST_LABEL = "ns a target-scan"
@@ -111,15 +112,15 @@ def _legend(figure: Any, columns: int) -> None:
 
 
 def _stage_panel(sensor: ChartedSensor, stage: MeasuredStage, axes: Any) -> list[Label]:
-    _own_title(sensor, axes)
     ns = np.array([way.time.median_ns for way in stage.ways])
-    shares = _drawn([way.share for way in stage.ways])
+    scale = _Shares.of([way.share for way in stage.ways])
+    shares = scale.drawn([way.share for way in stage.ways])
     for i, way in enumerate(stage.ways):
         span_ns = ([ns[i] - way.time.low_ns], [way.time.high_ns - ns[i]])
         axes.errorbar([ns[i]], [shares[i]], xerr=span_ns, color=QUIET, lw=1, zorder=1)
     _scatter(axes, ns, shares, [way.alternative.ours for way in stage.ways], stage.front)
-    _front_line(axes, ns[list(stage.front)], shares[list(stage.front)])
-    _scales(axes, ns, shares)
+    front = list(stage.front)
+    _finish(axes, sensor, scale, ns, (ns[front], shares[front]))
     return [
         Label(
             x=float(x),
@@ -132,23 +133,21 @@ def _stage_panel(sensor: ChartedSensor, stage: MeasuredStage, axes: Any) -> list
 
 
 def _whole_panel(sensor: ChartedSensor, axes: Any) -> list[Label]:
-    _own_title(sensor, axes)
-    whole = sensor.whole
-    shares = _drawn(whole.shares)
-    axes.scatter(whole.ns, shares, s=3, color=QUIET, alpha=0.25, lw=0, rasterized=True)
-    front = whole.front
-    _front_line(axes, np.array([c.ns for c in front]), _drawn([c.share for c in front]))
+    whole, front = sensor.whole, sensor.whole.front
+    scale = _Shares.of([*whole.shares, whole.scene.share])
+    axes.scatter(
+        whole.ns, scale.drawn(whole.shares), s=3, color=QUIET, alpha=0.25, lw=0, rasterized=True
+    )
     marked = [("as the scene has it", whole.scene, SCENE, "D")]
     if whole.cheapest is not None:
         marked.append(("the cheapest that adds little", whole.cheapest, CHEAP, "o"))
     labels = []
     for text, found, color, marker in marked:
-        (y,) = _drawn([found.share])
+        (y,) = scale.drawn([found.share])
         axes.scatter([found.ns], [y], s=70, color=color, marker=marker, zorder=5)
         labels.append(Label(x=found.ns, y=float(y), text=_told(text, found), color=color))
-    _scales(
-        axes, np.append(whole.ns, whole.scene.ns), np.append(shares, _drawn([whole.scene.share]))
-    )
+    steps = np.array([c.ns for c in front]), scale.drawn([c.share for c in front])
+    _finish(axes, sensor, scale, np.append(whole.ns, whole.scene.ns), steps)
     return labels
 
 
@@ -189,57 +188,71 @@ def _scatter(
         axes.scatter([x], [y], s=60, color=color, marker="D" if ours[i] else "o", zorder=4)
 
 
-def _front_line(axes: Any, ns: Floats, shares: Floats) -> None:
-    """In steps: what is on it is the best at its cost and at any higher one up to the next."""
-    axes.step(ns, shares, where="post", color=FRONT, lw=1.2, alpha=0.7, zorder=2)
+@dataclass(frozen=True, slots=True)
+class _Shares:
+    """A logarithmic axis of shares, on which no error lies a step below the least one."""
+
+    none: float
+    has_none: bool
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, shares: Sequence[float]) -> _Shares:
+        """Room for those, and for the tenth below which errors do not matter."""
+        some = [min(s, LARGEST_SHARE) for s in shares if s > LEAST_SHARE] or [LITTLE]
+        none = 10.0 ** (np.floor(np.log10(min(*some, LITTLE))) - 1)
+        has_none = any(s <= LEAST_SHARE for s in shares)
+        low = none / 5 if has_none else min(*some, LITTLE) / 20
+        return cls(float(none), has_none, float(low), float(max(*some, LITTLE) * 30))
+
+    def drawn(self, shares: Any) -> Floats:
+        """Where they are drawn."""
+        values = np.minimum(np.asarray(shares, dtype=np.float64), LARGEST_SHARE)
+        return np.where(values > LEAST_SHARE, values, self.none)
 
 
-def _scales(axes: Any, ns: Floats, shares: Floats) -> None:
-    """Logarithmic, with room for labels, and the tenth below which errors do not matter."""
+def _finish(
+    axes: Any, sensor: ChartedSensor, scale: _Shares, ns: Floats, front: tuple[Floats, Floats]
+) -> None:
+    """Axes, the front in steps, and the tenth below which errors do not matter."""
+    axes.set_title(f"its own: {errors_text(sensor.own)}", fontsize=8, loc="right", color=OTHER)
+    axes.step(*front, where="post", color=FRONT, lw=1.2, alpha=0.7, zorder=2)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(ns.min() / 2.5, ns.max() * 4)
-    axes.set_ylim(min(shares.min(), LITTLE) / 30, max(shares.max(), LITTLE) * 30)
+    axes.set_ylim(scale.low, scale.high)
     axes.axhline(LITTLE, color=CHEAP, ls="--", lw=1, zorder=0)
-    axes.axhspan(axes.get_ylim()[0], LITTLE, color=CHEAP, alpha=0.05, zorder=0, lw=0)
+    axes.axhspan(scale.low, LITTLE, color=CHEAP, alpha=0.05, zorder=0, lw=0)
     _log_axis(axes.xaxis, axes.get_xlim())
-    _log_axis(axes.yaxis, axes.get_ylim(), least=LEAST_SHARE)
+    _log_axis(axes.yaxis, (scale.low, scale.high), none=scale.none * scale.has_none)
     axes.set_xlabel(COST_LABEL)
     axes.set_ylabel(SHARE_LABEL)
     axes.grid(visible=True, alpha=0.2)
 
 
-def _log_axis(axis: Any, limits: tuple[float, float], least: float = 0.0) -> None:
-    """Ticks at powers of ten, between them too where there are few; no value is below `least`."""
+def _log_axis(axis: Any, limits: tuple[float, float], none: float = 0.0) -> None:
+    """Ticks at powers of ten, between them too where there are few; nothing is at `none`."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # noqa: PLC0415
 
     low, high = np.log10(limits[0]), np.log10(limits[1])
     powers = np.arange(np.ceil(low), np.floor(high) + 1)
     step = max(1, round(len(powers) / 8))
-    ticks = [10.0**p for p in powers if p % step == 0 and 10.0**p >= least * 0.999]
+    ticks = [10.0**p for p in powers if p % step == 0]
     if high - low < 2.5:
         ticks = [m * 10.0**p for p in np.arange(np.floor(low), high) for m in (1, 2, 5)]
-        ticks = [t for t in ticks if limits[0] <= t <= limits[1]]
+    ticks = [none, *(t for t in ticks if limits[0] <= t <= limits[1] and t > none * 2)]
 
     def text(value: float, _: int) -> str:
-        return f"≤{_number(value)}" if least and value <= least * 1.001 else _number(value)
+        return "none" if value == none else _number(value)
 
-    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_locator(FixedLocator(ticks[0 if none else 1 :]))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(text))
 
 
 def _number(value: float) -> str:
     """As people write it, and very large and very small ones as powers of ten."""
-    if 1e-3 <= value < 1e6:
+    if 1e-3 <= value < 1e7:
         return f"{value:,.0f}" if value >= 1 else f"{value:g}"
     return f"$10^{{{round(np.log10(value))}}}$"
-
-
-def _own_title(sensor: ChartedSensor, axes: Any) -> None:
-    axes.set_title(f"its own: {errors_text(sensor.own)}", fontsize=8, loc="right", color=OTHER)
-
-
-def _drawn(shares: Any) -> Floats:
-    """Where shares are drawn: none below the least, none beyond all measure."""
-    return np.clip(np.asarray(shares, dtype=np.float64), LEAST_SHARE, 1e6)

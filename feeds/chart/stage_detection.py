@@ -15,7 +15,7 @@ from plotfeed.models.detection import draw_hits
 from plotfeed.models.state import Bools, Floats, Targets
 
 OURS = "closed form"
-MOST_NUMBERS = 1 << 22
+MOST_NUMBERS = 1 << 20
 """That one call of a Monte Carlo may draw."""
 Way = Callable[[], AnyFloats]
 
