@@ -24,8 +24,9 @@ BENCHMARKS = {
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
     "bench_mqtt.py": "MQTT clients",
+    "bench_log.py": "Recordings",
 }
-LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "gmqtt", "iotcore")
+LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "gmqtt", "iotcore", "mcap", "zstandard")
 
 
 def processor() -> str:
