@@ -9,6 +9,8 @@ from plotfeed.proto.errors import DecodeError
 
 Properties = tuple[tuple[str, str], ...]
 
+_decode = json.JSONDecoder().raw_decode  # json.loads looks for other encodings first
+
 
 def properties_to_json(properties: Properties) -> bytes:
     """An object; a list of pairs if a name is there twice. Raises `UnicodeEncodeError`.
@@ -24,9 +26,12 @@ def properties_to_json(properties: Properties) -> bytes:
 def properties_of_json(data: bytes) -> Properties:
     """The same back; raises `DecodeError`."""
     try:
-        found = json.loads(data)
+        text = data.decode()
+        found, end = _decode(text)
     except (ValueError, RecursionError):
         raise DecodeError("user properties: expected JSON") from None
+    if end != len(text):
+        raise DecodeError("user properties: expected JSON and nothing behind it")
     if isinstance(found, dict):
         pairs = tuple(found.items())
     elif isinstance(found, list) and all(isinstance(p, list) and len(p) == 2 for p in found):

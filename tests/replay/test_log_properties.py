@@ -34,6 +34,7 @@ def test_without_a_name_twice_it_is_the_object_that_anybody_would_write(
         b"\xff",
         b"7",
         b'"a"',
+        b"{} ",
         b'{"a": 1}',
         b'[["a", "b", "c"]]',
         b'[["a", 1]]',

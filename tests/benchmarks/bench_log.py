@@ -1,0 +1,212 @@
+"""The native log beside the official MCAP library: writing, reading, and finding a time.
+
+    python tests/benchmarks/bench_log.py [messages to find a time in]
+
+Both write zstd chunks of 256 KiB with an index to memory, in turns. Payloads are half noise. The
+file in which a time is found lies in the folder for temporary files and is deleted again.
+"""
+
+from __future__ import annotations
+
+import io
+import random
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.log_writer import CHUNK_OCTETS, LogWriter
+from plotfeed.replay.recorded import Recorded, Stage
+
+REPEATS = 5
+PAYLOAD_OCTETS = 10_000_000
+"""Of all messages of a turn, about."""
+MESSAGES_TO_SEEK = 5_000_000
+SEEK_AIM_MS = 50
+START_NS, STEP_NS = 1_767_268_800_000_000_000, 50_000
+TOPICS = [f"plotfeed/sensor-{n}/asterix/048" for n in range(8)]
+PROPERTIES = (
+    ("specversion", "1.0"),
+    ("source", "plotfeed/sensor-0"),
+    ("type", "plotfeed.asterix.048"),
+    ("time", "2026-01-01T12:00:00.123456789Z"),
+    ("sensor", "sensor-0"),
+)
+
+
+def recorded(n: int, payload: bytes, *, with_properties: bool = False) -> Recorded:
+    """The nth message."""
+    more = (*PROPERTIES, ("id", f"asterix-048-{n}"), ("scan", str(n // 64)), ("sector", str(n % 8)))
+    return Recorded(
+        topic=TOPICS[n % len(TOPICS)],
+        payload=payload,
+        log_time_ns=START_NS + n * STEP_NS,
+        publish_time_ns=START_NS + n * STEP_NS - 1000,
+        content_type="application/x-asterix; cat=48",
+        properties=more if with_properties else (),
+        stage=Stage.AFTER,
+    )
+
+
+def payloads(octets: int) -> list[bytes]:
+    """Half of each is noise; a chunk holds none twice."""
+    rng = random.Random(1)  # noqa: S311
+    half = octets // 2
+    return [rng.randbytes(half) + bytes(octets - half) for _ in range(600_000 // octets)]
+
+
+def write_ours(messages: list[Recorded]) -> bytes:
+    """As a session does, but compressing at once."""
+    file = io.BytesIO()
+    writer = LogWriter(file)
+    for message in messages:
+        writer.write(message)
+    writer.close()
+    return file.getvalue()
+
+
+def write_official(messages: list[Recorded]) -> bytes:
+    """The same messages without their properties."""
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=CHUNK_OCTETS)
+    writer.start()
+    channels: dict[str, int] = {}
+    for n, message in enumerate(messages):
+        channel = channels.get(message.topic)
+        if channel is None:
+            metadata = {"content_type": message.content_type}
+            channel = writer.register_channel(message.topic, "asterix", 0, metadata)
+            channels[message.topic] = channel
+        writer.add_message(
+            channel, message.log_time_ns, message.payload, message.publish_time_ns, n
+        )
+    writer.finish()
+    return file.getvalue()
+
+
+def read_ours(data: bytes) -> int:
+    """How many messages."""
+    return sum(1 for _ in LogReader(io.BytesIO(data)).messages())
+
+
+def read_official(data: bytes) -> int:
+    """How many messages."""
+    return sum(1 for _ in make_reader(io.BytesIO(data), validate_crcs=True).iter_messages())
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """That one call takes."""
+    began = time.perf_counter()
+    call()
+    return time.perf_counter() - began
+
+
+def throughput(octets: int) -> None:
+    """Prints the lines of one size of payload."""
+    pool, count = payloads(octets), PAYLOAD_OCTETS // (octets + 100)
+    plain = [recorded(n, pool[n % len(pool)]) for n in range(count)]
+    rich = [recorded(n, pool[n % len(pool)], with_properties=True) for n in range(count)]
+    ways: dict[str, tuple[Callable[[], bytes], Callable[[bytes], int]]] = {
+        "official mcap": (lambda: write_official(plain), read_official),
+        "plotfeed": (lambda: write_ours(plain), read_ours),
+        "plotfeed, with 8 user properties": (lambda: write_ours(rich), read_ours),
+    }
+    writing: dict[str, list[float]] = {name: [] for name in ways}
+    reading: dict[str, list[float]] = {name: [] for name in ways}
+    sizes = {}
+    for _ in range(REPEATS):
+        for name, (write, read) in ways.items():
+            written: list[bytes] = []
+            writing[name].append(seconds(lambda: written.append(write())))  # noqa: B023
+            assert read(written[0]) == count
+            reading[name].append(seconds(lambda: read(written[0])))  # noqa: B023
+            sizes[name] = len(written[0]) / count / octets
+    base = [statistics.median(times["official mcap"]) for times in (writing, reading)]
+    for name in ways:
+        cells = [
+            f"{_rates(times[name], count)} | {first / statistics.median(times[name]):.1f}"
+            for times, first in zip((writing, reading), base, strict=True)
+        ]
+        print(f"| {name} | {octets} | {' | '.join(cells)} | {sizes[name]:.2f} |", flush=True)
+
+
+def _rates(times: list[float], count: int) -> str:
+    rates = sorted(count / each / 1e3 for each in times)
+    return f"{statistics.median(rates):.0f} ({rates[0]:.0f} to {rates[-1]:.0f})"
+
+
+def hand_over() -> None:
+    """How long a chunk holds up whoever records, and the thread that compresses it."""
+    message = recorded(0, payloads(100)[0])
+    works: list[Callable[[], None]] = []
+    ending, storing = [], []
+    writer = LogWriter(io.BytesIO(), run=works.append)
+    for _ in range(200):
+        while writer._octets < CHUNK_OCTETS - 200:
+            writer.write(message)
+        ending.append(seconds(writer.flush))
+        storing.append(seconds(works.pop()))
+    print(
+        f"\nA chunk of {CHUNK_OCTETS >> 10} KiB keeps whoever records for "
+        f"{statistics.median(ending) * 1e6:.0f} µs; compressing and writing it takes a thread "
+        f"{statistics.median(storing) * 1e3:.2f} ms."
+    )
+
+
+def seek(count: int) -> None:
+    """Opening a large file and its first message in the middle."""
+    pool = payloads(100)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "large.mcap"
+        with path.open("wb") as file:
+            writer = LogWriter(file)
+            for n in range(count):
+                writer.write(recorded(n, pool[n % len(pool)]))
+            writer.close()
+        middle_ns = START_NS + count // 2 * STEP_NS
+        ours, official = [], []
+        for _ in range(2 * REPEATS + 1):
+            ours.append(seconds(lambda: _ours_at(path, middle_ns)) * 1e3)
+            official.append(seconds(lambda: _official_at(path, middle_ns)) * 1e3)
+        size = path.stat().st_size
+    ours_ms, official_ms = statistics.median(ours), statistics.median(official)
+    met = "met" if ours_ms < SEEK_AIM_MS else "**missed**"
+    print(
+        f"\nOpening a file of {count:,} messages ({size / 1e6:.0f} MB) and its first message in "
+        f"the middle: {ours_ms:.1f} ms ({min(ours):.1f} to {max(ours):.1f}), the official library "
+        f"{official_ms:.0f} ms ({min(official):.0f} to {max(official):.0f}). "
+        f"Aim: {SEEK_AIM_MS} ms: {met}."
+    )
+
+
+def _ours_at(path: Path, t_ns: int) -> None:
+    with LogReader(path) as reader:
+        assert next(reader.messages(t_ns)).log_time_ns == t_ns
+
+
+def _official_at(path: Path, t_ns: int) -> None:
+    with path.open("rb") as file:
+        _, _, message = next(make_reader(file).iter_messages(starting_at=t_ns))
+        assert message.log_time == t_ns
+
+
+def main(count: int) -> None:
+    """Print everything."""
+    print(f"Thousand messages a second: median (least to most) of {REPEATS} repeats; × is times")
+    print("as fast as the official library. Size is that of the file by that of the payloads.\n")
+    print("| | octets | write | × | read | × | size |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
+    for octets in (100, 1400):
+        throughput(octets)
+    hand_over()
+    seek(count)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else MESSAGES_TO_SEEK)
