@@ -34,7 +34,7 @@ from plotfeed.feeds.report import Reason, Refused
 from plotfeed.feeds.sapient import extra as sapient_extra
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.session_brokers import brokers_of
+from plotfeed.feeds.session_brokers import Brokers, brokers_of
 from plotfeed.feeds.station import SectorReport, Station
 from plotfeed.feeds.totals import Totals
 from plotfeed.feeds.udp import UdpLink
@@ -117,22 +117,42 @@ async def run(
     `tap` sees every message as it leaves; `on_ready` is told where to connect once everything
     stands, and is given the totals that grow from then on.
     """
-    clock = clock or WallClock(scene.scene.start_utc_ns)
-    totals = Totals()
-    extras = extras or Extras(tap=tap)
+    async with brokers_of(scene, broker) as brokers:
+        return await run_over(
+            brokers,
+            scene,
+            clock=clock or WallClock(scene.scene.start_utc_ns),
+            duration_s=duration_s,
+            stop=stop,
+            extras=extras or Extras(tap=tap),
+            on_ready=on_ready,
+        )
+
+
+async def run_over(
+    brokers: Brokers,
+    scene: Scene,
+    *,
+    clock: Clock,
+    duration_s: float | None = None,
+    stop: asyncio.Event | None = None,
+    extras: Extras,
+    on_ready: Callable[[dict[str, str], Totals], None] | None = None,
+) -> Totals:
+    """The same over brokers that outlast the session; closes the clock."""
+    totals, (addresses, urls) = Totals(), brokers
     try:
-        async with brokers_of(scene, broker) as (addresses, urls):
-            session = Session(scene, clock, addresses, totals, extras)
-            with contextlib.ExitStack() as observed:
-                for observer in extras.observers:
-                    observed.callback(observer.ended)
-                if extras.metrics_port is not None:
-                    observed.enter_context(metrics.served(session, extras.metrics_port))
-                await session.run(
-                    scene.scene.duration_s if duration_s is None else duration_s,
-                    stop,
-                    lambda: on_ready and on_ready(urls, totals),
-                )
+        session = Session(scene, clock, addresses, totals, extras)
+        with contextlib.ExitStack() as observed:
+            for observer in extras.observers:
+                observed.callback(observer.ended)
+            if extras.metrics_port is not None:
+                observed.enter_context(metrics.served(session, extras.metrics_port))
+            await session.run(
+                scene.scene.duration_s if duration_s is None else duration_s,
+                stop,
+                lambda: on_ready and on_ready(urls, totals),
+            )
     except ExceptionGroup as group:  # of the task group: whoever called wants what went wrong
         raise _cause(group) from None
     finally:

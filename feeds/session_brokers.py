@@ -17,10 +17,12 @@ LINGER_S = 0.3
 """The embedded broker stays on for so long, to pass on the last messages."""
 
 
+Brokers = tuple[list[BrokerAddress], dict[str, str]]
+"""Where to publish, and what to call it."""
+
+
 @contextlib.asynccontextmanager
-async def brokers_of(
-    scene: Scene, broker: str | None
-) -> AsyncIterator[tuple[list[BrokerAddress], dict[str, str]]]:
+async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]:
     """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
     url = broker or scene.mqtt.broker
     if url == NO_BROKER:
