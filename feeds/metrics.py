@@ -53,6 +53,9 @@ class SessionCollector:
         for name, text in COUNTERS.items():
             yield CounterMetricFamily(f"plotfeed_{name}", text, value=getattr(totals, name))
         yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
+        yield GaugeMetricFamily(
+            "plotfeed_inbox", "Messages that wait to be taken in", value=len(self._session.inbox)
+        )
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
         )

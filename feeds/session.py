@@ -187,9 +187,10 @@ class Session:
         launch(scene, self.trajectories, self.start_ns)
         self._links: list[Connection] = []
         self._udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
+        self.inbox = Inbox(self.take)
         self._engine = Engine(
             clock,
-            inbox=Inbox(self.take),
+            inbox=self.inbox,
             drain=self._drain,
             recorded=extras.recorded(self) if extras.recorded else None,
         )
