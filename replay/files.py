@@ -13,8 +13,8 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.asterix_payload import HEADER_OCTETS
 from plotfeed.replay.final import TRAILER, FinalReader, FinalWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap import FORMATS as PCAP_FORMATS
 from plotfeed.replay.pcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap_header import FORMATS as PCAP_FORMATS
 from plotfeed.replay.pcapng import SECTION, PcapngReader
 from plotfeed.replay.raw import RawReader, RawWriter
 from plotfeed.replay.recorded import Damage, Recorded

@@ -21,7 +21,7 @@ _COOKED = {COOKED: (14, 16), COOKED_2: (0, 20)}  # where the protocol is, and th
 
 UDP_PROTOCOL, FRAGMENT = 17, 44
 _MEASURED = (0, 43, 60)  # IPv6 extensions with a length: hop by hop, routing, destination
-IPV4_OCTETS = 20
+IPV4_OCTETS, IPV6_OCTETS = 20, 40
 UDP_OCTETS = 8
 MORE_FRAGMENTS_OR_OFFSET = 0x3FFF
 
@@ -34,6 +34,8 @@ class Datagram(NamedTuple):
     destination: str
     port: int
     payload: bytes
+    payload_at: int
+    """Octet of the packet."""
 
 
 def datagram_in(link_type: int, packet: bytes) -> Datagram | None:
@@ -42,7 +44,7 @@ def datagram_in(link_type: int, packet: bytes) -> Datagram | None:
     Raises `DecodeError` for UDP that is not all there: cut, or a fragment.
     """
     try:
-        found = _network(link_type, packet)
+        found = network_in(link_type, packet)
         if found is None:
             return None
         protocol, at = found
@@ -51,8 +53,11 @@ def datagram_in(link_type: int, packet: bytes) -> Datagram | None:
         raise DecodeError(f"a packet of {len(packet)} octets ends within its headers") from None
 
 
-def _network(link_type: int, packet: bytes) -> tuple[int, int] | None:
-    """Which IP it is and where it begins; None if it is not IP."""
+def network_in(link_type: int, packet: bytes) -> tuple[int, int] | None:
+    """Which IP a packet carries and where it begins; None if it carries none.
+
+    Raises `IndexError` or `struct.error` for a packet that ends before it.
+    """
     if link_type == ETHERNET:
         return _untagged(packet, 12, 14)
     if link_type in _COOKED:
@@ -94,7 +99,7 @@ def _of_ipv6(packet: bytes, at: int) -> Datagram | None:
     if first >> 4 != 6:
         return None
     source, destination = packet[at + 8 : at + 24], packet[at + 24 : at + 40]
-    at += 40
+    at += IPV6_OCTETS
     packet = packet[: at + length] if length else packet
     while protocol in _MEASURED:
         protocol, octets = packet[at], 8 * (packet[at + 1] + 1)
@@ -111,8 +116,9 @@ def _of_udp(packet: bytes, at: int, source: bytes, destination: bytes) -> Datagr
     if at + length > len(packet):
         there = max(len(packet) - at - UDP_OCTETS, 0)
         raise DecodeError(f"a UDP payload of {length - UDP_OCTETS} octets, {there} are there")
-    payload = packet[at + UDP_OCTETS : at + length]
-    return Datagram(address(source), source_port, address(destination), port, payload)
+    payload_at = at + UDP_OCTETS
+    payload = packet[payload_at : at + length]
+    return Datagram(address(source), source_port, address(destination), port, payload, payload_at)
 
 
 @lru_cache(maxsize=4096)

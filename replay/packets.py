@@ -7,12 +7,11 @@ from functools import lru_cache
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.asterix_payload import content_type
 from plotfeed.replay.damages import Damages
+from plotfeed.replay.kept_packet import properties_of
 from plotfeed.replay.link_layers import LINK_TYPES, datagram_in
+from plotfeed.replay.pcap_header import PcapHeader
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import LATEST_NS
-
-MAX_PACKET_OCTETS = 1 << 18
-"""As captures have it at most; a datagram is shorter."""
 
 UDP_TOPIC = "udp/"
 SOURCE = "udp-source"
@@ -33,10 +32,15 @@ class Packets:
             expected = ", ".join(map(str, LINK_TYPES))
             self.damage.add(at, f"packets of link type {link_type}; expected one of {expected}")
 
-    def message(self, link_type: int, packet: bytes, t_utc_ns: int, at: int) -> Recorded | None:
-        """The message in a packet that was captured at that time; None if it has none."""
+    def message(
+        self, header: PcapHeader, packet: bytes, length: int, t_utc_ns: int, at: int
+    ) -> Recorded | None:
+        """The message in a packet that was captured at that time; None if it has none.
+
+        `header` is of a pcap that holds it, `length` its octets before it was cut.
+        """
         try:
-            found = datagram_in(link_type, packet)
+            found = datagram_in(header.link_type, packet)
         except DecodeError as error:
             self.damage.add(at, str(error))
             return None
@@ -52,7 +56,10 @@ class Packets:
             log_time_ns=t_utc_ns,
             publish_time_ns=t_utc_ns,
             content_type=content_type(found.payload),
-            properties=_properties(found.source, found.source_port),
+            properties=(
+                *_properties(found.source, found.source_port),
+                *properties_of(header, packet, length, found),
+            ),
         )
 
 

@@ -1,32 +1,29 @@
-"""Packet captures of libpcap: read in either byte order, µs or ns; written in ns."""
+"""Packet captures of libpcap: read and written in either byte order, µs or ns."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from functools import lru_cache
 from ipaddress import ip_address
 from typing import BinaryIO
 
 from plotfeed.replay.asterix_payload import is_asterix
-from plotfeed.replay.frames import ethernet_frame
+from plotfeed.replay.frames import frame
+from plotfeed.replay.kept_packet import KeptPacket, datagram_of, kept_in
 from plotfeed.replay.link_layers import ETHERNET
 from plotfeed.replay.octets import Octets
-from plotfeed.replay.packets import MAX_PACKET_OCTETS, SOURCE, UDP_TOPIC, Packets
+from plotfeed.replay.packets import SOURCE, UDP_TOPIC, Packets
+from plotfeed.replay.pcap_header import (
+    FORMATS,
+    HEADER_OCTETS,
+    MAX_PACKET_OCTETS,
+    RECORD_OCTETS,
+    PcapHeader,
+    header_of,
+    ns_header,
+)
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import NS
-
-MAGIC_NS = 0xA1B23C4D
-FORMATS = {
-    b"\xa1\xb2\xc3\xd4": (">", 1000),
-    b"\xd4\xc3\xb2\xa1": ("<", 1000),
-    b"\xa1\xb2\x3c\x4d": (">", 1),
-    b"\x4d\x3c\xb2\xa1": ("<", 1),
-}
-"""Byte order and nanoseconds of a fraction by the first octets of a file."""
-
-HEADER_OCTETS, RECORD_OCTETS = 24, 16
-LINK_TYPE_MASK = 0xFFFF  # above it is what a frame check sequence is like
 
 ASTERIX_PORT = 8600
 """Of UDP, where Wireshark takes it for ASTERIX."""
@@ -54,28 +51,27 @@ class PcapReader:
 
     def messages(self) -> Iterator[Recorded]:
         """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
-        header = self._octets.take(HEADER_OCTETS)
-        if header[:4] not in FORMATS:
-            self.damage.add(0, f"{header[:4].hex()!r}; expected the first octets of a pcap")
+        beginning = self._octets.take(HEADER_OCTETS)
+        if beginning[:4] not in FORMATS:
+            self.damage.add(0, f"{beginning[:4].hex()!r}; expected the first octets of a pcap")
             return
-        if len(header) < HEADER_OCTETS:
-            self.damage.add(0, f"a header of {len(header)} octets; it has {HEADER_OCTETS}")
+        header = header_of(beginning)
+        if header is None:
+            self.damage.add(0, f"a header of {len(beginning)} octets; it has {HEADER_OCTETS}")
             return
-        order, unit_ns = FORMATS[header[:4]]
-        (network,) = struct.unpack_from(f"{order}I", header, 20)
-        self._packets.check_link_type(network & LINK_TYPE_MASK, 20)
-        yield from self._records(struct.Struct(f"{order}IIII"), unit_ns, network & LINK_TYPE_MASK)
+        self._packets.check_link_type(header.link_type, 20)
+        yield from self._records(header)
 
-    def _records(self, record: struct.Struct, unit_ns: int, link_type: int) -> Iterator[Recorded]:
+    def _records(self, header: PcapHeader) -> Iterator[Recorded]:
         octets = self._octets
         while True:
             at = octets.at
-            header = octets.take(RECORD_OCTETS)
-            if len(header) < RECORD_OCTETS:
-                if header:
+            record = octets.take(RECORD_OCTETS)
+            if len(record) < RECORD_OCTETS:
+                if record:
                     self.damage.add(at, "the file ends within the header of a packet")
                 return
-            seconds, fraction, captured, _ = record.unpack(header)
+            seconds, fraction, captured, length = header.record.unpack(record)
             if captured > MAX_PACKET_OCTETS:
                 self.damage.add(at, f"a packet of {captured} octets; at most {MAX_PACKET_OCTETS}")
                 return
@@ -83,23 +79,25 @@ class PcapReader:
             if len(packet) < captured:
                 self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")
                 return
-            t_utc_ns = seconds * NS + fraction * unit_ns
-            message = self._packets.message(link_type, packet, t_utc_ns, at)
+            t_utc_ns = seconds * NS + fraction * header.unit_ns
+            message = self._packets.message(header, packet, length, t_utc_ns, at)
             if message is not None:
                 yield message
 
 
 class PcapWriter:
-    """UDP in Ethernet frames, at nanoseconds.
+    """UDP in packets, as they were where the message was read from a capture.
 
-    A message of the topic udp/ADDRESS/PORT goes there. ASTERIX of any other topic goes to port 8600
-    of a loopback address of its topic's own, from 127.1.0.0 on.
+    The file begins as the capture did that the first message is from, else it has Ethernet frames
+    at nanoseconds. A message of the topic udp/ADDRESS/PORT goes there. ASTERIX of any other topic
+    goes to port 8600 of a loopback address of its topic's own, from 127.1.0.0 on.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
         self._addresses: dict[str, bytes] = {}
-        file.write(struct.pack("<IHHiIII", MAGIC_NS, 2, 4, 0, 0, MAX_PACKET_OCTETS, ETHERNET))
+        self._header: PcapHeader | None = None
+        self._cut_times = 0
 
     def write(self, message: Recorded) -> str | None:
         """Write a message; why it cannot be held, or None."""
@@ -111,11 +109,14 @@ class PcapWriter:
         place = self._destination(message)
         if isinstance(place, str):
             return place
-        destination, port = place
-        source, source_port = _source_of(message, destination)
-        frame = ethernet_frame((source_port, port), source, destination, message.payload)
-        header = struct.pack("<IIII", seconds, fraction, len(frame), len(frame))
-        self._file.write(header + frame)
+        kept = kept_in(message.properties)
+        header = self._header or self._begin(ns_header(ETHERNET) if kept is None else kept.header)
+        packet, length = _as_it_was(header, message, place, kept) or _anew(header, message, place)
+        if not packet:
+            return f"longer than the capture's {header.snap_octets} octets of a packet"
+        units, lost_ns = divmod(fraction, header.unit_ns)
+        self._cut_times += lost_ns > 0
+        self._file.write(header.record.pack(seconds, units, len(packet), length) + packet)
         return None
 
     def notes(self) -> list[str]:
@@ -124,10 +125,20 @@ class PcapWriter:
             f"{topic} became {'.'.join(map(str, octets))}:{ASTERIX_PORT}"
             for topic, octets in self._addresses.items()
         )
-        return ["it has one time of each message, and no topics, content types or stages", *became]
+        notes = ["it has one time of each message, and no topics, content types or stages"]
+        if self._cut_times:
+            notes.append(f"{self._cut_times} times lost what is less than a microsecond")
+        return [*notes, *became]
 
     def close(self) -> None:
-        """Nothing is left to be written."""
+        """Begin the file if nothing was written."""
+        if self._header is None:
+            self._begin(ns_header(ETHERNET))
+
+    def _begin(self, header: PcapHeader) -> PcapHeader:
+        self._file.write(header.octets)
+        self._header = header
+        return header
 
     def _destination(self, message: Recorded) -> tuple[bytes, int] | str:
         if message.topic.startswith(UDP_TOPIC):
@@ -152,6 +163,31 @@ def place_of(text: str) -> tuple[bytes, int] | None:
         return (ip_address(host).packed, number) if number < 1 << 16 else None
     except ValueError:
         return None
+
+
+def _as_it_was(
+    header: PcapHeader, message: Recorded, to: tuple[bytes, int], kept: KeptPacket | None
+) -> tuple[bytes, int] | None:
+    """The packet that a message was in and its octets before it was cut, if it still fits."""
+    if kept is None or kept.header.link_type != header.link_type:
+        return None
+    packet, length = kept.with_payload(message.payload)
+    found = datagram_of(header.link_type, packet)
+    if found is None or found.payload != message.payload:
+        return None
+    source = place_of(f"{found.source}/{found.source_port}")
+    destination = place_of(f"{found.destination}/{found.port}")
+    fits = (source, destination) == (_source_of(message, to[0]), to)
+    return (packet, length) if fits else None
+
+
+def _anew(header: PcapHeader, message: Recorded, to: tuple[bytes, int]) -> tuple[bytes, int]:
+    """A packet and its octets; none if it is longer than the file's may be."""
+    (destination, port), (source, source_port) = to, _source_of(message, to[0])
+    packet = frame(header.link_type, (source_port, port), source, destination, message.payload)
+    if 0 < header.snap_octets < len(packet):
+        return b"", 0
+    return packet, len(packet)
 
 
 def _source_of(message: Recorded, destination: bytes) -> tuple[bytes, int]:

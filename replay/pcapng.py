@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple
 
 from plotfeed.replay.octets import Octets
-from plotfeed.replay.packets import MAX_PACKET_OCTETS, Packets
+from plotfeed.replay.packets import Packets
+from plotfeed.replay.pcap_header import MAX_PACKET_OCTETS, ns_header
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import NS
 
@@ -170,10 +171,11 @@ class PcapngReader:
         body = block.body
         if block.type == SIMPLE_PACKET:
             number, at, ticks = 0, 4, None
-            (captured,) = struct.unpack_from(f"{self._order}I", body)
+            (length,) = struct.unpack_from(f"{self._order}I", body)
+            captured = length
         else:
             form = "IIIII" if block.type == ENHANCED_PACKET else "HxxIIII"
-            number, high, low, captured, _ = struct.unpack_from(f"{self._order}{form}", body)
+            number, high, low, captured, length = struct.unpack_from(f"{self._order}{form}", body)
             at, ticks = 20, high << 32 | low
         if number >= len(self._interfaces):
             self.damage.add(block.at, f"a packet of interface {number}, which is not described")
@@ -188,4 +190,5 @@ class PcapngReader:
         if ticks is not None:
             self._last_utc_ns = interface.utc_ns(ticks)
         packet = body[at : at + captured]
-        return self._packets.message(interface.link_type, packet, self._last_utc_ns, block.at)
+        header = ns_header(interface.link_type)
+        return self._packets.message(header, packet, length, self._last_utc_ns, block.at)

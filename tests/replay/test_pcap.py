@@ -22,7 +22,7 @@ from recordings import (
 from shared_files import shared
 
 from plotfeed.proto.asterix.decode import decode
-from plotfeed.replay.frames import ethernet_frame
+from plotfeed.replay import frames
 from plotfeed.replay.link_layers import COOKED, COOKED_2, ETHERNET, NULL, RAW
 from plotfeed.replay.packets import SOURCE
 from plotfeed.replay.pcap import PcapReader, PcapWriter
@@ -38,7 +38,7 @@ IP = 14
 def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:
     """From 10.0.0.1 port 4000 to the group 239.1.2.3 port 8600, or the same by IPv6."""
     here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
-    return ethernet_frame((4000, 8600), here, there, payload)
+    return frames.frame(ETHERNET, (4000, 8600), here, there, payload)
 
 
 def pcap(*packets: bytes, link_type: int = ETHERNET, order: str = "<", ns: bool = False) -> bytes:
@@ -73,7 +73,7 @@ def test_either_byte_order_and_either_unit(order: str, ns: bool) -> None:
     assert [each.publish_time_ns - START_NS for each in messages] == [0, 1_500_000]
     assert messages[0].topic == "udp/239.1.2.3/8600"
     assert messages[0].content_type == "application/x-asterix; cat=48"
-    assert messages[0].properties == ((SOURCE, "10.0.0.1/4000"),)
+    assert messages[0].properties[0] == (SOURCE, "10.0.0.1/4000")
     assert messages[0].payload == PLOT
 
 
@@ -224,11 +224,11 @@ def test_what_is_written_is_read_back_with_its_nanoseconds() -> None:
     got, reader = read(PcapReader, data)
     assert reader.damage == []
     for one, other in zip(got, sent, strict=True):
-        assert (one.topic, one.payload, one.log_time_ns, one.properties) == (
+        assert (one.topic, one.payload, one.log_time_ns, one.properties[0]) == (
             other.topic,
             other.payload,
             other.log_time_ns,
-            other.properties,
+            other.properties[0],
         )
     assert written(PcapWriter, got) == data
 
@@ -312,6 +312,4 @@ def test_a_real_recording_keeps_payloads_times_and_places(tmp_path: Path) -> Non
     records = [record for each in got for record in decode(each.payload)]
     assert sum(record.category == 48 for record in records) == 128
     assert sum(record.category == 34 for record in records) == 34
-    ours = written(PcapWriter, got)
-    again, _ = read(PcapReader, ours)
-    assert again == got
+    assert written(PcapWriter, got) == data

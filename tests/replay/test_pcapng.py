@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import struct
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,13 +12,15 @@ from hypothesis import strategies as st
 from recordings import START_NS, block_048, is_read_whatever_it_is, message, plots, read, written
 from shared_files import shared
 
-from plotfeed.replay.frames import ethernet_frame
+from plotfeed.replay.frames import frame
+from plotfeed.replay.kept_packet import FILE
+from plotfeed.replay.link_layers import ETHERNET
 from plotfeed.replay.pcap import PcapReader, PcapWriter
 from plotfeed.replay.pcapng import PcapngReader
 from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)
-FRAME = ethernet_frame((4000, 8600), bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3]), PLOT)
+FRAME = frame(ETHERNET, (4000, 8600), bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3]), PLOT)
 SECTION, INTERFACE, OBSOLETE, SIMPLE, STATISTICS, ENHANCED = 0x0A0D0D0A, 1, 2, 3, 5, 6
 
 
@@ -170,4 +173,14 @@ def test_what_wireshark_converts_is_what_it_was(tmp_path: Path) -> None:
 
 def test_a_real_recording_that_wireshark_converts_is_what_it_was(tmp_path: Path) -> None:
     data = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
-    assert got(converted(tmp_path, data)) == read(PcapReader, data)[0]
+    for one, other in zip(got(converted(tmp_path, data)), read(PcapReader, data)[0], strict=True):
+        properties = dict(one.properties) | {FILE: dict(other.properties)[FILE]}
+        assert replace(one, properties=tuple(properties.items())) == other
+
+
+def test_packets_with_tags_and_padding_become_those_of_a_pcap() -> None:
+    tagged = FRAME[:12] + b"\x81\0\0\7" + FRAME[12:] + bytes(5)
+    one = Capture().interface((9, b"\x09")).enhanced(7, tagged)
+    data = written(PcapWriter, got(one.data))
+    assert data[24 + 16 :] == tagged
+    assert [each.log_time_ns for each in read(PcapReader, data)[0]] == [7]
