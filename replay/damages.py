@@ -8,11 +8,16 @@ MAX_DAMAGES = 1000
 
 
 class Damages(list[Damage]):
-    """The first ones, and one entry more that says that there are others."""
+    """The first ones, each place once, and one entry more that says that there are others."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._offsets: set[int] = set()
 
     def add(self, offset: int, what: str) -> None:
-        """Note what is wrong with the octets from `offset` on."""
-        if len(self) < MAX_DAMAGES:
-            self.append(Damage(offset=offset, what=what))
-        elif len(self) == MAX_DAMAGES:
-            self.append(Damage(offset=offset, what="from here on, more that is not listed"))
+        """Note what is wrong with the octets from `offset` on, unless something was already."""
+        if offset in self._offsets or len(self) > MAX_DAMAGES:
+            return
+        self._offsets.add(offset)
+        what = what if len(self) < MAX_DAMAGES else "from here on, more that is not listed"
+        self.append(Damage(offset=offset, what=what))

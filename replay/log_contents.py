@@ -8,7 +8,6 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.damages import MAX_DAMAGES, Damages
 from plotfeed.replay.log_channels import Channel, channel_of
 from plotfeed.replay.log_records import HEAD, MAX_RECORD_OCTETS, AttachmentEntry, Fields
 
@@ -45,20 +44,6 @@ class Contents:
             schema = self.schemas.get(fields.number(2), "")
             topic, encoding = fields.text(), fields.text()
             self.channels[number] = channel_of(topic, encoding, schema, fields.texts())
-
-
-class LogDamages(Damages):
-    """Parts that cannot be read, each once, whoever comes across it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._offsets: set[int] = set()
-
-    def note(self, offset: int, what: str) -> None:
-        """Note what is wrong with the octets from `offset` on."""
-        if offset not in self._offsets and len(self) <= MAX_DAMAGES:
-            self._offsets.add(offset)
-            self.add(offset, what)
 
 
 class Source:

@@ -9,7 +9,8 @@ from zlib import crc32
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.log_contents import Contents, LogDamages, Source, Span
+from plotfeed.replay.damages import Damages
+from plotfeed.replay.log_contents import Contents, Source, Span
 from plotfeed.replay.log_records import (
     HEAD,
     MAGIC,
@@ -30,7 +31,7 @@ class _Counts:
     schemas = channels = attachments = chunks = -1
 
 
-def read_index(source: Source, damages: LogDamages) -> Contents | None:
+def read_index(source: Source, damages: Damages) -> Contents | None:
     """What the index says; None if there is none, or one that does not tell everything."""
     start = _summary_start(source, damages)
     if start is None:
@@ -40,11 +41,11 @@ def read_index(source: Source, damages: LogDamages) -> Contents | None:
     try:
         return _contents(summary, start)
     except DecodeError as error:
-        damages.note(start + (error.at_octet or 0), f"the index: {error}")
+        damages.add(start + (error.at_octet or 0), f"the index: {error}")
         return None
 
 
-def _summary_start(source: Source, damages: LogDamages) -> int | None:
+def _summary_start(source: Source, damages: Damages) -> int | None:
     """Where the summary begins, if its CRC is right."""
     octets = source.at(max(0, source.octets - FOOTER.size), FOOTER.size)
     if len(octets) < FOOTER.size:
@@ -55,13 +56,13 @@ def _summary_start(source: Source, damages: LogDamages) -> int | None:
         return None  # the scan says how it ends instead
     at = source.octets - FOOTER.size
     if (opcode, length) != (Opcode.FOOTER, FOOTER.size - HEAD.size - len(MAGIC)):
-        damages.note(at, "the footer: it is not one")
+        damages.add(at, "the footer: it is not one")
     elif not start:
         return None
     elif not len(MAGIC) <= start <= at or at - start > MAX_RECORD_OCTETS:
-        damages.note(at, "the footer: the index cannot be where it says")
+        damages.add(at, "the footer: the index cannot be where it says")
     elif crc and crc != crc32(octets[: -4 - len(MAGIC)], crc32(source.at(start, at - start))):
-        damages.note(start, "the index: its CRC is wrong")
+        damages.add(start, "the index: its CRC is wrong")
     else:
         return start
     return None

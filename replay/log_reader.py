@@ -13,9 +13,10 @@ from typing import BinaryIO, NamedTuple, Self
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.replay.damages import Damages
 from plotfeed.replay.log_channels import Series
 from plotfeed.replay.log_chunk import unpacked
-from plotfeed.replay.log_contents import LogDamages, Source, Span
+from plotfeed.replay.log_contents import Source, Span
 from plotfeed.replay.log_index import read_index
 from plotfeed.replay.log_properties import Properties, properties_of_json
 from plotfeed.replay.log_records import (
@@ -60,7 +61,7 @@ class LogReader:
 
     def __init__(self, source: Path | str | BinaryIO) -> None:
         self._own = open(source, "rb") if isinstance(source, (Path, str)) else None  # noqa: SIM115, PTH123
-        self.damage: LogDamages = LogDamages()
+        self.damage = Damages()
         """What of the file cannot be read. It grows as parts are read that only then show it."""
         try:
             self._source = Source(self._own or source)  # type: ignore[arg-type]
@@ -99,7 +100,7 @@ class LogReader:
                     return attachment_of(body)
                 raise DecodeError(f"expected the attachment {name!a}")
             except DecodeError as error:
-                self.damage.note(entry.offset, str(error))
+                self.damage.add(entry.offset, str(error))
         return None
 
     def messages(
@@ -181,7 +182,7 @@ class LogReader:
             else:
                 data = self._source.at(span.offset, span.octets)
         except DecodeError as error:
-            self.damage.note(span.offset, str(error))
+            self.damage.add(span.offset, str(error))
             return [], 0
         found = self._messages(span.offset, data, wanted, first_ns, end_ns)
         found.sort(key=_log_time)
@@ -205,7 +206,7 @@ class LogReader:
             channel = wanted.get(number)
             if channel is None:
                 if number not in known:
-                    self.damage.note(offset, f"messages of channel {number}, which is unknown")
+                    self.damage.add(offset, f"messages of channel {number}, which is unknown")
                 continue
             if not first_ns <= log_ns < end_ns:
                 continue
@@ -217,14 +218,14 @@ class LogReader:
             beside = properties.pop(key, ()) if properties else ()
             found.append(_recorded(series, data[payload_at:at], log_ns, publish_ns, beside))
         if at > octets or at + HEAD.size > octets > at:
-            self.damage.note(offset, "in a chunk: a record that does not end")
+            self.damage.add(offset, "in a chunk: a record that does not end")
         return found
 
     def _properties(self, offset: int, data: bytes) -> Properties:
         try:
             return properties_of_json(data)
         except DecodeError as error:
-            self.damage.note(offset, str(error))
+            self.damage.add(offset, str(error))
             return ()
 
 

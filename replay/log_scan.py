@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.replay.damages import Damages
 from plotfeed.replay.log_chunk import FIELDS, MOST_SHRUNK, unpacked
-from plotfeed.replay.log_contents import Contents, LogDamages, Source, Span
+from plotfeed.replay.log_contents import Contents, Source, Span
 from plotfeed.replay.log_records import (
     HEAD,
     LAST_TIME_NS,
@@ -34,7 +35,7 @@ CHUNK_OCTETS = HEAD.size + FIELDS.size + 4 + 4 + 8
 _KINDS = frozenset(Opcode)
 
 
-def scan(source: Source, damages: LogDamages) -> Contents:
+def scan(source: Source, damages: Damages) -> Contents:
     """All that can be read of the file; what cannot is noted."""
     found = _Scan(source, damages)
     found.run()
@@ -56,7 +57,7 @@ def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 class _Scan:
-    def __init__(self, source: Source, damages: LogDamages) -> None:
+    def __init__(self, source: Source, damages: Damages) -> None:
         self.contents = Contents()
         self._source = source
         self._damages = damages
@@ -68,7 +69,7 @@ class _Scan:
         """Record after record; after a broken one, wherever the next can be found."""
         at, source = len(MAGIC), self._source
         if source.at(0, at) != MAGIC:
-            self._damages.note(0, "the beginning: it is not that of an MCAP file")
+            self._damages.add(0, "the beginning: it is not that of an MCAP file")
         opcode = 0
         while at < source.octets and opcode != Opcode.DATA_END:
             head = source.head(at)
@@ -86,8 +87,9 @@ class _Scan:
                 end = self._after_broken(at, end, str(error))
             at = end
         self._end_loose()
-        if opcode != Opcode.DATA_END:
-            self._damages.note(source.octets, "the end: cut, or still being written")
+        magic = source.at(max(0, source.octets - len(MAGIC)), len(MAGIC))
+        if opcode != Opcode.DATA_END or magic != MAGIC:
+            self._damages.add(source.octets, "the end: cut, or still being written")
 
     def _take(self, opcode: int, at: int, end: int) -> None:
         """One record; raises `DecodeError`."""
@@ -137,7 +139,7 @@ class _Scan:
                 elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
                     self.contents.define(opcode, Fields(data, body, end))
         except DecodeError as error:  # what is before it is whole
-            self._damages.note(at, f"in a chunk: {error}")
+            self._damages.add(at, f"in a chunk: {error}")
         return first_ns, last_ns
 
     def _take_attachment(self, at: int, end: int) -> None:
@@ -180,11 +182,11 @@ class _Scan:
 
     def _after_broken(self, at: int, end: int, what: str) -> int:
         """Where to go on: after the record if its lengths agree or another follows, or a chunk."""
-        self._damages.note(at, what)
+        self._damages.add(at, what)
         source = self._source
         self._wasted += end - at
         if self._wasted > PATIENCE * source.octets + PATIENCE_OCTETS:
-            self._damages.note(at + 1, "from here on: given up, for all that is broken before it")
+            self._damages.add(at + 1, "from here on: given up, for all that is broken before it")
             return source.octets
         head = source.head(end)
         if (head is not None and head[0] in _KINDS) or self._is_chunk(at):

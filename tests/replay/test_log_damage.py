@@ -61,7 +61,7 @@ def test_a_file_cut_anywhere_has_every_chunk_before_the_cut(close: bool) -> None
         whole = [n for n, end in enumerate(ends) if end <= octets]
         assert chunks_of(found) in (set(whole), {*whole, len(whole)})
         assert not reader.summary().indexed
-        assert reader.damage or len(whole) == 3
+        assert reader.damage
 
 
 @pytest.mark.parametrize("close", [True, False])
