@@ -90,6 +90,8 @@ class Ways:
         agenda: Agenda,
         totals: ReplayTotals,
     ) -> None:
+        self.later_ns = 0
+        """By how much the replay's time is ahead of the recorded one, at its beginning."""
         self._outs = outs
         self._settings = settings
         self._clock = clock
@@ -163,8 +165,8 @@ class Ways:
         if source not in self._outboxes:
             if len(self._outboxes) >= MAX_LINKS:
                 raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
-            from plotfeed.feeds.impairment.stage import Impairment  # noqa: PLC0415 - it takes long
-            from plotfeed.feeds.outbox import Outbox  # noqa: PLC0415
+            from plotfeed.feeds.outbox import Outbox  # noqa: PLC0415 - it takes long
+            from plotfeed.feeds.replay_impairment import ReplayImpairment  # noqa: PLC0415
 
             # By the same name as in a session, so that the same seed gives the same losses.
             name = source.rpartition("/")[2]
@@ -174,7 +176,12 @@ class Ways:
                 agenda=self._agenda,
                 totals=self._totals,
                 link=link,
-                impair=partial(Impairment, seed=self._settings.seed, name=name),
+                impair=partial(
+                    ReplayImpairment,
+                    seed=self._settings.seed,
+                    name=name,
+                    later_ns=self.later_ns,
+                ),
             )
         return self._outboxes[source]
 

@@ -145,6 +145,7 @@ class Replayer:
             return
         start_utc_ns = self._clock.start() + READY_NS
         pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
+        self._ways.later_ns = start_utc_ns - begin_ns
         self._control.begin(
             pace,
             self._clock,

@@ -91,11 +91,12 @@ def simulated(
     *,
     control: ReplayControl | None = None,
     on_message: Callable[[Message], object] = lambda _: None,
+    begin_utc_ns: int = REPLAYED,
 ) -> tuple[Ears, ReplayTotals]:
     """What leaves in a replay under a clock that jumps from deadline to deadline."""
 
     async def run() -> tuple[Ears, ReplayTotals]:
-        clock = InstantClock(REPLAYED)
+        clock = InstantClock(begin_utc_ns)
         ears = Ears(clock, on_message=on_message)
         totals = await replay(
             Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
