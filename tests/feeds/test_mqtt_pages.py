@@ -10,6 +10,7 @@ from brokers import free_port, mosquitto, password_file, wait_until_listening
 from certificates import Certificates
 
 from plotfeed.feeds.broker_address import VERSIONS, BrokerAddress
+from plotfeed.feeds.mqtt_queue import MqttQueue
 from plotfeed.feeds.scene import from_tree
 from plotfeed.feeds.session_brokers import broker_address
 
@@ -32,10 +33,13 @@ def blocks(page: str, kind: str = "") -> list[str]:
 
 
 def test_the_tables_of_the_pages_are_tables_of_a_scene(tmp_path: Path) -> None:
-    mqtt, credentials = blocks("mqtt.md", "toml")
+    mqtt, credentials, queue = blocks("mqtt.md", "toml")
     (udp,) = blocks("udp.md", "toml")
-    scene = from_tree(tomllib.loads(REST + mqtt + udp), tmp_path / "scene.toml")
+    scene = from_tree(tomllib.loads(REST + mqtt + queue + udp), tmp_path / "scene.toml")
     assert len(scene.udp) == 3
+    assert scene.mqtt.queue.policy == "drop-oldest"
+    assert [scene.mqtt.queue.limit(qos) for qos in (0, 1)] == [2000, 2000]
+    assert [MqttQueue().limit(qos) for qos in (0, 1)] == [0, 10_000]
     (tmp_path / "credentials.toml").write_text(credentials)
     assert scene.mqtt.broker is not None
     address = broker_address(scene, scene.mqtt.broker)
