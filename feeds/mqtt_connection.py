@@ -20,6 +20,7 @@ from plotfeed.feeds.heard import Heard, OnHeard
 from plotfeed.feeds.in_flight import InFlight
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_failure import failure, hung_up, no_answer, reason_name
+from plotfeed.feeds.mqtt_packet import publish_packet
 from plotfeed.feeds.outlet import Counts, Entry
 from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.unsent import Unsent
@@ -127,7 +128,8 @@ class Connection:
     def send(self, parcel: Parcel) -> None:
         """Hand a message of QoS 0 to the socket, where there is room."""
         parcel.leave()
-        self._client.publish(self._packed(parcel.message))
+        packet = publish_packet(parcel.message, self.version, MESSAGE_EXPIRY_S)
+        self._client._connection.send_package(packet)
         if self._unsent.given(len(parcel.message.payload)):
             parcel.settle(delivered=True)
         else:

@@ -53,7 +53,8 @@ class Totals:
         self.scan = max(self.scan, report.sector.scan)
         self.looks += len(report.looks)
         self.plots += len(report.plots)
-        self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
+        if len(report.plots):
+            self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a message."""

@@ -17,6 +17,10 @@ from plotfeed.models.sweep import Border, meetings
 from plotfeed.models.timetable import Timetable
 
 
+MOST_TURNS, MOST_SECTORS = 4, 128
+"""Worked out at once: beyond, a sector hardly costs less any more."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Stretch:
     """What came of several sectors: rows in the order of time, and how many end with each."""
@@ -45,7 +49,7 @@ class _Stretch:
 class TurningEye:
     """A rotating sensor.
 
-    As long as nothing new is heard of the drones, a whole turn is worked out at once, which costs
+    As long as nothing new is heard of the drones, some turns are worked out at once, which costs
     little more than a sector does. What is seen does not depend on how many sectors that is.
     """
 
@@ -57,7 +61,7 @@ class TurningEye:
         self._alarms: dict[int, Plots] = {}
         self._stretch: _Stretch | None = None
         self._border: Border | None = None
-        # Each sensor begins elsewhere, lest all of them work out a turn at the same time.
+        # Each sensor begins elsewhere, lest all of them work out turns at the same time.
         self._at_once = 1 + place.chance.key % timetable.sectors
 
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
@@ -74,9 +78,10 @@ class TurningEye:
         return stretch.model is current[0] and stretch.version == current[1]
 
     def _sectors_from(self, sector: Sector) -> list[Sector]:
-        """As many as the last ones suggest: a turn in quiet times, one where much is heard."""
+        """As many as the last ones suggest: turns in quiet times, one where much is heard."""
         if self._stretch is not None:
-            most = self._timetable.sectors
+            turn = self._timetable.sectors
+            most = max(turn, min(MOST_TURNS * turn, MOST_SECTORS))
             lasted = self._still_holds(self._stretch)
             self._at_once = min(2 * self._at_once, most) if lasted else max(self._at_once // 2, 1)
         sectors = [sector]
@@ -130,6 +135,6 @@ class TurningEye:
             rng = self._place.chance.rng(Purpose.FALSE_ALARMS, scan)
             turn = self._timetable.turn(scan)
             self._alarms[scan] = self.model.draw_false_alarms(turn, rng).in_order_of_time()
-            if len(self._alarms) > 2:
-                del self._alarms[min(self._alarms)]
+            for past in [s for s in self._alarms if s < scan - MOST_TURNS]:
+                del self._alarms[past]
         return self._alarms[scan]

@@ -19,7 +19,7 @@ from plotfeed.models.state import Floats, Ints
 Generator = np.random.Generator
 Draw = Callable[[Generator, tuple[int, ...]], Floats]
 FEWEST_ROWS = 16
-SCANS_KEPT = 2
+SCANS_KEPT = 8
 
 
 class ScanDraws:
