@@ -79,12 +79,18 @@ def test_a_real_capture_keeps_its_payloads_through_every_format(tmp_path: Path) 
     assert (tmp_path / "out.ast").read_bytes() == b"".join(each.payload for each in whole)
 
 
-@pytest.mark.parametrize("name", ["jade_062_one.ff", "jade_nats_cat048_tcas.ff"])
-@pytest.mark.parametrize("by_way_of", ["mcap", "jsonl"])
-def test_a_real_frame_comes_back_to_the_octet(name: str, by_way_of: str, tmp_path: Path) -> None:
-    source = shared(f"recordings/{name}")
-    between, again = tmp_path / f"between.{by_way_of}", tmp_path / "again.ff"
-    assert convert(source, between, EVERYTHING) == 0
+@pytest.mark.parametrize(
+    "name", ["jade_062_one.ff", "jade_nats_cat048_tcas.ff", "croatia_cat_034_048.pcap"]
+)
+@pytest.mark.parametrize("by_way_of", [None, "mcap", "jsonl"])
+def test_a_real_recording_comes_back_to_the_octet(
+    name: str, by_way_of: str | None, tmp_path: Path
+) -> None:
+    source = between = shared(f"recordings/{name}")
+    again = tmp_path / f"again{source.suffix}"
+    if by_way_of is not None:
+        between = tmp_path / f"between.{by_way_of}"
+        assert convert(source, between, EVERYTHING) == 0
     assert convert(between, again, EVERYTHING) == 0
     assert again.read_bytes() == source.read_bytes()
 
