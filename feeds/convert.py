@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +13,7 @@ from typing import Any, BinaryIO
 
 import click
 
+from plotfeed.feeds.part_file import part_file
 from plotfeed.feeds.progress import with_progress
 from plotfeed.feeds.topic_filter import checked, matches
 from plotfeed.proto.errors import DecodeError, PlotfeedError
@@ -177,21 +176,8 @@ def _new_file(
         raise PlotfeedError(f"{target}: is there already; --force writes another in its place")
     if target.is_dir() or not target.parent.is_dir():
         raise PlotfeedError(f"{target}: expected the name of a file in a folder that is there")
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    kept = False
-
-    def keep(wanted: bool) -> None:
-        nonlocal kept
-        kept = wanted
-
-    try:
-        with part.open("wb") as file:
-            yield file, keep
-        if kept:
-            part.replace(target)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            part.unlink()
+    with part_file(target) as part:
+        yield part
 
 
 def _chosen(

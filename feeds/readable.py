@@ -21,6 +21,13 @@ from plotfeed.proto.asterix.layout import Category
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 
 MAX_TEXT = 2000
+MESSAGE_TYPE = "messageType="
+"""In the content type of protobuf, before the full name of the message."""
+SAPIENT = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+OURS: Mapping[str, type[ProtobufMessage]] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+}
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
 """What a message may be."""
 
@@ -66,7 +73,10 @@ def message_lines(
 
 
 def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
-    """By content type, or by topic where MQTT 3.1.1 carries none."""
+    """By content type, or by topic where it says nothing, as MQTT 3.1.1 carries none."""
+    said = _message_type(content_type or "")
+    if said == SAPIENT or said in OURS:
+        return OURS.get(said, "sapient")
     levels = topic.split("/")
     if (content_type or "").startswith("application/x-asterix") or "asterix" in levels[-2:]:
         return "asterix"
@@ -78,6 +88,11 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
         return pb.Telemetry
     kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
     return kinds.get(levels[-1], "json")
+
+
+def _message_type(content_type: str) -> str:
+    """The protobuf message that a content type names; empty if it names none."""
+    return content_type.partition(MESSAGE_TYPE)[2].partition(";")[0].strip(' "')
 
 
 def _asterix(topic: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[str]:

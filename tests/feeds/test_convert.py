@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
-from command import plotfeed
+from command import PLOTFEED, plotfeed
 from mcap.reader import make_reader
+from mqtt_client import PATIENCE_S
 from recordings import MS, START_NS, block_048, message, plots, written
 from shared_files import shared
 
@@ -267,6 +271,22 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_only_when_it_is_do
     totals(capsys, source, target, force=True)
     assert read(target) == plots(3)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mcap", "out.jsonl"]
+
+
+def test_a_conversion_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    source, target = tmp_path / "in.jsonl", tmp_path / "out.mcap"
+    os.mkfifo(source)
+    held_open = os.open(source, os.O_RDWR)
+    command = [*PLOTFEED, "convert", str(source), str(target), "--from", "jsonl"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(tmp_path.glob(".out.mcap.*")) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        process.terminate()
+        _, said = process.communicate(timeout=PATIENCE_S)
+    os.close(held_open)
+    assert (process.returncode, said) == (143, b"")
+    assert [path.name for path in tmp_path.iterdir()] == ["in.jsonl"]
 
 
 def test_a_pipe_is_written_as_it_is(tmp_path: Path) -> None:

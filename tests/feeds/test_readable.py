@@ -28,7 +28,17 @@ TOPICS = [
     "something/else",
     "",
 ]
-CONTENT_TYPES = [None, "application/json", "application/x-asterix; cat=48", "text/plain", ""]
+PROTOBUF = "application/x-protobuf; messageType="
+CONTENT_TYPES = [
+    None,
+    "application/json",
+    "application/x-asterix; cat=48",
+    "text/plain",
+    "",
+    f"{PROTOBUF}plotfeed.v1.Ledger",
+    f"{PROTOBUF}sapient_msg.bsi_flex_335_v2_0.SapientMessage",
+    f"{PROTOBUF}no.such.Thing",
+]
 
 
 @given(
@@ -43,6 +53,24 @@ def test_arbitrary_octets_on_any_topic_are_lines(
         assert "\n" not in line.removeprefix(topic)
     for line in message_lines(topic, payload, content_type, as_json=True):
         assert json.loads(line)["topic"] == topic
+
+
+@pytest.mark.parametrize(
+    ("topic", "content_type", "expected"),
+    [
+        ("elsewhere", f"{PROTOBUF}plotfeed.v1.PlotBatch", "PlotBatch"),
+        ("plotfeed/truth", f"{PROTOBUF}plotfeed.v1.PlotBatch", "PlotBatch"),
+        ("a/asterix/048", f'{PROTOBUF}"plotfeed.v1.PlotBatch"; charset=x', "PlotBatch"),
+        ("plotfeed/radar/plots", f"{PROTOBUF}no.such.Thing", "PlotBatch"),
+        ("plotfeed/radar/plots", None, "PlotBatch"),
+        ("plotfeed/radar/plots", f"{PROTOBUF}plotfeed.v1.Telemetry", "Telemetry"),
+    ],
+)
+def test_protobuf_is_what_its_content_type_says_and_else_its_topic(
+    topic: str, content_type: str | None, expected: str
+) -> None:
+    (line,) = message_lines(topic, b"", content_type, as_json=True)
+    assert json.loads(line)["message"] == {expected: {}}
 
 
 @pytest.mark.parametrize(
