@@ -25,7 +25,8 @@ SPARE_NS = 100_000
 """Less than this before a deadline, nothing else is made ready."""
 AT_ONCE = 1024
 """Messages sent before others have their turn in the loop, where there are no deadlines."""
-FAREWELL_S = 1.0
+FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
+"""Ways out may take so long for the last messages; the second where a slow broker is waited for."""
 
 
 class RushClock(InstantClock):
@@ -102,8 +103,9 @@ class Replayer:
                 await self._play(self._clock)
             else:
                 await self._play_while_reading()
+            patient = self._settings.fastest and not self._control.stopped
             for out in self._outs:
-                await out.drain(FAREWELL_S)
+                await out.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
         finally:
             self._ways.end()
             self._control.end()
@@ -216,11 +218,16 @@ class Replayer:
         return clock.now_ns()
 
     async def _breathe(self) -> None:
-        """Let others have their turn, and ways out that are full take their time."""
+        """Let others have their turn, and a broker that is slow take its time."""
         await asyncio.sleep(0)
         for out in self._outs:
-            if isinstance(out, MqttLink) and out.is_full:
-                await out.room()
+            while isinstance(out, MqttLink) and out.is_full and not self._control.stopped:
+                self._news.clear()
+                waits = [asyncio.create_task(x) for x in (out.room(), self._news.wait())]
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+                for wait in waits:
+                    wait.cancel()
+                await asyncio.gather(*waits, return_exceptions=True)
 
     def _made(self, item: Item, due_ns: int) -> tuple[Way, bytes, Properties] | None:
         """The message's way, payload and properties as they are sent; None if it has no way."""

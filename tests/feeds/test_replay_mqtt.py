@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pty
@@ -15,16 +16,23 @@ from pathlib import Path
 import click
 import pytest
 from brokers import free_port, mosquitto, rumqttd
-from command import PLOTFEED, plotfeed
+from command import PLOTFEED, plotfeed, running
 from mqtt_client import PATIENCE_S, Heard, listening
 from recordings import plots
-from replayed import MS, RECORDED, S, message
+from replayed import MS, RECORDED, Memory, S, message
+from scene_files import scene_file, scene_text
 from udp_receiver import heard, place, receiver
 
+from plotfeed.feeds import replay_terminal
 from plotfeed.feeds.cli import cli
+from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.replay_control import ReplayControl
 from plotfeed.feeds.replay_keys import press
-from plotfeed.feeds.telemetry import decode
+from plotfeed.feeds.replay_outs import ReplayMqtt
+from plotfeed.feeds.replay_settings import ReplaySettings
+from plotfeed.feeds.replayer import AT_ONCE, replay
+from plotfeed.feeds.report import AltitudeReference, Report
+from plotfeed.feeds.telemetry import decode, encode_protobuf
 from plotfeed.feeds.times import iso_utc
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.log_writer import LogWriter
@@ -54,15 +62,21 @@ def log_file(folder: Path, recorded: Sequence[Recorded]) -> Path:
     return path
 
 
-@pytest.fixture(params=["mosquitto", "iotcore"])
-def broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[int]:
     port = free_port()
-    if request.param == "mosquitto":
-        with mosquitto(tmp_path, port):
-            yield port
-    else:
-        with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
-            yield port
+    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+        yield port
+
+
+@pytest.fixture(params=["mosquitto", "iotcore"])
+def any_broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
+    if request.param == "iotcore":
+        yield request.getfixturevalue("broker")
+        return
+    port = free_port()
+    with mosquitto(tmp_path, port):
+        yield port
 
 
 def is_last(message: Heard) -> bool:
@@ -71,11 +85,11 @@ def is_last(message: Heard) -> bool:
 
 @pytest.mark.parametrize("how", [["--speed", "2"], ["--fastest"]], ids=["paced", "fastest"])
 def test_the_same_messages_come_on_the_same_topics(
-    tmp_path: Path, broker: int, how: list[str]
+    tmp_path: Path, any_broker: int, how: list[str]
 ) -> None:
     path = log_file(tmp_path, SESSION)
-    with listening(broker, 5, "#") as ears:
-        url = f"mqtt://127.0.0.1:{broker}"
+    with listening(any_broker, 5, "#") as ears:
+        url = f"mqtt://127.0.0.1:{any_broker}"
         done = plotfeed("replay", path, "--broker", url, "--json", *how)
         assert done.returncode == 0, done.stderr
         ears.wait_for(is_last)
@@ -91,7 +105,7 @@ def test_the_same_messages_come_on_the_same_topics(
         found = by_payload[recorded.payload]
         assert found.content_type == TYPE
         assert found.user_properties == dict(recorded.properties)
-    with listening(broker, 5, "#") as later:
+    with listening(any_broker, 5, "#") as later:
         assert later.wait_for(lambda m: m.retained).topic == "plotfeed/radar/status"
     summary = json.loads(done.stdout)
     assert summary["messages"] == 41
@@ -121,9 +135,6 @@ def test_topics_links_and_times_are_as_asked(tmp_path: Path, broker: int) -> Non
 
 
 def test_telemetry_is_told_as_of_now(tmp_path: Path, broker: int) -> None:
-    from plotfeed.feeds.report import AltitudeReference, Report  # noqa: PLC0415
-    from plotfeed.feeds.telemetry import encode_protobuf  # noqa: PLC0415
-
     def sample(i: int) -> Recorded:
         report = Report(
             t_utc_ns=RECORDED + i * 10 * MS,
@@ -296,7 +307,61 @@ def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
     assert f"{odd}: " in refused(odd, "--udp", "127.0.0.1:9")
 
 
-def test_no_broker_is_one_line(tmp_path: Path) -> None:
+def test_a_broker_that_never_has_room_can_be_left() -> None:
+    class Full(ReplayMqtt):
+        def __init__(self) -> None:
+            self.taken = 0
+
+        @property
+        def is_full(self) -> bool:
+            return True
+
+        async def room(self) -> None:
+            await asyncio.Event().wait()
+
+        def publish(self, parcel: Parcel) -> None:
+            self.taken += 1
+            parcel.settle(delivered=True)
+
+        async def drain(self, timeout_s: float = 1.0) -> None:
+            assert timeout_s <= 1
+
+    async def run() -> int:
+        full, control = Full(), ReplayControl()
+        asyncio.get_running_loop().call_later(0.05, control.stop)
+        endless = ReplaySettings(fastest=True, laps=None)
+        await replay(Memory(SESSION), [full], endless, control=control)
+        return full.taken
+
+    assert 0 < asyncio.run(asyncio.wait_for(run(), PATIENCE_S)) <= AT_ONCE
+
+
+def test_telemetry_flies_again_in_an_emulator(tmp_path: Path) -> None:
+    def sample(i: int) -> Recorded:
+        report = Report(
+            t_utc_ns=RECORDED + i * 100 * MS,
+            latitude_deg=40.46,
+            longitude_deg=-3.73,
+            altitude_m=800.0,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+        )
+        topic, payload = "plotfeed/telemetry/ghost", encode_protobuf(report)
+        return message(i * 100 * MS, topic, payload, stage=Stage.TELEMETRY)
+
+    path = log_file(tmp_path, [sample(i) for i in range(20)])
+    scene = scene_file(tmp_path, scene_text(drones=""))
+    with running("run", scene, "--duration", "60") as session:
+        port = session.port("MQTT 5")
+        with listening(port, 5, "plotfeed/truth", "plotfeed/errors") as ears:
+            url = f"mqtt://127.0.0.1:{port}"
+            done = plotfeed("replay", path, "--broker", url, "--stage", "telemetry")
+            assert done.returncode == 0, done.stderr
+            ears.wait_for(lambda m: b"ghost" in m.payload)
+            assert ears.on("plotfeed/errors") == []
+
+
+def test_no_broker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay_terminal, "CONNECT_S", 0.5)
     path = log_file(tmp_path, SESSION)
     assert "MQTT broker" in refused(path, "--broker", f"mqtt://127.0.0.1:{free_port()}")
 
