@@ -1,0 +1,132 @@
+"""Errors of plots against what is true of them, in units of the standard deviation they state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.models.frames import wrap_180
+from plotfeed.models.state import Floats
+
+QUANTITIES = {"range": "m", "azimuth": "deg", "elevation": "deg"}
+"""What the ledger has the truth of, with the unit of each."""
+AZIMUTH = 1
+AT_ONCE = 1024
+STEP = 0.25
+FURTHEST = 6.0
+"""In standard deviations; what is further counts with the last cells."""
+EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorFigures:
+    """Of one quantity, over the plots of drones that were joined with their truth."""
+
+    quantity: str
+    unit: str
+    plots: int
+    mean: float
+    """Measured less true."""
+    rms: float
+    stated: int
+    """Plots that state a standard deviation; what follows is of these."""
+    stated_rms: float
+    """Root of the mean of the variances that they state."""
+    normalised_mean: float
+    """Of errors over their standard deviations; 0 is asked."""
+    normalised_rms: float
+    """1 is asked."""
+    within_2: float
+    """Share within two standard deviations; 0.954 is asked."""
+    z_mean: float
+    z_rms: float
+    histogram: Sequence[int]
+    """Normalised errors between the report's `normalised_edges`, what is beyond in the last."""
+
+
+class ErrorsTally:
+    """Of one sensor."""
+
+    def __init__(self) -> None:
+        self.joined = 0
+        """Plots with their truth, false alarms left out."""
+        self._gathered: list[Floats] = []
+        self._waiting = 0
+        n = len(QUANTITIES)
+        self._sums = np.zeros((n, 8))
+        self._histograms = np.zeros((n, len(EDGES) - 1), np.int64)
+
+    def add(self, measured: Floats, sigma: Floats, true: Floats) -> None:
+        """Take some plots; (n, 3) each, NaN where there is nothing."""
+        if not len(measured):
+            return
+        self.joined += len(measured)
+        self._gathered.append(np.stack([measured, sigma, true]))
+        self._waiting += len(measured)
+        if self._waiting >= AT_ONCE:
+            self.count()
+
+    def count(self) -> None:
+        """Count what has been gathered."""
+        if not self._gathered:
+            return
+        measured, sigma, true = np.concatenate(self._gathered, axis=1)
+        self._gathered.clear()
+        self._waiting = 0
+        error = measured - true
+        error[:, AZIMUTH] = wrap_180(error[:, AZIMUTH])
+        with np.errstate(all="ignore"):
+            normalised = np.where((sigma > 0) & np.isfinite(sigma), error / sigma, np.nan)
+        for i in range(len(QUANTITIES)):
+            self._count(i, error[:, i], sigma[:, i], normalised[:, i])
+
+    def _count(self, i: int, error: Floats, sigma: Floats, normalised: Floats) -> None:
+        there, stated = np.isfinite(error), np.isfinite(normalised)
+        error, sigma, normalised = error[there], sigma[stated], normalised[stated]
+        self._sums[i] += (
+            len(error),
+            error.sum(),
+            error @ error,
+            len(sigma),
+            sigma @ sigma,
+            normalised.sum(),
+            normalised @ normalised,
+            (np.abs(normalised) <= 2).sum(),
+        )
+        cells = np.clip((normalised + FURTHEST) / STEP, 0, len(EDGES) - 2).astype(np.int64)
+        self._histograms[i] += np.bincount(cells, minlength=len(EDGES) - 1)
+
+    def figures(self) -> list[ErrorFigures]:
+        """Of every quantity that was measured."""
+        return [
+            self._figures(i, name, unit)
+            for i, (name, unit) in enumerate(QUANTITIES.items())
+            if self._sums[i, 0]
+        ]
+
+    def _figures(self, i: int, name: str, unit: str) -> ErrorFigures:
+        n, error, error2, stated, sigma2, normalised, normalised2, within = self._sums[i].tolist()
+
+        def mean(total: float) -> float:
+            return total / stated if stated else math.nan
+
+        # Of independent standard normal numbers the sum has the variance n, that of squares 2n.
+        enough = stated >= 20
+        return ErrorFigures(
+            quantity=name,
+            unit=unit,
+            plots=round(n),
+            mean=error / n,
+            rms=math.sqrt(error2 / n),
+            stated=round(stated),
+            stated_rms=math.sqrt(mean(sigma2)),
+            normalised_mean=mean(normalised),
+            normalised_rms=math.sqrt(mean(normalised2)),
+            within_2=mean(within),
+            z_mean=normalised / math.sqrt(stated) if enough else math.nan,
+            z_rms=(normalised2 - stated) / math.sqrt(2 * stated) if enough else math.nan,
+            histogram=self._histograms[i].tolist(),
+        )

@@ -1,0 +1,147 @@
+"""A recorded ledger in figures, and these as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.ledger_report.alarms import AlarmFigures
+from plotfeed.feeds.ledger_report.errors_tally import EDGES, ErrorFigures
+from plotfeed.feeds.ledger_report.law_fit import CELLS
+from plotfeed.feeds.ledger_report.link_figures import CURVE, LinkFigures, link_figures
+from plotfeed.feeds.ledger_report.looks_tally import PdFigures
+from plotfeed.feeds.ledger_report.reading import Counted
+from plotfeed.feeds.ledger_report.sensor_tally import SensorTally
+from plotfeed.feeds.ledger_report.spread import STEPS
+from plotfeed.replay.recorded import Damage
+from plotfeed.replay.times import iso_utc
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFigures:
+    """One sensor, but for its link."""
+
+    sensor: str
+    entries: int
+    looks: PdFigures | None
+    looks_by_range: Sequence[PdFigures]
+    plots_from: str
+    """Where plots were found: their kind and whether before or after the link; empty for none."""
+    plots: int
+    """Of drones, by the ledger."""
+    joined: int
+    """Of these, the ones that were found with what was measured."""
+    errors: Sequence[ErrorFigures]
+    false_alarms: AlarmFigures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """All that is told of a file."""
+
+    file: str
+    scene: str
+    """Of the session that was recorded; empty if the file has none."""
+    entries: int
+    first_utc_ns: int
+    """When the first message was handed over; without any, when the first entry was written."""
+    last_utc_ns: int
+    """When the last entry was written."""
+    links: Sequence[LinkFigures]
+    sensors: Sequence[SensorFigures]
+    notes: Sequence[str]
+    damage: Sequence[Damage]
+    curve: Sequence[float]
+    """Probabilities of the `curve_ms` of all distributions of times."""
+    normalised_edges: Sequence[float]
+    """Between which errors over their standard deviations were counted."""
+    resolution: Mapping[str, float]
+    """Relative, of times that are quantiles; of Kolmogorov's distance."""
+
+
+def report(path: Path, found: Counted) -> Report:
+    """The figures of what was counted."""
+    names = _names(found.sensors.values())
+    tallies = (link for tally in found.sensors.values() for link in tally.links.values())
+    begins = [link.first_due_utc_ns for link in tallies if link.first_due_utc_ns is not None]
+    return Report(
+        file=str(path),
+        scene=found.scene,
+        entries=found.entries,
+        first_utc_ns=min(begins, default=found.first_ns or 0),
+        last_utc_ns=found.last_ns or 0,
+        links=[
+            link_figures(names[key], number + 1, link, tally.passage.order_of(number))
+            for key, tally in found.sensors.items()
+            for number, link in enumerate(tally.links.values())
+            if link.messages
+        ],
+        sensors=[
+            _sensor(names[key], tally, found.plots_from.get(key, ""))
+            for key, tally in found.sensors.items()
+        ],
+        notes=_notes(found),
+        damage=list(found.damage),
+        curve=[*CURVE.tolist(), 1.0],
+        normalised_edges=EDGES.tolist(),
+        resolution={"times": math.expm1(0.5 / STEPS), "distance": 1 / CELLS},
+    )
+
+
+def _names(tallies: Any) -> dict[tuple[str, str], str]:
+    """As they are told: with the prefix of their topics where the file has several."""
+    several = len({tally.prefix for tally in tallies}) > 1
+    return {
+        (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
+    }
+
+
+def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
+    return SensorFigures(
+        sensor=name,
+        entries=tally.entries,
+        looks=tally.looks.total(),
+        looks_by_range=tally.looks.bins(),
+        plots_from=plots_from,
+        plots=tally.plots,
+        joined=tally.errors.joined,
+        errors=tally.errors.figures(),
+        false_alarms=tally.alarms.figures(),
+    )
+
+
+def _notes(found: Counted) -> list[str]:
+    tallies = found.sensors.values()
+    counts = {
+        "entries are no ledger and are left out": found.unreadable,
+        "entries were recorded twice and count once": found.repeated,
+        "entries are under more link settings than are told": sum(t.left_out for t in tallies),
+        "messages came too late for their place: neither in bursts nor in overtaking": sum(
+            t.passage.turns.out_of_turn for t in tallies
+        ),
+    }
+    return [*found.notes, *(f"{count} {what}" for what, count in counts.items() if count)]
+
+
+def as_values(told: Report) -> dict[str, Any]:
+    """For JSON: times also as text, and null for what is not there."""
+    values: dict[str, Any] = _plain(asdict(told))
+    for each in (values, *values["links"]):
+        for end in ("first", "last"):
+            each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
+    return values
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
