@@ -352,6 +352,25 @@ def record(source: str, file: Path, **options: Any) -> int:
 
 
 @cli.command()
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Everything, as one JSON object.")
+@click.option(
+    "--chart",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="IMAGE",
+    help="Also draw it: .png, .svg or .pdf.",
+)
+def report(recording: Path, **options: Any) -> int:
+    """Hold what a session delivered against what its scene asked, by the ledger in FILE.
+
+    FILE is MCAP, made by run --record or by record: delays, losses, detection, errors of plots.
+    """
+    from plotfeed.feeds.ledger_report.command import print_report
+
+    return print_report(recording, **options)
+
+
+@cli.command()
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True)
 def sensors(name: str | None, *, as_json: bool) -> int:
