@@ -10,6 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from marks import between
+
 from plotfeed.feeds.chart.charted import as_values, charted
 from plotfeed.feeds.chart.pictures import draw
 from plotfeed.feeds.chart.stage import Effort
@@ -21,14 +23,6 @@ PAGE = HERE / "speed-accuracy.md"
 PICTURES = HERE / "speed-accuracy"
 TARGETS = 1000
 Values = dict[str, Any]
-
-
-def between(page: Path, mark: str, text: str) -> None:
-    """Put a text between the two marks of that name on a page."""
-    begin, end = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
-    before, _, rest = page.read_text().partition(begin)
-    _, _, after = rest.partition(end)
-    page.write_text(f"{before}{begin}\n\n{text}\n\n{end}{after}")
 
 
 def tables(chart: Values) -> str:

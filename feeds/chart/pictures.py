@@ -46,7 +46,7 @@ def draw(chart: Charted, folder: Path, picture: str) -> list[Path]:
     paths = []
     for name, title, panels in _figures(chart):
         path = folder / f"{name}.{picture}"
-        _draw(f"{title}: scene {chart.scene}, {chart.effort.targets:,} targets", panels, path)
+        _draw(f"{title}: scene {chart.scene}", panels, path)
         paths.append(path)
     return paths
 
@@ -64,7 +64,7 @@ def _figures(chart: Charted) -> list[tuple[str, str, Mapping[str, Panel]]]:
     if chart.sensors:
         batches: dict[str, Panel] = {"": partial(_batches_panel, chart.sensors)}
         whole: dict[str, Panel] = {s.name: partial(_whole_panel, s) for s in chart.sensors}
-        found.append(("batches", "What a target costs in company", batches))
+        found.append(("batches", "What a target costs in company, by their number", batches))
         found.append(("configurations", "Whole configurations: one way of every stage", whole))
     return found
 
@@ -253,6 +253,6 @@ def _log_axis(axis: Any, limits: tuple[float, float], none: float = 0.0) -> None
 
 def _number(value: float) -> str:
     """As people write it, and very large and very small ones as powers of ten."""
-    if 1e-3 <= value < 1e7:
+    if 1e-3 <= value < 1e6:
         return f"{value:,.0f}" if value >= 1 else f"{value:g}"
     return f"$10^{{{round(np.log10(value))}}}$"

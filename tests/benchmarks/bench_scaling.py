@@ -1,7 +1,8 @@
-"""How cost and memory grow with drones, sensors, sectors and messages; draws docs/scaling.png.
+"""How cost and memory grow with drones, sensors, sectors and messages.
 
     python tests/benchmarks/bench_scaling.py
 
+Writes the table of docs/speed-accuracy.md, between its marks, and draws docs/scaling.png.
 Every point is a process of its own, so that its memory is its own: CPU time of a second of the
 scene, without a broker and as fast as it can, and the largest size that the process had. Points are
 taken in turns. A straight line on log axes is a power; a + b n, which bends where n is a/b, is
@@ -25,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 PROJECT = Path(__file__).parents[2]
+PAGE = PROJECT / "docs" / "speed-accuracy.md"
 PICTURE = PROJECT / "docs" / "scaling.png"
 START_UTC = "2026-01-01T12:00:00Z"
 TURNS = 3
@@ -216,13 +218,15 @@ def affine(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Measures, prints a table and draws the picture."""
+    """Measures, writes the table and draws the picture."""
+    sys.path.insert(0, str(PROJECT / "docs"))
+    from marks import between  # noqa: PLC0415 - beside the pages
+
     found = measured()
-    print(
-        f"CPU of a second of the scene, median of {TURNS} turns; a radar of section-4 that reports "
-        "in category 048.\n"
-    )
-    print(*table(found), sep="\n")
+    head = f"CPU of a second of the scene, median of {TURNS} turns:"
+    text = "\n".join([head, "", *table(found)])
+    print(text)
+    between(PAGE, "scaling", text)
     draw(found)
 
 
