@@ -2,6 +2,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := pyproject.toml Makefile constraints.txt
+CHROMIUM ?= chromium
+AXE := 4.14.1
 
 .PHONY: demo test lint bench proto pictures constraints clean
 
@@ -31,6 +33,12 @@ lint: .venv/.ready-test
 	if command -v c++ >/dev/null; then \
 	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test-asterix]'; \
 	else echo 'no C++ compiler: the tests against asterix-decoder will be skipped'; fi
+	if command -v $(CHROMIUM) >/dev/null; then \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test-page]' || echo 'playwright did not come'; \
+	else echo 'no Chromium: the tests of the page in a browser will be skipped'; fi
+	if command -v npm >/dev/null; then \
+	  npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) || echo 'axe-core did not come'; \
+	else echo 'no npm: the test of accessibility will be skipped'; fi
 	touch $@
 
 proto: .venv/.ready-test
@@ -61,4 +69,4 @@ constraints: .venv/.ready-test
 	mv constraints.new constraints.txt
 
 clean:
-	rm -rf .venv .venv-libasterix .venv-stonesoup .typing
+	rm -rf .venv .venv-libasterix .venv-stonesoup .typing .node

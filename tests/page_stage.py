@@ -148,7 +148,6 @@ class Stage:
         self.totals = Totals()
         self.session: dict[str, Any] = {
             "clock": {"kind": "simulated", "paused": False, "speed": 1.0},
-            "allows": ["pause", "step", "speed", "restart", "record", "scene", "replay"],
             "refuses": {},
             "record": {"on": False},
             "replay": {},

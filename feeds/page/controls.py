@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_COMMAND_OCTETS = 64 << 10
+MAX_WATCHED = 16
 SUBJECTS = ("sensor", "clock", "session", "record", "replay")
 """Of a command: exactly one of these keys says what it is for."""
+
+
+class Look(NamedTuple):
+    """What a viewer looks at."""
+
+    truth: bool
+    watched: tuple[str, ...]
+    """Sensors whose details it shows."""
+
+
+class Asked(NamedTuple):
+    """What a viewer asks for; the answer has the same number."""
+
+    number: int
+    command: dict[str, Any]
 
 
 class Controls(Protocol):
@@ -33,17 +49,27 @@ def refused(why: str) -> dict[str, Any]:
     return {"ok": False, "error": " ".join(why.split())}
 
 
-def command_in(text: str) -> tuple[int, dict[str, Any]]:
-    """The number and the command of a viewer's message; raises `PlotfeedError`."""
+def wish_in(text: str) -> Look | Asked:
+    """What a viewer's message says; raises `PlotfeedError`."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
         raise PlotfeedError("expected JSON") from None
-    if not isinstance(message, dict) or not isinstance(message.get("command"), dict):
-        raise PlotfeedError("expected an object with a command")
-    number, command = message.get("number"), message["command"]
-    if not isinstance(number, int):
-        raise PlotfeedError("number: expected a whole number")
+    if not isinstance(message, dict):
+        raise PlotfeedError("expected an object with look or command")
+    if "look" in message:
+        return _look_in(message["look"])
+    number, command = message.get("number"), message.get("command")
+    if not isinstance(number, int) or not isinstance(command, dict):
+        raise PlotfeedError("expected an object with a number and a command")
     if sum(subject in command for subject in SUBJECTS) != 1:
         raise PlotfeedError(f"expected a command with one of {', '.join(SUBJECTS)}")
-    return number, command
+    return Asked(number, command)
+
+
+def _look_in(look: object) -> Look:
+    watched = look.get("watch", []) if isinstance(look, dict) else None
+    if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
+        raise PlotfeedError("look: expected truth and a list to watch")
+    truth = isinstance(look, dict) and look.get("truth") is True
+    return Look(truth, tuple(watched[:MAX_WATCHED]))

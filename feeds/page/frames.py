@@ -123,14 +123,14 @@ def header(number: int, now_utc_ns: int, flags: int = 0) -> bytes:
 
 
 def section(kind: Kind, columns: Mapping[str, ArrayLike], first: int = 0) -> bytes:
-    """Rows of that kind, all columns equally long; no octet if there are none."""
-    packed = [
-        np.asarray(columns[name], dtype=f"<{dtype}").tobytes() for name, dtype in LAYOUTS[kind]
-    ]
-    rows = len(packed[0]) // np.dtype(LAYOUTS[kind][0][1]).itemsize
+    """Rows of that kind; no octet if there are none."""
+    typed = [np.asarray(columns[name], dtype=f"<{dtype}") for name, dtype in LAYOUTS[kind]]
+    rows = len(typed[0])
     if not rows:
         return b""
-    body = b"".join(_aligned(packed))
+    if any(len(column) != rows for column in typed):
+        raise ValueError("columns of a section are equally long")
+    body = b"".join(_aligned(column.tobytes() for column in typed))
     return SECTION.pack(kind, rows, first & COUNT_MASK, len(body)) + body
 
 

@@ -100,7 +100,9 @@ def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:
     """The same for a distribution by its quantiles at equal steps, straight between them."""
     if not len(quantiles_ms):
         return np.zeros(0)
-    return np.interp(edges_ms, quantiles_ms, np.linspace(0, 1, len(quantiles_ms)), 0.0, 1.0)
+    probability = np.linspace(0, 1, len(quantiles_ms))
+    just_below_ms = edges_ms - 1e-9 * (edges_ms[1] - edges_ms[0])
+    return np.interp(just_below_ms, quantiles_ms, probability, 0.0, 1.0)
 
 
 def _nice_bins(low_ms: float, high_ms: float) -> tuple[float, float]:

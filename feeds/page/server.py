@@ -20,8 +20,15 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from plotfeed.feeds.page.access import Access, PageAddress
-from plotfeed.feeds.page.controls import MAX_COMMAND_OCTETS, Controls, command_in, refused
+from plotfeed.feeds.page.controls import (
+    MAX_COMMAND_OCTETS,
+    Controls,
+    Look,
+    refused,
+    wish_in,
+)
 from plotfeed.feeds.page.guard import Guard
+from plotfeed.feeds.page.listening import listening
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import Viewer
 from plotfeed.proto.errors import PlotfeedError
@@ -31,8 +38,6 @@ STALLED_S = 5.0
 """A viewer that takes nothing for so long is dropped."""
 MAX_VIEWERS = 50
 MAX_CONNECTIONS = 200
-ABORT_MS = 10_000
-"""A connection whose other end takes nothing for so long is given up by the system, on Linux."""
 MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "css": "text/css; charset=utf-8",
@@ -41,12 +46,6 @@ MEDIA_TYPES = {
 }
 FIRST_FILE = "page.html"
 log = logging.getLogger("plotfeed")
-
-
-class PageError(PlotfeedError):
-    """The page cannot be served."""
-
-    exit_code = 1
 
 
 class PageServer:
@@ -66,7 +65,7 @@ class PageServer:
         self._view = view
         self._controls = controls
         self._now_utc_ns = now_utc_ns
-        self._socket = _listening(address)
+        self._socket = listening(address)
         port = self._socket.getsockname()[1]
         self._address = PageAddress(address.host, port)
         self._access = Access(self._address, token)
@@ -185,19 +184,16 @@ class PageServer:
 
     async def _answer(self, text: str, viewer: Viewer) -> dict[str, object]:
         """To wishes about what is shown, and to commands."""
+        number = None
         try:
-            wish = _wish_in(text)
-            if wish is not None:
-                truth, watched = wish
-                viewer.watched = watched
+            wish = wish_in(text)
+            if isinstance(wish, Look):
+                viewer.watched = wish.watched
                 self._watch()
-                viewer.show_truth(shown=truth)
+                viewer.show_truth(shown=wish.truth)
                 return {"looking": True}
-            number, command = command_in(text)
-        except PlotfeedError as error:
-            return {"number": None, **refused(str(error))}
-        try:
-            return {"number": number, **await self._controls.apply(command)}
+            number = wish.number
+            return {"number": number, **await self._controls.apply(wish.command)}
         except PlotfeedError as error:
             return {"number": number, **refused(str(error))}
 
@@ -246,44 +242,6 @@ def _log_unexpected(result: object) -> None:
         result, WebSocketDisconnect | TimeoutError | RuntimeError | OSError
     ):
         log.warning("a viewer of the page was lost: %r", result)
-
-
-def _wish_in(text: str) -> tuple[bool, tuple[str, ...]] | None:
-    """`{"look": {"truth": true, "watch": ["radar"]}}`; None if it is something else."""
-    try:
-        message = json.loads(text)
-    except (ValueError, RecursionError):
-        raise PlotfeedError("expected JSON") from None
-    if not isinstance(message, dict) or "look" not in message:
-        return None
-    look = message["look"]
-    watched = look.get("watch", []) if isinstance(look, dict) else None
-    if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
-        raise PlotfeedError("look: expected truth and a list to watch")
-    return look.get("truth") is True, tuple(watched[:16])
-
-
-def _listening(address: PageAddress) -> socket.socket:
-    """A socket that listens there; raises `PageError` in one line."""
-    where = f"--page {address.host}:{address.port}"
-    listener = None
-    try:
-        found = socket.getaddrinfo(
-            address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )
-        family, _, _, _, target = found[0]
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, ABORT_MS)
-        listener.bind(target)
-        listener.listen(100)
-        listener.setblocking(False)
-    except OSError as error:
-        if listener is not None:
-            listener.close()
-        raise PageError(f"{where}: {error.strerror or error}") from None
-    return listener
 
 
 def _static_files() -> dict[str, bytes]:

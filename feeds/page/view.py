@@ -7,6 +7,7 @@ Nothing waits, and whatever is kept is bounded.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -62,6 +63,7 @@ class View:
         self._news: dict[str, Any] = {"layouts": _layouts(), "session": {}, "totals": {}}
         self._changed: set[str] = set()
         self._watched: frozenset[str] = frozenset()
+        self._details_are_due = False
         self._is_new = True
         self._totals: dict[str, float] = {}
         self._begin(Placements(_NOWHERE, ()), ())
@@ -140,11 +142,13 @@ class View:
     def session(self, state: Mapping[str, Any]) -> None:
         """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.
 
-        `clock`: kind ("wall" or "simulated"), paused, speed. `allows`: the controls that work now;
-        `refuses`: why others do not, by name. `record`: on, file, octets, seconds. `replay`: file,
-        position_s, duration_s, paused. `scenes`, `recordings`: names.
+        `clock`: kind, paused, speed. `refuses`: why controls do not work, by name (pause, step,
+        speed, restart, record, scene, replay). `record`: on, file, seconds. `replay`: file,
+        position_s, duration_s, paused. `scenes`, `recordings`: names to choose from.
         """
-        self._tell("session", {**self._news["session"], **state})
+        before = self._news["session"]
+        if any(before.get(key) != value for key, value in state.items()):
+            self._tell("session", {**before, **state})
 
     def totals(self, totals: Counts) -> None:
         """Counts of the whole session; told on once a second."""
@@ -173,7 +177,7 @@ class View:
         known = sorted(s for s in set(sensors) if s in self._sensors)[:MAX_WATCHED]
         if frozenset(known) != self._watched:
             self._watched = frozenset(known)
-            self._tell_details()
+            self._details_are_due = True
 
     def update(self, now_utc_ns: int, monotonic_s: float) -> Update:
         """What has changed since the last one."""
@@ -182,6 +186,8 @@ class View:
         seconds = self._rates.over(monotonic_s)
         if seconds:
             self._tell("totals", self._totals)
+        if seconds or self._details_are_due:
+            self._details_are_due = False
             self._tell_details()
         public_plots, true_plots = self._plots.sections(now_utc_ns)
         public_tracks = self._tracks.news(now_utc_ns)
@@ -252,4 +258,17 @@ def _layouts() -> dict[str, Sequence[Sequence[str]]]:
 def _news(told: Mapping[str, Any], kind: Kind = Kind.NEWS) -> bytes:
     if not told:
         return b""
-    return news(json.dumps(told, separators=(",", ":"), default=str).encode(), kind)
+    try:
+        text = json.dumps(told, separators=(",", ":"), default=str, allow_nan=False)
+    except ValueError:
+        text = json.dumps(_finite(told), separators=(",", ":"), default=str)
+    return news(text.encode(), kind)
+
+
+def _finite(value: Any) -> Any:
+    """The same with null for numbers that JSON does not know."""
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -87,13 +87,20 @@ const MARKS = {
   plot: (c) => { c.fillStyle = sensorColour(0); c.fillRect(6.5, 6.5, 5, 5); },
   bearing: (c) => { c.strokeStyle = sensorColour(3); line(c, 1, 16, 17, 3); },
   track: (c) => { c.strokeStyle = colours.track; c.strokeRect(4.5, 4.5, 9, 9); line(c, 9, 9, 17, 3); },
-  drone: (c) => { c.fillStyle = colours.truth; c.beginPath(); c.moveTo(9, 1.5); c.lineTo(14, 15); c.lineTo(9, 12); c.lineTo(4, 15); c.fill(); },
-  "drone gone": (c) => { c.strokeStyle = colours.warn; c.setLineDash([2, 2]); c.beginPath(); c.moveTo(9, 1.5); c.lineTo(14, 15); c.lineTo(9, 12); c.lineTo(4, 15); c.closePath(); c.stroke(); },
+  drone: (c) => { c.strokeStyle = colours.truth; arrowhead(c); },
+  "drone gone": (c) => { c.strokeStyle = colours.warn; c.setLineDash([2, 2]); arrowhead(c); },
   "false alarm": (c) => { c.strokeStyle = sensorColour(0); line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
   "lost by the link": (c) => { c.strokeStyle = sensorColour(0); c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
   "several drones": (c) => { c.fillStyle = c.strokeStyle = sensorColour(0); c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
 };
 const ALWAYS = ["plot", "bearing", "track"];
+
+function arrowhead(context) {
+  context.beginPath();
+  for (const [x, y] of [[9, 1.5], [14, 15], [9, 12], [4, 15]]) context.lineTo(x, y);
+  context.closePath();
+  context.stroke();
+}
 
 function line(context, x0, y0, x1, y1) {
   context.beginPath();

@@ -2,16 +2,18 @@
 
 import { drawGround, inKilometres, ringSpacing } from "./ground.js";
 import { dronePlace, drawMarks, drawMoving, placeOf, trackPlace } from "./marks.js";
+import { Pixels } from "./pixels.js";
 import { azimuthOf, Viewport } from "./viewport.js";
 
 const REACH = 11; // pixels within which a mark is hit
-const MARKS_SHARE = 0.05; // of the time, at most, for drawing marks anew
+const MARKS_SHARE = 0.06; // of the time, at most, for drawing marks anew
+const SHORTEST_STILL_MS = 45;
 const LONGEST_STILL_MS = 150;
 const byId = (id) => document.getElementById(id);
 
 /** A layer that is drawn elsewhere and then copied. */
 function layer() {
-  return document.createElement("canvas").getContext("2d", { alpha: false });
+  return document.createElement("canvas").getContext("2d", { alpha: false, willReadFrequently: true });
 }
 
 export class Display {
@@ -26,6 +28,7 @@ export class Display {
   #box = byId("display");
   #ground = layer(); // what lies still
   #marks = layer(); // ground and marks
+  #pixels = new Pixels();
   #screen = byId("screen").getContext("2d", { alpha: false });
   #groundIsOld = true;
   #marksDueAt = 0;
@@ -106,7 +109,8 @@ export class Display {
   }
 
   #resize() {
-    const { clientWidth, clientHeight } = this.#box, dpr = devicePixelRatio || 1;
+    const dpr = devicePixelRatio || 1;
+    const clientWidth = Math.max(this.#box.clientWidth, 1), clientHeight = Math.max(this.#box.clientHeight, 1);
     for (const context of [this.#ground, this.#marks, this.#screen]) {
       context.canvas.width = Math.round(clientWidth * dpr);
       context.canvas.height = Math.round(clientHeight * dpr);
@@ -125,23 +129,31 @@ export class Display {
       this.home();
     }
     if (this.following && this.selected) this.#centre(nowMs);
-    if (this.#groundIsOld || at >= this.#marksDueAt) this.#drawMarks(at, nowMs);
+    const due = this.#groundIsOld || at >= this.#marksDueAt;
+    if (due) this.#drawMarks(at, nowMs);
+    else if (!this.#turns()) return;
     copy(this.#marks, this.#screen);
     drawMoving(this.#screen, this.view, this.picture, nowMs, this);
     this.framesDrawn++;
   }
 
-  /** Marks are drawn as often as there is time for: every frame where they are few. */
+  /** Whether anything is different in every frame of the screen. */
+  #turns() {
+    return this.layers.sweep && this.picture.pace > 0 && (this.picture.news.scene?.sensors.some((sensor) => sensor.rotates) ?? false);
+  }
+
+  /** Marks are drawn as often as there is time for, twenty times a second where they are few. */
   #drawMarks(at, nowMs) {
     const began = performance.now();
     if (this.#groundIsOld) {
       this.#groundIsOld = false;
       drawGround(this.#ground, this.view, { scene: this.picture.news.scene, hidden: this.hidden, layers: this.layers, basemap: this.#basemap });
+      this.#pixels.setGround(this.#ground);
       byId("scale").textContent = `rings ${inKilometres(ringSpacing(this.view))}`;
     }
-    copy(this.#ground, this.#marks);
-    drawMarks(this.#marks, this.view, this.picture, nowMs, this);
-    this.#marksDueAt = at + Math.min((performance.now() - began) / MARKS_SHARE, LONGEST_STILL_MS);
+    drawMarks(this.#marks, this.#pixels, this.view, this.picture, nowMs, this);
+    const wait = (performance.now() - began) / MARKS_SHARE;
+    this.#marksDueAt = at + Math.min(Math.max(wait, SHORTEST_STILL_MS), LONGEST_STILL_MS);
   }
 
   #centre(nowMs) {

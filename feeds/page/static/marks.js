@@ -1,8 +1,9 @@
 // What is on the display: plots and bearings that fade, drones, tracks; and, anew for every frame of
 // the screen, the sweeps and what is selected.
 
-import { TrackFlag } from "./frames.js";
+import { FALSE_ALARM, TrackFlag } from "./frames.js";
 import { colours, faded, sensorColour, SENSOR_COLOURS } from "./colours.js";
+import { packed } from "./pixels.js";
 
 const LEVELS = 10; // of fading
 const SWEEP_DEG = 32;
@@ -11,20 +12,26 @@ const MOST_LABELS = 90;
 let size = 1; // of marks, larger on large displays
 const AHEAD_S = 8; // of a velocity's line
 
-const order = new Uint32Array(1 << 16);
-const starts = new Uint32Array(SENSOR_COLOURS * LEVELS + 1);
-const cells = new Uint16Array(1 << 16);
+const SIDES = Array.from({ length: LEVELS }, (_, level) => (level === 0 ? 5 : level < 3 ? 4 : 3));
+const OPACITIES = Array.from({ length: LEVELS }, (_, level) => 0.12 + 0.88 * (1 - level / LEVELS) ** 1.5);
+const BATCH = 40; // shapes in one path: much longer ones are slow
+const others = []; // plots that are more than a square, each with its level
 
-/** What moves slowly or fades. */
-export function drawMarks(context, view, picture, nowMs, options) {
+/** What moves slowly or fades, over the ground that `pixels` knows. */
+export function drawMarks(context, pixels, view, picture, nowMs, options) {
   const scene = picture.news.scene;
-  if (!scene) return;
+  if (!scene) {
+    pixels.begin();
+    pixels.put(context);
+    return;
+  }
   size = Math.min(Math.max(Math.min(view.width, view.height) / 640, 1), 1.7);
   const hiddenNumbers = new Set(scene.sensors.flatMap((sensor, number) => (options.hidden.has(sensor.id) ? [number] : [])));
   const labels = new Labels(context);
-  if (options.truth && picture.drones) drawDrones(context, view, picture, nowMs, options, labels);
+  drawSquares(pixels, context, view, picture.plots, nowMs, options, hiddenNumbers);
+  drawOthers(context, view, picture.plots, scene, options);
   if (options.truth) drawLost(context, view, picture.lost, nowMs, options, hiddenNumbers);
-  drawPlots(context, view, picture.plots, scene, nowMs, options, hiddenNumbers);
+  if (options.truth && picture.drones) drawDrones(context, view, picture, nowMs, options, labels);
   if (options.layers.tracks) drawTracks(context, view, picture, nowMs, options, labels);
 }
 
@@ -67,91 +74,56 @@ function drawSweeps(context, view, picture, scene, nowMs, hidden) {
   }
 }
 
-/** Plots sorted by colour and age, so that each colour is set once. */
-function drawPlots(context, view, plots, scene, nowMs, { glowMs, truth }, hiddenNumbers) {
-  const count = plots.end - plots.begin;
-  starts.fill(0);
-  const none = SENSOR_COLOURS * LEVELS;
-  for (let i = 0; i < count; i++) {
-    const at = plots.at(plots.begin + i), age = (nowMs - plots.shown_ms[at]) / glowMs;
-    let cell = none;
-    if (age < 1 && !hiddenNumbers.has(plots.sensor[at])) {
-      cell = (plots.sensor[at] % SENSOR_COLOURS) * LEVELS + Math.max(0, Math.floor(age * LEVELS));
-      starts[cell + 1]++;
-    }
-    cells[i] = cell;
+/** Squares of all plots that have a place; what else there is of plots is drawn over them, later. */
+function drawSquares(pixels, context, view, plots, nowMs, { glowMs, truth }, hiddenNumbers) {
+  const dpr = context.getTransform().a, packedColours = colours.sensors.map(packed);
+  pixels.begin();
+  others.length = 0;
+  for (let row = plots.begin; row < plots.end; row++) {
+    const at = plots.at(row), age = (nowMs - plots.shown_ms[at]) / glowMs, sensor = plots.sensor[at];
+    if (age >= 1 || hiddenNumbers.has(sensor)) continue;
+    const level = Math.max(0, Math.floor(age * LEVELS));
+    if (plots.flags[at] || (truth && (plots.drone[at] === FALSE_ALARM || plots.merged[at]))) others.push(at, level);
+    if (plots.flags[at] || (truth && plots.drone[at] === FALSE_ALARM)) continue;
+    const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
+    pixels.square(x * dpr, y * dpr, SIDES[level] * size * dpr, packedColours[sensor % SENSOR_COLOURS], OPACITIES[level] * 256);
   }
-  for (let cell = 0; cell < none; cell++) starts[cell + 1] += starts[cell];
-  const next = starts.slice();
-  for (let i = 0; i < count; i++) if (cells[i] !== none) order[next[cells[i]]++] = plots.at(plots.begin + i);
-  for (let level = LEVELS - 1; level >= 0; level--) {
-    for (let colour = 0; colour < SENSOR_COLOURS; colour++) {
-      const cell = colour * LEVELS + level;
-      if (starts[cell] < starts[cell + 1]) drawBatch(context, view, plots, scene, starts[cell], starts[cell + 1], sensorColour(colour), level, truth);
-    }
+  pixels.put(context);
+}
+
+/** Bearings, and what the truth tells of plots: false alarms as crosses, a frame about several drones in one. */
+function drawOthers(context, view, plots, scene, { truth }) {
+  context.lineWidth = 1.3;
+  for (let i = 0; i < others.length; i += 2) {
+    const at = others[i], colour = sensorColour(plots.sensor[at]), opacity = OPACITIES[others[i + 1]];
+    context.strokeStyle = faded(colour, plots.flags[at] ? 0.75 * opacity : opacity);
+    if (plots.flags[at]) drawRay(context, view, plots, scene.sensors[plots.sensor[at]], at, truth);
+    else if (plots.drone[at] === FALSE_ALARM) drawCross(context, view.x(plots.east_m[at]), view.y(plots.north_m[at]), 3.5 * size);
+    else context.strokeRect(view.x(plots.east_m[at]) - 5 * size, view.y(plots.north_m[at]) - 5 * size, 10 * size, 10 * size);
   }
 }
 
-function drawBatch(context, view, plots, scene, from, to, colour, level, truth) {
-  const strength = (1 - level / LEVELS) ** 1.5, side = size * (level === 0 ? 5 : level < 3 ? 4 : 3);
-  const alpha = 0.12 + 0.88 * strength;
-  context.fillStyle = faded(colour, alpha);
-  context.strokeStyle = faded(colour, alpha);
-  context.lineWidth = 1.4;
-  const { width, height } = view, half = side / 2;
-  let crosses = 0, rays = 0;
+function drawCross(context, x, y, arm) {
   context.beginPath();
-  for (let i = from; i < to; i++) {
-    const at = order[i];
-    if (plots.flags[at]) { rays++; continue; }
-    const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-    if (x < -9 || y < -9 || x > width + 9 || y > height + 9) continue;
-    if (truth && plots.drone[at] === -1) { crosses++; continue; }
-    context.rect(x - half, y - half, side, side);
-    if (truth && plots.merged[at]) context.strokeRect(x - half - 2.5, y - half - 2.5, side + 5, side + 5);
-  }
-  context.fill();
-  if (crosses) drawCrosses(context, view, plots, from, to);
-  if (rays) drawRays(context, view, plots, scene, from, to, colour, strength, truth);
-}
-
-/** False alarms, told apart only where the truth is shown. */
-function drawCrosses(context, view, plots, from, to) {
-  const arm = 3.5 * size;
-  context.beginPath();
-  for (let i = from; i < to; i++) {
-    const at = order[i];
-    if (plots.flags[at] || plots.drone[at] !== -1) continue;
-    const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-    context.moveTo(x - arm, y - arm);
-    context.lineTo(x + arm, y + arm);
-    context.moveTo(x + arm, y - arm);
-    context.lineTo(x - arm, y + arm);
-  }
+  context.moveTo(x - arm, y - arm);
+  context.lineTo(x + arm, y + arm);
+  context.moveTo(x + arm, y - arm);
+  context.lineTo(x - arm, y + arm);
   context.stroke();
 }
 
-/** Bearings as rays to the edge of cover; what has no direction as a ring about its sensor. */
-function drawRays(context, view, plots, scene, from, to, colour, strength, truth) {
-  context.strokeStyle = faded(colour, 0.06 + 0.6 * strength);
-  context.lineWidth = 1.1;
-  for (const falsely of truth ? [false, true] : [false]) {
-    context.setLineDash(falsely ? [3, 5] : []);
-    context.beginPath();
-    for (let i = from; i < to; i++) {
-      const at = order[i], sensor = scene.sensors[plots.sensor[at]];
-      if (!plots.flags[at] || !sensor || (truth && plots.isFalse(at) !== falsely)) continue;
-      const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
-      if (plots.isNowhere(at)) {
-        context.moveTo(x + 13, y);
-        context.arc(x, y, 13, 0, 2 * Math.PI);
-      } else {
-        context.moveTo(x, y);
-        context.lineTo(view.x(plots.east_m[at]), view.y(plots.north_m[at]));
-      }
-    }
-    context.stroke();
+/** A bearing as a ray to the edge of cover; what has no direction as a ring about its sensor. */
+function drawRay(context, view, plots, sensor, at, truth) {
+  const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
+  context.setLineDash(truth && plots.isFalse(at) ? [3, 5] : []);
+  context.beginPath();
+  if (plots.isNowhere(at)) {
+    context.arc(x, y, 13 * size, 0, 2 * Math.PI);
+  } else {
+    context.moveTo(x, y);
+    context.lineTo(view.x(plots.east_m[at]), view.y(plots.north_m[at]));
   }
+  context.stroke();
   context.setLineDash([]);
 }
 
@@ -180,18 +152,13 @@ function drawDrones(context, view, { drones, droneNames }, nowMs, { layers }, la
     if (x > -20 && y > -20 && x < view.width + 20 && y < view.height + 20) seen.push([i, x, y]);
   }
   const length = size * (seen.length > 300 ? 5 : 7);
-  context.strokeStyle = colours.sea;
-  context.lineWidth = 1;
-  context.fillStyle = colours.truth;
-  context.beginPath();
-  for (const [i, x, y] of seen) if (drones.gone_ms[i] === 0) traceDrone(context, x, y, drones, i, length);
-  context.fill();
-  context.stroke();
+  context.lineWidth = 1.3;
+  context.strokeStyle = colours.truth;
+  context.fillStyle = faded(colours.truth, 0.3);
+  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] === 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), true);
   context.strokeStyle = colours.warn;
   context.setLineDash([2, 2]);
-  context.beginPath();
-  for (const [i, x, y] of seen) if (drones.gone_ms[i] > 0) traceDrone(context, x, y, drones, i, length);
-  context.stroke();
+  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] > 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), false);
   context.setLineDash([]);
   if (!layers.labels || seen.length > MOST_LABELS) return;
   for (const [i, x, y] of seen) {
@@ -217,6 +184,16 @@ class Labels {
     this.#taken.push([x, y, wide]);
     this.context.fillStyle = colour;
     this.context.fillText(words, x, y);
+  }
+}
+
+/** Shapes of one colour, some in a path. */
+function drawBatches(context, shapes, trace, filled) {
+  for (let from = 0; from < shapes.length; from += BATCH) {
+    context.beginPath();
+    shapes.slice(from, from + BATCH).forEach(trace);
+    if (filled) context.fill();
+    context.stroke();
   }
 }
 

@@ -72,19 +72,20 @@ export class Session {
   }
 
   show() {
-    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], allows, refuses = {} } = this.#state;
+    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], refuses = {} } = this.#state;
     byId("scene-name").textContent = news.scene?.name ?? "";
     document.title = news.scene ? `${news.scene.name} · plotfeed` : "plotfeed";
     for (const element of document.querySelectorAll("[data-needs]")) {
       const need = element.dataset.needs;
-      element.disabled = (allows !== undefined && !allows.includes(need)) || (need === "scene" && !scenes.length) || (need === "replay" && !recordings.length);
+      element.title = refuses[need] ?? "";
+      element.disabled = need in refuses || (need === "scene" && !scenes.length) || (need === "replay" && !recordings.length);
     }
     byId("pause").textContent = clock.paused ? "Go on" : "Pause";
     byId("pause").setAttribute("aria-pressed", String(Boolean(clock.paused)));
     showSpeed(clock.speed ?? 1);
     byId("record").setAttribute("aria-pressed", String(Boolean(record.on)));
     byId("record-text").textContent = record.on ? `Stop ${clockText(record.seconds ?? 0)}` : "Record";
-    byId("record").title = record.file ? `${record.on ? "Recording to" : "Recorded"} ${record.file}` : "";
+    if (!refuses.record) byId("record").title = record.file ? `${record.on ? "Recording to" : "Recorded"} ${record.file}` : "";
     fill("scene", scenes, news.scene?.name);
     fill("recording", recordings, replay.file);
     this.#showReplay(replay);

@@ -1,0 +1,189 @@
+"""Ties a running session to the page: what happens goes to the view, what is asked comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.broker_address import BrokerAddress
+from plotfeed.feeds.clock import WallClock
+from plotfeed.feeds.control import command_of
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.impairment.settings import Link
+from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.controls import Controls, NoControls, refused
+from plotfeed.feeds.page.tracks import decode_tracks
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.places import site_frame
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.session import Observer, Session
+from plotfeed.feeds.station import SectorReport
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import PlotfeedError
+
+TRUTH_EVERY_S = 0.1
+PROBABILITIES = np.linspace(0, 1, 1001)
+CLOCK_CONTROLS = ("pause", "step", "speed")
+REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
+NO_PACE = "A run as fast as possible has no pace to control."
+
+
+class PageObserver(Observer):
+    """Follows one session after the other, and controls the one that runs."""
+
+    def __init__(self, view: View, others: Controls | None = None) -> None:
+        """`others` take commands that are not for a sensor or the clock."""
+        self._view = view
+        self._others = others or NoControls()
+        self._session: Session | None = None
+        self._basemap: Basemap | None = None
+        self._before: tuple[Sensor, ...] = ()
+        self._refusal = ""
+        self._now_ns = 0
+
+    def scene(self, basemap: Basemap | None) -> None:
+        """The next session has that basemap."""
+        self._basemap = basemap
+
+    # What the session tells.
+
+    def begun(self, session: Session) -> None:
+        """It stands, and its time begins."""
+        self._session = session
+        self._refusal = ""
+        self._view.scene(session.scene, self._basemap)
+        for desk in session.desks.values():
+            self._tell_settings(desk.sensor, new_model=True)
+        self._before = tuple(desk.sensor for desk in session.desks.values())
+        self._tell_clock()
+
+    def ended(self) -> None:
+        """It is over; the page shows what there was."""
+        self._now_ns = self.now_utc_ns()
+        self._session = None
+
+    def report(self, report: SectorReport) -> None:
+        """A sector is reported now."""
+        self._view.report(report)
+
+    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of its messages."""
+        self._view.account(report, sent)
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
+        before = next((s for s in self._before if s.id == sensor.id), None)
+        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
+        self._tell_settings(sensor, new_model=before is None or _model_differs(before, sensor))
+
+    # What the page asks.
+
+    def now_utc_ns(self) -> int:
+        """The session's time; the last one when none runs."""
+        return self._now_ns if self._session is None else self._session.clock.now_ns()
+
+    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """Do as a viewer asks."""
+        if "sensor" not in command and "clock" not in command:
+            return await self._others.apply(command)
+        if self._session is None:
+            return refused("no session runs")
+        in_force = self._session.control(command_of(command))
+        self._tell_clock()
+        return {"ok": True, "in_force": in_force}
+
+    async def follow(self) -> None:
+        """Tell the view what changes without anybody saying so, until cancelled."""
+        while True:
+            await asyncio.sleep(TRUTH_EVERY_S)
+            if self._session is not None:
+                self._look_at(self._session)
+
+    def _look_at(self, session: Session) -> None:
+        now_ns = session.clock.now_ns()
+        trajectories = session.trajectories
+        self._view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
+        self._view.totals(session.totals)
+        if session.totals.last_refusal != self._refusal:
+            self._refusal = session.totals.last_refusal
+            self._view.refusal(self._refusal)
+        self._tell_clock()
+
+    def _tell_clock(self) -> None:
+        """The clock's state, which control may have changed from elsewhere, for what is news."""
+        if self._session is not None:
+            self._view.session(clock_state(self._session))
+
+    def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
+        law = DelayLaw.of(sensor.link or Link())
+        self._view.settings(
+            sensor.id,
+            sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
+            asked_latency_ms=law.quantile_ms(PROBABILITIES),
+            new_model=new_model,
+        )
+
+
+def clock_state(session: Session) -> dict[str, Any]:
+    """What of the clock a page shows, and which of its controls work."""
+    clock = session.clock
+    if isinstance(clock, WallClock):
+        state = {
+            "kind": "wall" if clock.is_real else "simulated",
+            "paused": clock.is_paused,
+            "speed": clock.speed,
+        }
+        refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
+    else:
+        state = {"kind": "instant", "paused": False, "speed": 1.0}
+        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
+    return {"clock": state, "refuses": refusals}
+
+
+@contextlib.asynccontextmanager
+async def following(observer: PageObserver) -> AsyncIterator[None]:
+    """`observer.follow` for as long as this lasts."""
+    task = asyncio.create_task(observer.follow(), name="page-follow")
+    try:
+        yield
+    finally:
+        await _cancelled(task)
+
+
+@contextlib.asynccontextmanager
+async def hearing_tracks(
+    view: View, scene: Scene, address: BrokerAddress, topic: str, now_utc_ns: Callable[[], int]
+) -> AsyncIterator[None]:
+    """Show the tracks that come on a topic; what cannot be read is said on the page."""
+    site = site_frame(scene.scene.site)
+
+    def heard(_topic: str, payload: bytes, _content_type: str | None) -> None:
+        try:
+            view.tracks(decode_tracks(payload, now_utc_ns(), site))
+        except PlotfeedError as error:
+            view.track_problem(str(error))
+
+    link = MqttLink(address, "plotfeed-page", subscribe=[topic], on_message=heard)
+    task = asyncio.create_task(link.run(), name="page-tracks")
+    try:
+        yield
+    finally:
+        await _cancelled(task)
+
+
+async def _cancelled(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+def _model_differs(before: Sensor, now: Sensor) -> bool:
+    """Whether anything but the link is different."""
+    link = {"link", "event"}
+    return before.model_dump(exclude=link) != now.model_dump(exclude=link)

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from plotfeed.feeds.page.access import DEFAULT_PORT, Access, PageAddress
+from plotfeed.proto.errors import PlotfeedError
+
+LOCAL = PageAddress("127.0.0.1", 8000)
+WIDE = PageAddress("0.0.0.0", 8000)  # noqa: S104 - nothing listens
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "is_loopback"),
+    [
+        ("127.0.0.1:8000", "127.0.0.1", 8000, True),
+        ("localhost:1", "localhost", 1, True),
+        ("127.8.9.1:1", "127.8.9.1", 1, True),
+        ("[::1]:65535", "::1", 65535, True),
+        (":8000", "127.0.0.1", 8000, True),
+        ("8000", "127.0.0.1", 8000, True),
+        ("0", "127.0.0.1", 0, True),
+        ("0.0.0.0:8000", "0.0.0.0", 8000, False),  # noqa: S104 - only read
+        ("[::]:80", "::", 80, False),
+        ("192.168.1.7:8000", "192.168.1.7", 8000, False),
+        ("ops.example:8000", "ops.example", 8000, False),
+    ],
+)
+def test_an_address_is_host_and_port(text: str, host: str, port: int, is_loopback: bool) -> None:
+    address = PageAddress.parse(text)
+    assert (address.host, address.port, address.is_loopback) == (host, port, is_loopback)
+
+
+@pytest.mark.parametrize("text", ["", "localhost", "::1", "1:2:3", "h:70000", "h:-1", "h:٣", "h:"])
+def test_what_is_no_address_is_a_line(text: str) -> None:
+    with pytest.raises(
+        PlotfeedError, match=f"such as 127.0.0.1:{DEFAULT_PORT}"
+    ) as error:
+        PageAddress.parse(text)
+    assert "\n" not in str(error.value)
+
+
+def test_on_loopback_only_names_of_loopback_are_ours() -> None:
+    access = Access(LOCAL)
+    for ours in ("localhost:8000", "127.0.0.1:8000", "[::1]:8000", "LOCALHOST", "127.0.0.1"):
+        assert access.host_is_ours({"host": ours})
+    for foreign in ("evil.example:8000", "127.0.0.1.evil.example", "192.168.0.1:8000", "", "[::2]"):
+        assert not access.host_is_ours({"host": foreign})
+    assert not access.host_is_ours({})
+
+
+def test_bound_wider_addresses_and_this_machine_are_ours_but_not_any_name() -> None:
+    access = Access(WIDE)
+    ours = ("192.168.0.1:8000", "[fe80::1]:8000", "localhost:8000", f"{socket.gethostname()}:8000")
+    assert all(access.host_is_ours({"host": host}) for host in ours)
+    assert not access.host_is_ours({"host": "evil.example:8000"})
+
+
+def test_a_token_is_drawn_where_others_can_get_and_nowhere_else() -> None:
+    assert Access(LOCAL).token is None
+    assert Access(LOCAL).is_token(None)
+    first, second = Access(WIDE).token, Access(WIDE).token
+    assert first
+    assert second
+    assert len(first) >= 24
+    assert first != second
+
+
+def test_only_the_token_lets_in() -> None:
+    access = Access(WIDE, "right")
+    assert access.has_token({"cookie": f"a=b; {access.cookie}=right"})
+    for cookie in (
+        "",
+        f"{access.cookie}=wrong",
+        f"{access.cookie}=",
+        "other=right",
+        "=;;\x00",
+        "é",
+    ):
+        assert not access.has_token({"cookie": cookie})
+    assert not access.has_token({})
+    assert not access.is_token("rigHt")
+    assert not access.is_token("ä")
+
+
+def test_only_the_page_itself_is_of_our_origin() -> None:
+    access = Access(LOCAL)
+    host = {"host": "localhost:8000"}
+    assert access.origin_is_ours(host | {"origin": "http://localhost:8000"})
+    assert access.origin_is_ours(host | {"origin": "https://localhost:8000"})
+    for origin in ("http://localhost:8001", "http://evil.example", "null", "", "http://localhost"):
+        assert not access.origin_is_ours(host | {"origin": origin})
+    assert not access.origin_is_ours(host)
+    assert not access.origin_is_ours({"origin": "http://localhost:8000"})

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+from itertools import groupby
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.page.latencies import BINS, LOSSES_KEPT, LinkRecord
+
+PROBABILITIES = np.linspace(0, 1, 1001)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=80), st.randoms())
+def test_bursts_are_counted_in_whatever_order_messages_are_heard_of(
+    lost: list[bool], order: object
+) -> None:
+    link = LinkRecord()
+    numbers = list(range(len(lost)))
+    order.shuffle(numbers)  # type: ignore[attr-defined]
+    for number in numbers:
+        if lost[number]:
+            link.lost(number)
+        else:
+            link.sent(1.0, duplicate=False)
+    bursts = sum(is_lost for is_lost, _ in groupby(lost))
+    expected = sum(lost) / bursts if bursts else None
+    assert link.summary()["mean_burst"] == expected
+    assert link.summary()["lost"] == sum(lost)
+
+
+def test_memory_of_losses_is_bounded_and_bursts_stay_right() -> None:
+    link = LinkRecord()
+    for number in range(0, 8 * LOSSES_KEPT, 4):
+        link.lost(number)
+        link.lost(number + 1)
+    assert link.summary()["mean_burst"] == 2.0
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        DelayLaw(250.0, 30.0),
+        DelayLaw(250.0, 200.0),
+        DelayLaw(50.0, 10.0, "uniform"),
+        DelayLaw(50.0, 10.0, "pareto"),
+        DelayLaw(1000.0, 4.0),
+        DelayLaw(0.05, 0.01),
+    ],
+)
+def test_the_asked_histogram_is_that_of_the_law(law: DelayLaw) -> None:
+    link = LinkRecord()
+    link.begin(law.quantile_ms(PROBABILITIES))
+    found = link.summary()
+    edges_ms = found["low_ms"] + found["width_ms"] * np.arange(BINS + 1)
+    expected = np.diff(law.cdf(edges_ms - 1e-9))
+    np.testing.assert_allclose(found["asked"], expected, atol=0.006)
+    assert sum(found["asked"]) > 0.98
+    assert found["asked_mean_ms"] == pytest.approx(law.mean_ms(), rel=0.01)
+
+
+def test_a_constant_delay_is_one_bin_that_holds_what_was_delivered() -> None:
+    link = LinkRecord()
+    link.begin(DelayLaw(120.0).quantile_ms(PROBABILITIES))
+    for _ in range(100):
+        link.sent(120.03, duplicate=False)
+    found = link.summary()
+    assert max(found["asked"]) == 1.0
+    assert found["delivered"] == found["asked"]
+
+
+def test_delivered_and_asked_share_their_bins_whichever_is_wider() -> None:
+    for delivered_ms, asked_ms in ((10.0, 500.0), (500.0, 10.0)):
+        link = LinkRecord()
+        link.begin([asked_ms])
+        for _ in range(50):
+            link.sent(delivered_ms, duplicate=False)
+        found = link.summary()
+        assert sum(found["delivered"]) == pytest.approx(1.0)
+        assert sum(found["asked"]) == pytest.approx(1.0)
+        assert found["delivered"] != found["asked"]
+
+
+def test_a_link_of_which_nothing_is_known_has_no_moments() -> None:
+    found = LinkRecord().summary()
+    assert found["delivered"] == found["asked"] == []
+    assert found["mean_ms"] is found["asked_mean_ms"] is found["mean_burst"] is None
