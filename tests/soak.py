@@ -131,6 +131,7 @@ class Soak:
             "exit_s": exit_s,
             "exit_code": code,
             "queue_messages": KEPT_MESSAGES,
+            "nice": os.nice(0),
         }
         (self.folder / "run.json").write_text(json.dumps(said))
 
@@ -243,11 +244,20 @@ def ended(process: subprocess.Popen[bytes]) -> tuple[float, int]:
     return time.monotonic() - begin_s, code
 
 
+def prefer(nice: int) -> None:
+    """Be as nice as that, to others of the same session of the system and to other sessions."""
+    os.nice(nice)
+    group = Path("/proc/self/autogroup")  # Linux shares time between groups first; see sched(7)
+    if nice and group.exists():
+        group.write_text(str(nice))
+
+
 def main() -> None:
     """Runs, and writes the page."""
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     options.add_argument("--minutes", type=float, default=30.0)
     options.add_argument("--fault-every", type=float, default=180.0, metavar="SECONDS")
+    options.add_argument("--nice", type=int, default=0, help="of all that the run consists of")
     options.add_argument("--page", type=Path, metavar="FOLDER", help="of a run that is over")
     options.add_argument("--to", type=Path, default=DOCS)
     asked = options.parse_args()
@@ -255,6 +265,7 @@ def main() -> None:
     if folder is None:
         folder = Path(tempfile.mkdtemp(prefix="plotfeed-soak-"))
         print(folder, flush=True)
+        prefer(asked.nice)
         Soak(folder, asked.minutes, asked.fault_every).run()
     write_page(folder, asked.to)
 
