@@ -99,8 +99,9 @@ class Desk:
             sector = self._station.next_sector(sector)
         self._status.scan = sector.scan
         for after_ns in instants_ns(self._scripted.event):
-            self._office.agenda.put(start_utc_ns + after_ns, self._renew)
-        self._renew()
+            at_utc_ns = start_utc_ns + after_ns
+            self._office.agenda.put(at_utc_ns, partial(self._renew, at_utc_ns))
+        self._renew(start_utc_ns)
         self._plan(sector)
         self._tell_status(start_utc_ns)
         self._tell_settings()
@@ -115,28 +116,27 @@ class Desk:
             self._send_all(self._herald.closing(self._office.clock.now_ns()))
         self._publish_status(pb.SensorStatus.OFFLINE)
 
-    def control(self, changes: Mapping[str, Any] | None) -> None:
-        """Change those keys from now on, or with None none any more; raises `ChangeError`."""
+    def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:
+        """Change those keys from that time on, or with None none any more; raises `ChangeError`."""
         before, self._controlled = self._controlled, {}
         if changes is not None:
             self._controlled = _over(before, changes)
         try:
-            self._renew()
+            self._renew(at_utc_ns)
         except Exception:
             self._controlled = before
             raise
         self._tell_settings()
 
-    def _renew(self) -> None:
-        """Be as script and control have it now."""
-        elapsed_ns = self._office.clock.now_ns() - self._start_ns
-        scripted = in_force(self._scripted.event, elapsed_ns)
+    def _renew(self, at_utc_ns: int) -> None:
+        """Be as script and control have it then, however late it is done."""
+        scripted = in_force(self._scripted.event, at_utc_ns - self._start_ns)
         sensor = changed(self._scripted, *scripted, self._controlled)
         if sensor == self.sensor:
             return
         self._station.change(sensor)
         if sensor.link != self.sensor.link:
-            self.outbox.change(sensor.link or Link())
+            self.outbox.change(sensor.link or Link(), at_utc_ns)
             self._link = _json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled

@@ -149,8 +149,8 @@ class Outbox:
         for tap in self._ways.after:
             tap(message, self._clock.now_ns())
 
-    def change(self, link: LinkSettings) -> None:
-        """From now on the link is that one; what it held leaves if it is up again."""
+    def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
+        """From then on, or now, the link is that one; what it held leaves if it is up again."""
         if self._impairment is not None:
             self._impairment.change(link)
         elif self._impair is not None:
@@ -158,8 +158,9 @@ class Outbox:
         else:
             raise ValueError("this client has no link")
         held, self._held = self._held, deque()
+        at_utc_ns = self._clock.now_ns() if at_utc_ns is None else at_utc_ns
         for trip in held:
-            self._hand_over(trip, self._impairment, self._clock.now_ns())
+            self._hand_over(trip, self._impairment, at_utc_ns)
 
     def end(self) -> None:
         """The session is over: what the link still holds does not arrive."""

@@ -248,7 +248,7 @@ class Session:
         for observer in self._observers:
             observer.took(topic, payload, content_type, t_utc_ns)
         if topic == self._control_topic:
-            self._obey(payload)
+            self._obey(payload, t_utc_ns)
             return
         refusal = self._intake.take(topic, payload, content_type, t_utc_ns)
         self.totals.telemetry = self._intake.taken
@@ -257,15 +257,16 @@ class Session:
         if refusal is not None:
             self._front.send_past_link(refusal)
 
-    def control(self, command: Command) -> dict[str, Any]:
-        """Do as asked, and say what is in force now; raises `PlotfeedError`."""
+    def control(self, command: Command, at_utc_ns: int | None = None) -> dict[str, Any]:
+        """Do as asked, as of that time or now, and say what is in force; raises `PlotfeedError`."""
         if command.clock is not None:
             return self._control_clock(command.clock)
         desk = self.desks.get(command.sensor or "")
         if desk is None:
             known = ", ".join(self.desks)
             raise ControlError(f"sensor: there is no {command.sensor!r}; expected one of {known}")
-        desk.control(None if command.reset else command.set)
+        at_utc_ns = self.clock.now_ns() if at_utc_ns is None else at_utc_ns
+        desk.control(None if command.reset else command.set, at_utc_ns)
         self.totals.controls += 1
         return {"sensor": desk.sensor.id, **desk.sensor.model_dump(mode="json", exclude_unset=True)}
 
@@ -286,10 +287,10 @@ class Session:
     def _control_topic(self) -> str:
         return f"{self.scene.mqtt.prefix}/control"
 
-    def _obey(self, payload: bytes) -> None:
+    def _obey(self, payload: bytes, at_utc_ns: int) -> None:
         """A command from the wire: done, or refused in a line."""
         try:
-            self.control(parsed(payload))
+            self.control(parsed(payload), at_utc_ns)
         except (ControlError, ChangeError) as error:
             refused = Refused(Reason.CONTROL, str(error))
             message = self._intake.refuse(self._control_topic, refused, self.clock.now_ns())
