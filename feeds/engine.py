@@ -95,7 +95,7 @@ class Engine:
                     return
                 continue
             await self._wait_until(due_ns)
-            await self._do_what_is_due()
+            await self._do_what_is_due(end_ns)
             if isinstance(self._clock, InstantClock) and due_ns >= drain_ns:
                 await self._drained()
                 drain_ns = due_ns + DRAIN_EVERY_NS
@@ -115,12 +115,14 @@ class Engine:
         for _ in range(min(most, len(self._later))):
             self._later.popleft()()
 
-    async def _do_what_is_due(self) -> None:
+    async def _do_what_is_due(self, end_ns: int | None = None) -> None:
+        """What is due by now, but nothing that is due after the end, however late it is."""
         for patient in self._patients:
             if patient.is_full:
                 self.waited += 1
                 await patient.room()
-        for due_ns, action in self.agenda.due_by(self._clock.now_ns()):
+        now_ns = self._clock.now_ns()
+        for due_ns, action in self.agenda.due_by(now_ns if end_ns is None else min(now_ns, end_ns)):
             if self._recorded is not None:
                 self._recorded.take_before(due_ns)
             self._done_ns = due_ns
