@@ -16,6 +16,7 @@ from plotfeed.feeds.replay_outs import WayOut
 from plotfeed.feeds.replay_settings import ReplaySettings
 from plotfeed.feeds.replay_source import Item, Reader, Source
 from plotfeed.feeds.replay_stamps import Restamper
+from plotfeed.feeds.replay_waker import Waker
 from plotfeed.feeds.replay_ways import Properties, ReplayTotals, Way, Ways
 from plotfeed.replay.pacing import Pace
 
@@ -87,6 +88,7 @@ class Replayer:
         self._clock = clock
         self._totals = totals
         self._control = control
+        self._waker = Waker(clock) if isinstance(clock, WallClock) else None
         self._agenda = Agenda()
         self._ways = Ways(outs, settings, clock=clock, agenda=self._agenda, totals=totals)
         self._restamper = Restamper(totals.left)
@@ -134,11 +136,18 @@ class Replayer:
                 self._begin()
             next_ns = self._work() if rush is None else self._rush(rush)
             if next_ns is not None:
-                await (self._clock.sleep_until(next_ns) if rush is None else self._breathe())
+                await (self._sleep(next_ns) if rush is None else self._breathe())
             elif self._ahead.finished and self._ahead.peek() is None:
                 return
             else:
                 await self._news.wait()
+
+    async def _sleep(self, until_ns: int) -> None:
+        """Until then, or until there is news; more exactly where something is to be sent."""
+        if self._waker is not None and until_ns == self._agenda.next_due_ns():
+            await self._waker.wait_until(until_ns)
+        else:
+            await self._clock.sleep_until(until_ns)
 
     def _begin(self) -> None:
         """As soon as the first message has been read."""

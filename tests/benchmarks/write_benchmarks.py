@@ -25,6 +25,7 @@ BENCHMARKS = {
     "bench_lateness.py": "Lateness",
     "bench_mqtt.py": "MQTT clients",
     "bench_log.py": "Recordings",
+    "bench_replay.py": "Replays, beside ast-tool-py",
 }
 LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "gmqtt", "iotcore", "mcap", "zstandard")
 

@@ -12,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replayed import MS, RECORDED, REPLAYED, Ears, Memory, S, message, simulated
 
-from plotfeed.feeds.clock import InstantClock
+from plotfeed.feeds.clock import InstantClock, WallClock
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.replay_ahead import AHEAD
 from plotfeed.feeds.replay_control import SEEK_NS, ReplayControl
 from plotfeed.feeds.replay_settings import Moment, ReplaySettings, Selection
 from plotfeed.feeds.replay_source import BATCH
+from plotfeed.feeds.replay_waker import Waker
 from plotfeed.feeds.replayer import READY_NS, RushClock, replay
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -300,8 +301,6 @@ def test_real_time_keeps_the_order_and_is_never_early() -> None:
     recorded = [message(i * 2 * MS + i % 3) for i in range(50)]
 
     async def run() -> Ears:
-        from plotfeed.feeds.clock import WallClock  # noqa: PLC0415
-
         clock = WallClock()
         ears = Ears(clock)
         totals = await replay(Memory(recorded), [ears], ReplaySettings(), clock=clock)
@@ -316,3 +315,20 @@ def test_real_time_keeps_the_order_and_is_never_early() -> None:
     assert [b - a for a, b in pairwise(dues)] == [
         b.log_time_ns - a.log_time_ns for a, b in pairwise(recorded)
     ]
+
+
+def test_a_waker_is_never_early_unless_it_is_woken() -> None:
+    async def run() -> None:
+        clock = WallClock()
+        waker = Waker(clock)
+        try:
+            for gap_ns in (0, -S, 1000, 50_000, 300_000, MS, 5 * MS, 20 * MS):
+                until_ns = clock.now_ns() + gap_ns
+                await waker.wait_until(until_ns)
+                assert clock.now_ns() >= until_ns
+            asyncio.get_running_loop().call_later(0.01, clock.wake)
+            await waker.wait_until(clock.now_ns() + 3600 * S)
+        finally:
+            clock.close()
+
+    asyncio.run(asyncio.wait_for(run(), 20))
