@@ -1,30 +1,26 @@
-"""How many false alarms the recorded scene asked for: by its sensors as they were at a time."""
+"""False alarms of a sensor, asked and delivered."""
 
 from __future__ import annotations
 
-import json
 import math
-from bisect import bisect_right
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from dataclasses import dataclass
+from typing import Protocol
 
-from plotfeed.feeds.changes import changed
-from plotfeed.feeds.desk import AHEAD_NS
-from plotfeed.feeds.events import in_force, instants_ns
 from plotfeed.feeds.ledger_report.significance import z_score
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.sensors.base import RotatingScan
-from plotfeed.feeds.session_record import Record
-from plotfeed.feeds.times import NS
-from plotfeed.proto.errors import PlotfeedError
 
-MAX_COMMANDS = 10_000
-"""Settings of a sensor that are kept; with more, nothing is said to be asked."""
-Changes = Mapping[str, Any]
+
+class AskedAlarms(Protocol):
+    """Says how many false alarms a sensor was to have."""
+
+    @property
+    def sectors(self) -> int:
+        """Of a scan."""
+
+    def in_sector(self, scan: int, sector: int) -> float:
+        """Their mean number; NaN if that cannot be told."""
+
+    def control(self, payload: bytes, t_utc_ns: int) -> None:
+        """Take what a settings message says, from that time on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,61 +38,6 @@ class AlarmFigures:
 
 
 @dataclass(slots=True)
-class AskedAlarms:
-    """Of one sensor of a scene."""
-
-    scene: Scene
-    sensor: Sensor
-    start_utc_ns: int
-    _commands: list[tuple[int, Changes]] = field(default_factory=list)
-    _per_scan: dict[tuple[int, int], float] = field(default_factory=dict)
-    _instants_ns: list[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._instants_ns = instants_ns(self.sensor.event)
-
-    @property
-    def sectors(self) -> int:
-        """Of a scan."""
-        return self.sensor.scan.sectors if isinstance(self.sensor.scan, RotatingScan) else 1
-
-    def sector_end_ns(self, scan: int, sector: int) -> int:
-        """When a sector ends, but for the jitter of scans."""
-        period_ns = round(self.sensor.scan.period_s * NS)
-        return (scan * self.sectors + sector + 1) * period_ns // self.sectors
-
-    def control(self, payload: bytes, t_utc_ns: int) -> None:
-        """Take what a settings message says that control has changed, from that time on."""
-        try:
-            said = json.loads(payload)["controlled"]
-        except (ValueError, KeyError, TypeError, RecursionError):
-            return
-        if isinstance(said, dict) and len(self._commands) <= MAX_COMMANDS:
-            self._commands.append((t_utc_ns, said))
-
-    def in_sector(self, end_utc_ns: int) -> float:
-        """Mean number in a sector that ends then; NaN if that cannot be told."""
-        sector_ns = round(self.sensor.scan.period_s * NS) // self.sectors
-        worked_out_ns = end_utc_ns - min(AHEAD_NS, sector_ns)
-        elapsed_ns = max(worked_out_ns - self.start_utc_ns, 0)
-        events = bisect_right(self._instants_ns, elapsed_ns)
-        commands = bisect_right(self._commands, worked_out_ns, key=lambda command: command[0])
-        if (events, commands) not in self._per_scan:
-            self._per_scan[events, commands] = self._worked_out(elapsed_ns, commands)
-        return self._per_scan[events, commands] / self.sectors
-
-    def _worked_out(self, elapsed_ns: int, commands: int) -> float:
-        if len(self._commands) > MAX_COMMANDS:
-            return math.nan
-        control = self._commands[commands - 1][1] if commands else {}
-        try:
-            sensor = changed(self.sensor, *in_force(self.sensor.event, elapsed_ns), control)
-        except PlotfeedError:
-            return math.nan
-        return sensor.model(self.scene.scene.site).false_alarms_per_scan
-
-
-@dataclass(slots=True)
 class AlarmsTally:
     """Of one sensor's ledger."""
 
@@ -110,7 +51,7 @@ class AlarmsTally:
         self.count += false_alarms
         self._sectors += 1
         if self.asked is not None:
-            self._mean += self.asked.in_sector(self.asked.sector_end_ns(scan, sector))
+            self._mean += self.asked.in_sector(scan, sector)
 
     def figures(self) -> AlarmFigures:
         """Of all that were taken."""
@@ -133,11 +74,3 @@ class AlarmsTally:
             delivered_per_scan=self.count / scans if scans else math.nan,
             z=z_score(self.count - self._mean, self._mean),  # binomial over very many cells
         )
-
-
-def asked_alarms(path: Path) -> dict[str, AskedAlarms]:
-    """By sensor, of the record of a session; raises `PlotfeedError` and `OSError`."""
-    record = Record.open(path)
-    with TemporaryDirectory(prefix="plotfeed-") as folder:
-        scene = record.scene(Path(folder))
-    return {sensor.id: AskedAlarms(scene, sensor, record.start_utc_ns) for sensor in scene.sensor}

@@ -69,6 +69,7 @@ class ErrorsTally:
         if self._waiting >= AT_ONCE:
             self.count()
 
+    @np.errstate(all="ignore")  # whatever numbers others have recorded
     def count(self) -> None:
         """Count what has been gathered."""
         if not self._gathered:
@@ -78,8 +79,7 @@ class ErrorsTally:
         self._waiting = 0
         error = measured - true
         error[:, AZIMUTH] = wrap_180(error[:, AZIMUTH])
-        with np.errstate(all="ignore"):
-            normalised = np.where((sigma > 0) & np.isfinite(sigma), error / sigma, np.nan)
+        normalised = np.where((sigma > 0) & np.isfinite(sigma), error / sigma, np.nan)
         for i in range(len(QUANTITIES)):
             self._count(i, error[:, i], sigma[:, i], normalised[:, i])
 

@@ -51,7 +51,7 @@ class Report:
     first_utc_ns: int
     """When the first message was handed over; without any, when the first entry was written."""
     last_utc_ns: int
-    """When the last entry was written."""
+    """When the last entry was written, or the last message handed over."""
     links: Sequence[LinkFigures]
     sensors: Sequence[SensorFigures]
     notes: Sequence[str]
@@ -67,14 +67,15 @@ class Report:
 def report(path: Path, found: Counted) -> Report:
     """The figures of what was counted."""
     names = _names(found.sensors.values())
-    tallies = (link for tally in found.sensors.values() for link in tally.links.values())
-    begins = [link.first_due_utc_ns for link in tallies if link.first_due_utc_ns is not None]
+    links = [link for tally in found.sensors.values() for link in tally.links.values()]
+    begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
+    ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
     return Report(
         file=str(path),
         scene=found.scene,
         entries=found.entries,
         first_utc_ns=min(begins, default=found.first_ns or 0),
-        last_utc_ns=found.last_ns or 0,
+        last_utc_ns=max([found.last_ns or 0, *ends]),
         links=[
             link_figures(names[key], number + 1, link, tally.passage.order_of(number))
             for key, tally in found.sensors.items()

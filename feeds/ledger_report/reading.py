@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from plotfeed.feeds.ledger_report.alarms import AskedAlarms, asked_alarms
+from plotfeed.feeds.ledger_report.alarms import AskedAlarms
 from plotfeed.feeds.ledger_report.join import Join, Truth
 from plotfeed.feeds.ledger_report.measured import KINDS, Sector, measured
 from plotfeed.feeds.ledger_report.sensor_tally import SensorTally
@@ -71,10 +71,7 @@ class _Reading:
         series = list(self._log.summary().counts)
         self._truths = _truths(series)
         if not self._truths:
-            raise PlotfeedError(
-                f"{path}: holds no ledger: expected {LEDGER} on a topic that ends in {TRUTH}, "
-                "as plotfeed run --record makes it"
-            )
+            raise PlotfeedError(f"{path}: {_without_ledger(self._log.damage)}")
         self._plots = _plots(series, self._truths)
         self._alarms = self._asked_alarms()
         self._join = Join()
@@ -113,6 +110,9 @@ class _Reading:
         attachments = self._log.summary().attachments
         if all(attachment.name != SCENE_NAME for attachment in attachments):
             return {}
+        from plotfeed.feeds.ledger_report.scene_alarms import asked_alarms  # noqa: PLC0415
+
+        # Imported late: the sensors' models take longer than most ledgers.
         try:
             found = asked_alarms(self._path)
         except (PlotfeedError, OSError) as error:
@@ -173,6 +173,15 @@ _WHEN = {
     Stage.AFTER: "after the link",
     Stage.RECEIVED: "as received",
 }
+
+
+def _without_ledger(damage: list[Damage]) -> str:
+    if damage:
+        return f"holds no ledger that is whole: octet {damage[0].offset}: {damage[0].what}"
+    return (
+        f"holds no ledger: expected {LEDGER} on a topic that ends in {TRUTH}, "
+        "as plotfeed run --record makes it"
+    )
 
 
 def _truths(series: list[Series]) -> dict[tuple[str, Stage], str]:
