@@ -23,6 +23,9 @@ from plotfeed.proto.batch import decibels
 
 ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
+DEFAULT_SPEED_M_S = 15.0
+EFFECTS = ("bias", "drift", "multipath", "doppler", "merging")
+"""Keys of what a sensor models only if its scene names it."""
 RANGES_SEARCHED = 2000
 
 
@@ -34,6 +37,7 @@ class TestTarget:
     azimuth_deg: float
     """From the site; it comes straight in."""
     above_site_m: float
+    speed_m_s: float = DEFAULT_SPEED_M_S
 
 
 def print_check(
@@ -91,6 +95,7 @@ def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
         ),
         azimuth_deg=azimuth_deg,
         above_site_m=above_site_m,
+        speed_m_s=drone.speed_m_s if drone and drone.speed_m_s else DEFAULT_SPEED_M_S,
     )
 
 
@@ -104,9 +109,16 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
         "target": _described(target.signature),
         "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
+        "effects": _effects(sensor),
         "table": _rows(ranges_m, predicted),
         "warnings": sensor.warnings(site),
     }
+
+
+def _effects(sensor: Sensor) -> dict[str, dict[str, Any]]:
+    """What the scene names of what is not modelled without; the keys that are not as they are."""
+    parts = {name: getattr(sensor, name, None) for name in EFFECTS}
+    return {name: part.model_dump(exclude_none=True) for name, part in parts.items() if part}
 
 
 def _described(signature: Signature) -> str:
@@ -141,6 +153,7 @@ def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets
         t_utc_ns=np.zeros(n, np.int64),
         position_enu_m=enu_m,
         true_position_enu_m=enu_m,
+        velocity_enu_m_s=-target.speed_m_s * enu_m / ranges_m[:, None],
         signatures=Signatures(
             rcs_m2=np.array([target.signature.rcs_m2]),
             sound_power_db=np.array([target.signature.sound_power_db]),
@@ -160,6 +173,7 @@ def _rows(ranges_m: Floats, predicted: Prediction) -> list[dict[str, float | Non
     """The table; what a sensor does not measure is None."""
     columns = {"range_m": ranges_m, "snr_db": decibels(predicted.snr)}
     columns |= {f.name: getattr(predicted, f.name) for f in fields(predicted) if f.name != "snr"}
+    columns = {name: column for name, column in columns.items() if column is not None}
     return [
         {
             name: float(column[i]) if np.isfinite(column[i]) else None
@@ -177,12 +191,20 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
         f"{sensor['id']} ({sensor['type']}), target of {sensor['target']}: "
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
-    return ["", heading, *row_lines(sensor)]
+    named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]
+    return ["", heading, *named, *row_lines(sensor)]
+
+
+def _effect_line(name: str, keys: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} {value:g}" for key, value in keys.items())
+    return f"  with {name}: {told or 'by its cells and beams'}"
 
 
 def row_lines(sensor: dict[str, Any]) -> list[str]:
     """The table of a sensor's report, and its warnings, as text."""
-    lines = ["  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg"]
+    heading = "  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg"
+    measures_rates = "sigma_range_rate_m_s" in sensor["table"][0]
+    lines = [heading + "   range rate m/s" * measures_rates]
     for row in sensor["table"]:
         cells = [
             _cell(row["range_m"] / 1000, 10, 2),
@@ -191,6 +213,7 @@ def row_lines(sensor: dict[str, Any]) -> list[str]:
             _cell(row["sigma_range_m"], 14, 2),
             _cell(row["sigma_azimuth_deg"], 14, 3),
             _cell(row["sigma_elevation_deg"], 16, 3),
+            _cell(row["sigma_range_rate_m_s"], 17, 3) if measures_rates else "",
         ]
         lines.append("".join(cells))
     return lines + [f"  warning: {text}" for text in sensor["warnings"]]

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
+from plotfeed.feeds.sensors import PassiveRadarSensor, Sensor
+from plotfeed.feeds.sensors.effects import readings_of
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
+from plotfeed.models.readings import Readings
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import SensorModel
-from plotfeed.models.state import Floats, Looks, Plots, Targets, TruthState
+from plotfeed.models.state import Floats, Ints, Looks, Plots, Targets, TruthState
 from plotfeed.models.truth import NS, Trajectories
 
 TRAVEL_TIME_STEPS = 5
@@ -23,6 +26,8 @@ class Eye(Protocol):
 
     model: SensorModel
     """May be changed: it counts from the next look on."""
+    place: Place
+    """As the model."""
 
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
         """Whom it looked at, and what it measured in the order of time, with heights."""
@@ -30,27 +35,86 @@ class Eye(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a sensor stands among the drones, and whose random numbers it has."""
+    """Where a sensor stands among the drones, and whose random numbers it has.
+
+    `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
+    reads in place of what it finds, None if that is the same. Its clock may be ahead.
+    """
 
     frame: LocalFrame
+    axes: LocalFrame
+    readings: Readings | None
+    clock_ahead_ns: int
+    reads_bistatic_ranges: bool
     trajectories: Trajectories
     chance: Chance
 
-    def targets(self, truth: TruthState, signal_speed_m_s: float | None) -> Targets:
+    @classmethod
+    def of(
+        cls, sensor: Sensor, frame: LocalFrame, trajectories: Trajectories, chance: Chance
+    ) -> Self:
+        """Of a sensor that stands at a frame's place, with its systematic errors."""
+        return cls(
+            frame=frame,
+            axes=frame if sensor.bias is None else sensor.bias.axes(frame),
+            readings=readings_of(
+                sensor.bias, sensor.drift, chance, round(sensor.scan.period_s * NS)
+            ),
+            reads_bistatic_ranges=isinstance(sensor, PassiveRadarSensor),
+            clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
+            trajectories=trajectories,
+            chance=chance,
+        )
+
+    def targets(self, truth: TruthState, model: SensorModel) -> Targets:
         """The drones from here, as they are and as they are sensed."""
         true_position_enu_m = self.frame.from_ecef(truth.position_ecef_m)
         sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
-        if signal_speed_m_s is not None:
-            sensed, position_enu_m = self._when_it_left(truth, position_enu_m, signal_speed_m_s)
+        if model.signal_speed_m_s is not None:
+            sensed, position_enu_m = self._when_it_left(
+                truth, position_enu_m, model.signal_speed_m_s
+            )
             there = np.isin(truth.drone, sensed.drone)
             t_utc_ns, true_position_enu_m = t_utc_ns[there], true_position_enu_m[there]
+        if self.axes is not self.frame:
+            position_enu_m = self.axes.from_ecef(sensed.position_ecef_m)
+        velocity_enu_m_s = None
+        if model.measures_range_rate:
+            velocity_enu_m_s = self.frame.rotate_from_ecef(sensed.velocity_ecef_m_s)
         return Targets(
             drone=sensed.drone,
             t_utc_ns=t_utc_ns,
             position_enu_m=position_enu_m,
             true_position_enu_m=true_position_enu_m,
             signatures=self.trajectories.signatures,
+            velocity_enu_m_s=velocity_enu_m_s,
+            readings=self.readings,
         )
+
+    def apparent_at(self, t_utc_ns: int, drones: Ints) -> TruthState:
+        """Where drones are at a time of the sensor's clock, by its own axes and readings.
+
+        Errors of bistatic ranges are left out: the sensor's tracks take the place as it is.
+        """
+        truth = self.trajectories.state_at(t_utc_ns - self.clock_ahead_ns, drones)
+        place_enu_m = self.axes.from_ecef(truth.position_ecef_m)
+        if self.readings is not None:
+            azimuth_deg, elevation_deg, range_m = enu_to_aer(place_enu_m)
+            azimuth_deg = self.readings.azimuth_deg(azimuth_deg, truth.t_utc_ns)
+            if not self.reads_bistatic_ranges:
+                range_m = self.readings.range_m(range_m, truth.t_utc_ns)
+            place_enu_m = aer_to_enu(np.nan_to_num(azimuth_deg), elevation_deg, range_m)
+        velocity_enu_m_s = self.axes.rotate_from_ecef(truth.velocity_ecef_m_s)
+        return replace(
+            truth,
+            position_ecef_m=self.frame.to_ecef(place_enu_m),
+            velocity_ecef_m_s=self.frame.rotate_to_ecef(velocity_enu_m_s),
+        )
+
+    @property
+    def errs(self) -> bool:
+        """Whether it has systematic errors at all."""
+        return bool(self.axes is not self.frame or self.readings or self.clock_ahead_ns)
 
     def _when_it_left(
         self, truth: TruthState, position_enu_m: Floats, speed_m_s: float
@@ -82,15 +146,15 @@ class StaringEye:
 
     def __init__(self, model: SensorModel, place: Place) -> None:
         self.model = model
-        self._place = place
+        self.place = place
 
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
         """At all that is there."""
-        truth, chance = self._place.trajectories.state_at(sector.end_ns), self._place.chance
+        truth, chance = self.place.trajectories.state_at(sector.end_ns), self.place.chance
         looks, detections = self.model.observe(
-            self._place.targets(truth, self.model.signal_speed_m_s),
+            self.place.targets(truth, self.model),
             chance.rng(Purpose.DETECTION, sector.scan),
         )
         alarms = self.model.draw_false_alarms(sector, chance.rng(Purpose.FALSE_ALARMS, sector.scan))
         plots = Plots.joined([detections, alarms]).in_order_of_time()
-        return looks, self._place.with_heights(plots)
+        return looks, self.place.with_heights(plots)

@@ -5,7 +5,7 @@ Nothing here waits or sends. A station can be asked for any sector, in any order
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from plotfeed.feeds.eyes import Eye, Place, StaringEye
 from plotfeed.feeds.formats import reporters_of
@@ -47,10 +47,10 @@ class Station:
         self._site = scene.scene.site
         self._trajectories = trajectories
         self._reporters = reporters_of(scene, sensor)
-        chance = Chance(scene.scene.seed, sensor.id)
+        self._chance = Chance(scene.scene.seed, sensor.id)
         jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
-        self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, chance)
-        place = Place(self.frame, trajectories, chance)
+        self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, self._chance)
+        place = Place.of(sensor, self.frame, trajectories, self._chance)
         model = sensor.model(self._site)
         self._eye: Eye = (
             StaringEye(model, place)
@@ -62,6 +62,7 @@ class Station:
         """Be that sensor from the next sector on: the same one, with other values."""
         self.sensor = sensor
         self._eye.model = sensor.model(self._site)
+        self._eye.place = Place.of(sensor, self.frame, self._trajectories, self._chance)
 
     def sector_at(self, t_utc_ns: int) -> Sector:
         """The sector under way at a time."""
@@ -75,5 +76,13 @@ class Station:
         """Look at every drone when the beam is there, and say what was measured."""
         looks, plots = self._eye.look(sector)
         seen = Seen(sector, looks, plots, self._trajectories.state_at)
+        if self._eye.place.errs:
+            seen = self._as_taken(seen)
         messages = [message for report in self._reporters for message in report(seen)]
         return SectorReport(self.sensor.id, sector, looks, plots, messages)
+
+    def _as_taken(self, seen: Seen) -> Seen:
+        """The same by the sensor's own clock, and the truth as it appears to the sensor."""
+        place, plots = self._eye.place, seen.plots
+        told = replace(plots, t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
+        return replace(seen, plots=told, truth_at=place.apparent_at)

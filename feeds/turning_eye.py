@@ -10,12 +10,12 @@ import numpy as np
 from plotfeed.feeds.eyes import Place
 from plotfeed.models.chance import Purpose
 from plotfeed.models.draws import ScanDraws
+from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import NO_LOOKS, NO_PLOTS, SensorModel
-from plotfeed.models.state import Ints, Looks, Plots
+from plotfeed.models.state import Ints, Looks, Plots, TruthState
 from plotfeed.models.sweep import Border, meetings
 from plotfeed.models.timetable import Timetable
-
 
 MOST_TURNS, MOST_SECTORS = 4, 128
 """Worked out at once: beyond, a sector hardly costs less any more."""
@@ -55,7 +55,7 @@ class TurningEye:
 
     def __init__(self, model: SensorModel, place: Place, timetable: Timetable) -> None:
         self.model = model
-        self._place = place
+        self.place = place
         self._timetable = timetable
         self._draws = ScanDraws(place.chance, Purpose.DETECTION)
         self._alarms: dict[int, Plots] = {}
@@ -67,14 +67,18 @@ class TurningEye:
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
         """At the drones that the beam passes."""
         stretch = self._stretch
-        if stretch is None or not self._still_holds(stretch) or sector.start_ns not in stretch.places:
+        if (
+            stretch is None
+            or not self._still_holds(stretch)
+            or sector.start_ns not in stretch.places
+        ):
             self._stretch = stretch = self._worked_out(self._sectors_from(sector))
         i = stretch.places[sector.start_ns]
         self._border = stretch.borders[i]
         return stretch.of(i)
 
     def _still_holds(self, stretch: _Stretch) -> bool:
-        current = (self.model, self._place.trajectories.version)
+        current = (self.model, self.place.trajectories.version)
         return stretch.model is current[0] and stretch.version == current[1]
 
     def _sectors_from(self, sector: Sector) -> list[Sector]:
@@ -82,7 +86,8 @@ class TurningEye:
         if self._stretch is not None:
             turn = self._timetable.sectors
             most = max(turn, min(MOST_TURNS * turn, MOST_SECTORS))
-            lasted = self._still_holds(self._stretch)
+            ended = self._stretch.borders[-1].t_utc_ns == sector.start_ns
+            lasted = ended and self._still_holds(self._stretch)
             self._at_once = min(2 * self._at_once, most) if lasted else max(self._at_once // 2, 1)
         sectors = [sector]
         for _ in range(self._at_once - 1):
@@ -91,12 +96,12 @@ class TurningEye:
 
     def _worked_out(self, sectors: Sequence[Sector]) -> _Stretch:
         """What comes of them, as far as is known now."""
-        place = self._place
-        met = meetings(sectors, place.frame, place.trajectories, self._border)
-        scan_of = self._scans_at(sectors, met.truth.t_utc_ns)
-        looks, detections = self.model.observe(
-            place.targets(met.truth, None),
-            self._draws.of(scan_of, met.truth.drone),  # type: ignore[arg-type]
+        place = self.place
+        met = meetings(sectors, place.axes, place.trajectories, self._border)
+        looks, detections = (
+            self._observed_among_neighbours(sectors, met.truth)
+            if isinstance(self.model, PolarRadar) and self.model.merging is not None
+            else self._observed(sectors, met.truth)
         )
         plots = Plots.joined([detections, *self._false_alarms(sectors)]).in_order_of_time()
         ends_ns = np.array([s.end_ns for s in sectors], np.int64)
@@ -110,6 +115,34 @@ class TurningEye:
             plots=place.with_heights(plots),
             plots_by=np.searchsorted(plots.t_utc_ns, ends_ns).tolist(),
         )
+
+    def _observed(self, sectors: Sequence[Sector], truth: TruthState) -> tuple[Looks, Plots]:
+        """What the model makes of drones, each met within one of the sectors."""
+        scan_of = self._scans_at(sectors, truth.t_utc_ns)
+        return self.model.observe(
+            self.place.targets(truth, self.model),
+            self._draws.of(scan_of, truth.drone),  # type: ignore[arg-type]
+        )
+
+    def _observed_among_neighbours(
+        self, sectors: Sequence[Sector], truth: TruthState
+    ) -> tuple[Looks, Plots]:
+        """The same where echoes melt, also across the borders of these sectors."""
+        start_ns, end_ns = sectors[0].start_ns, sectors[-1].end_ns
+        before = self._timetable.sector_at(start_ns - 1)
+        after = self._timetable.next_sector(sectors[-1])
+
+        def others_of(sector: Sector) -> TruthState:
+            met = meetings([sector], self.place.axes, self.place.trajectories).truth
+            near = np.abs(truth.t_utc_ns - sector.start_ns) < self._timetable.period_ns // 2
+            return met.rows(~np.isin(met.drone, truth.drone[near]))
+
+        everybody = TruthState.joined([others_of(before), truth, others_of(after)])
+        looks, plots = self._observed([before, *sectors, after], everybody)
+        of_looks, of_plots = (
+            (found.t_utc_ns >= start_ns) & (found.t_utc_ns < end_ns) for found in (looks, plots)
+        )
+        return looks.rows(of_looks), plots.rows(of_plots)
 
     def _scans_at(self, sectors: Sequence[Sector], t_utc_ns: Ints) -> Ints:
         """The scan of each time within the sectors."""
@@ -132,7 +165,7 @@ class TurningEye:
         if self._stretch is None or self._stretch.model is not self.model:
             self._alarms.clear()
         if scan not in self._alarms:
-            rng = self._place.chance.rng(Purpose.FALSE_ALARMS, scan)
+            rng = self.place.chance.rng(Purpose.FALSE_ALARMS, scan)
             turn = self._timetable.turn(scan)
             self._alarms[scan] = self.model.draw_false_alarms(turn, rng).in_order_of_time()
             for past in [s for s in self._alarms if s < scan - MOST_TURNS]:

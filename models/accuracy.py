@@ -29,6 +29,15 @@ def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
 
 
 @np.errstate(all="ignore")
+def sigma_rate_m_s(snr: ArrayLike, resolution_m_s: ArrayLike) -> Floats:
+    """Standard deviation of a range rate, m/s, by Doppler cells of that width.
+
+    With the constant of the angles; the Cramer-Rao bound of a steady tone has pi/sqrt 3, 1.81.
+    """
+    return _floats(resolution_m_s) / (1.6 * np.sqrt(2 * _floats(snr)))
+
+
+@np.errstate(all="ignore")
 def with_floor(sigma: ArrayLike, floor: ArrayLike) -> Floats:
     """Noise and an independent error that no signal removes, in quadrature; same unit."""
     if np.ndim(floor) == 0 and floor == 0:

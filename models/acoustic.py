@@ -9,17 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.detect import true_geometry
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
+
+if TYPE_CHECKING:
+    from plotfeed.models.readings import Readings
 
 MAX_ELEVATION_DEG = 90.0
 REFERENCE_DISTANCE_M = 1.0
@@ -56,6 +60,11 @@ class MicrophoneArray:
     def signal_speed_m_s(self) -> float:
         """That of sound."""
         return self.sound_speed_m_s
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
 
     @cached_property
     def resolution_cells(self) -> int:
@@ -132,8 +141,9 @@ class MicrophoneArray:
         )
         if not looks.detected.any():
             return looks, NO_PLOTS
-        true_position_enu_m = targets.true_position_enu_m[heard][looks.detected]
-        return looks, self._measure(looks.rows(looks.detected), true_position_enu_m, rng)
+        hits = looks.rows(looks.detected)
+        truth = true_geometry(hits, targets, heard, looks.detected)
+        return looks, self._measure(hits, truth, targets.readings, rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""
@@ -148,23 +158,29 @@ class MicrophoneArray:
             sigma_elevation_deg=self.sigma_elevation_deg(snr),
         )
 
-    def _measure(self, hits: Looks, true_position_enu_m: Floats, rng: np.random.Generator) -> Plots:
+    def _measure(
+        self,
+        hits: Looks,
+        truth: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
         """Where the sound comes from plus errors; beside it, privately, where the drone is now."""
         errors = rng.standard_normal((2, len(hits)))
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
-            hits.azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),
+            azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),
             hits.elevation_deg + np.nan_to_num(errors[1] * self.sigma_elevation_deg(hits.snr)),
         )
-        true_azimuth_deg, true_elevation_deg, true_range_m = enu_to_aer(true_position_enu_m)
         return self._plots(
             hits.snr,
             t_utc_ns=hits.t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             drone=hits.drone,
-            true_range_m=true_range_m,
-            true_azimuth_deg=true_azimuth_deg,
-            true_elevation_deg=true_elevation_deg,
+            **truth,
         )
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:

@@ -46,7 +46,10 @@ class ActiveRadar(PolarRadar):
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Its one signal's; (n, 3) and (n,) in, (n, 1) out."""
         range_m = np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)
-        return self.mean_snr(range_m, rcs_m2)[:, None]
+        snr = self.mean_snr(range_m, rcs_m2)
+        if self.multipath is not None:
+            snr *= self.multipath.power_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
+        return snr[:, None]
 
     def pd(self, snrs: Floats) -> Floats:
         """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""

@@ -46,10 +46,10 @@ class MimoRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
-        to_transmitters_m = position_enu_m[:, None] - [t.position_enu_m for t in self.transmitters]
-        range_tx_m = np.linalg.norm(to_transmitters_m, axis=-1)
+        places_enu_m = np.array([t.position_enu_m for t in self.transmitters])
+        range_tx_m = np.linalg.norm(position_enu_m[:, None] - places_enu_m, axis=-1)
         range_rx_m = np.linalg.norm(position_enu_m, axis=-1)[:, None]
-        return propagation.radar_snr(
+        snrs = propagation.radar_snr(
             [t.power_w for t in self.transmitters],
             [t.gain_dbi for t in self.transmitters],
             self.gain_rx_dbi,
@@ -61,6 +61,11 @@ class MimoRadar(PolarRadar):
             self.loss_db,
             self.noise_figure_db,
         )
+        if self.multipath is not None:
+            target_enu_m, wavelength_m = position_enu_m[:, None], C_M_S / self.frequency_hz
+            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m)
+            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m, places_enu_m)
+        return snrs
 
     def pd(self, snrs: Floats) -> Floats:
         """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,)."""

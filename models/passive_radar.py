@@ -9,74 +9,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
-from plotfeed.models.constants import C_M_S
-from plotfeed.models.cover import Volume
+from plotfeed.models.detect import Aside, Finer, true_geometry
+from plotfeed.models.doppler import Doppler, range_rate_m_s
 from plotfeed.models.flat_solution import flat_solution
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
+from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.passive_signals import PassiveSignals, Transmitter
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
-from plotfeed.models.state import Floats, Ints, Looks, Plots, Targets
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets
 
-_AZIMUTHS = 3600
-"""Over which the share of false alarms that have a place is averaged."""
+if TYPE_CHECKING:
+    from plotfeed.models.merging import Merging
+    from plotfeed.models.readings import Readings
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Transmitter:
-    """A transmitter of opportunity, east, north and up of the receiver.
-
-    `external_noise_db` is what the receiver's antenna collects at its frequency, over k T0 B.
-    """
-
-    erp_w: float
-    frequency_hz: float
-    bandwidth_hz: float
-    position_enu_m: tuple[float, float, float]
-    external_noise_db: float
+__all__ = ["PassiveRadar", "Transmitter"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PassiveRadar(Volume):
-    """What the equations need. Side-lobe and cancellation levels are negative, losses positive."""
+class PassiveRadar(PassiveSignals):
+    """Signals, and what is measured by them. What is None is not modelled."""
 
-    transmitters: tuple[Transmitter, ...]
-    gain_rx_dbi: float
-    azimuth_beamwidth_deg: float
-    integration_s: float
-    loss_db: float
-    sidelobe_db: float
-    cancellation_db: float
-    line_loss_db: float
-    antenna_loss_db: float
-    receiver_noise_figure_db: float
-    pfa: float
-    n_reference: int
-    doppler_cells: int
-    bistatic_range_floor_m: float
-    azimuth_floor_deg: float
-
-    @cached_property
-    def positions_enu_m(self) -> Floats:
-        """Of the transmitters; (channels, 3)."""
-        return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
-
-    @cached_property
-    def range_resolution_m(self) -> Floats:
-        """Of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
-        return C_M_S / self._each("bandwidth_hz")
-
-    @cached_property
-    def resolution_cells(self) -> tuple[int, ...]:
-        """Bistatic range cells x azimuth beams x Doppler cells, by channel (eq 9, right form)."""
-        beams = max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
-        range_cells = [max(round(self.range_max_m / m), 1) for m in self.range_resolution_m]
-        return tuple(n * beams * self.doppler_cells for n in range_cells)
+    doppler: Doppler | None = None
+    merging: Merging | None = None
 
     @property
     def signal_speed_m_s(self) -> None:
@@ -84,77 +44,22 @@ class PassiveRadar(Volume):
         return
 
     @property
-    def false_alarms_per_scan(self) -> float:
-        """Mean number of false plots: what the detectors let through (eq 9) and has a place."""
-        return float(self.pfa * np.array(self.resolution_cells) @ self.placed_shares)
+    def measures_range_rate(self) -> bool:
+        """Whether its Doppler cells are modelled."""
+        return self.doppler is not None
 
     @cached_property
-    def placed_shares(self) -> Floats:
-        """The share of false alarms whose solution lies within range, by channel; (channels,).
+    def _finer(self) -> Finer | None:
+        """Where it models more than the usual."""
+        if self.doppler is None and self.merging is None:
+            return None
+        return Finer(doppler=self.doppler, merging=self.merging, odds=self._odds)
 
-        At each azimuth those up to the bistatic range of a point at the end of the range.
-        """
-        share = (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
-        azimuth_deg = self.azimuth_cover.min_deg + share * self.azimuth_cover.span_deg
-        ends_m = np.array([self.range_min_m, self.range_max_m])
-        points_enu_m = aer_to_enu(azimuth_deg[:, None, None], 0.0, ends_m)
-        excess_m = propagation.bistatic_range(points_enu_m, self.positions_enu_m[:, None])
-        low_m, high_m = np.minimum(excess_m, self.range_max_m).mean(axis=0).T
-        return np.asarray((high_m - low_m) / self.range_max_m)
-
-    @cached_property
-    def disturbance_w(self) -> Floats:
-        """What is left of the broadcasts, and radio noise (eqs 28 to 31); (channels,)."""
-        direct_w = propagation.direct_signal_power_w(
-            erp_w=self._each("erp_w"),
-            gain_rx_dbi=self.gain_rx_dbi,
-            sidelobe_db=self.sidelobe_db,
-            cancellation_db=self.cancellation_db,
-            wavelength_m=C_M_S / self._each("frequency_hz"),
-            baseline_m=np.linalg.norm(self.positions_enu_m, axis=-1),
+    def _odds(self, target_w: Floats, channel: Ints) -> tuple[Floats, Floats]:
+        snr = propagation.correlated_snr(
+            target_w, self.disturbance_w[channel], self.time_bandwidth[channel]
         )
-        noise_w = propagation.passive_noise_power_w(
-            self._each("bandwidth_hz"),
-            self._each("external_noise_db"),
-            self.line_loss_db,
-            self.antenna_loss_db,
-            self.receiver_noise_figure_db,
-        )
-        return direct_w + noise_w
-
-    def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
-        """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""
-        offset_m = position_enu_m[:, None] - self.positions_enu_m
-        return propagation.passive_target_power_w(
-            erp_w=self._each("erp_w"),
-            gain_rx_dbi=self.gain_rx_dbi,
-            wavelength_m=C_M_S / self._each("frequency_hz"),
-            rcs_m2=rcs_m2[:, None],
-            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), propagation.NEAREST_M),
-            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)[
-                :, None
-            ],
-            loss_db=self.loss_db,
-        )
-
-    def mean_snr(self, target_w: Floats) -> Floats:
-        """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
-        return propagation.correlated_snr(target_w, self.disturbance_w, self._time_bandwidth)
-
-    def pd(self, snr: Floats) -> Floats:
-        """Probability of detection (eqs 6, 7)."""
-        return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
-
-    def sigmas(self, snr: Floats, range_resolution_m: Floats) -> tuple[Floats, Floats]:
-        """Standard deviations of bistatic range and azimuth at a detection's own SNR."""
-        return (
-            accuracy.with_floor(
-                accuracy.sigma_range_m(snr, range_resolution_m), self.bistatic_range_floor_m
-            ),
-            accuracy.with_floor(
-                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
-            ),
-        )
+        return snr, self.pd(snr)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look by each channel at each target within cover, and the plots of those detected.
@@ -163,10 +68,12 @@ class PassiveRadar(Volume):
         """
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        target_w = self.target_power_w(targets.position_enu_m[covered], targets.rcs_m2(covered))
+        target_w = self.target_power_w(
+            targets.true_position_enu_m[covered], targets.rcs_m2(covered)
+        )
         snr = self.mean_snr(target_w).ravel()
-        pd = self.pd(snr)
         row = np.repeat(covered, len(self.transmitters))
+        pd = self.pd(snr)
         looks = Looks(
             drone=targets.drone[row],
             channel=np.tile(np.arange(len(self.transmitters)), len(covered)),
@@ -176,39 +83,87 @@ class PassiveRadar(Volume):
             elevation_deg=elevation_deg[row],
             snr=snr,
             pd=pd,
-            detected=detection.draw_hits(pd, rng),  # eq 8
+            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
         )
+        if self._finer is not None:
+            return self._observe_finer(self._finer, looks, target_w.ravel(), targets, row, rng)
         if not looks.detected.any():
             return looks, NO_PLOTS
         hit = looks.detected
-        return looks, self._measure(looks.rows(hit), targets, row[hit], target_w.ravel()[hit], rng)
+        hits, row = looks.rows(hit), row[hit]
+        excess_m = self._excess_m(targets, row, hits.channel)
+        columns = true_geometry(hits, targets, row)
+        target_w = target_w.ravel()[hit]
+        return looks, self._measure(hits, excess_m, target_w, columns, targets.readings, rng)
 
-    def _measure(
+    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
         self,
-        hits: Looks,
+        finer: Finer,
+        looks: Looks,
+        target_w: Floats,
         targets: Targets,
         row: Ints,
+        rng: np.random.Generator,
+    ) -> tuple[Looks, Plots]:
+        excess_m = self._excess_m(targets, row, looks.channel)
+        rate_m_s = self._range_rates(targets, row, looks.channel)
+        aside = Aside(
+            **true_geometry(looks, targets, row),
+            range_rate_m_s=rate_m_s,
+            true_range_rate_m_s=rate_m_s,
+        )
+        looks, hits = finer.detect(looks, target_w, aside, excess_m, rng)
+        if not len(hits.echoes):
+            return looks, NO_PLOTS
+        echoes, readings = hits.echoes, targets.readings
+        return looks, self._measure(
+            echoes, echoes.range_m, hits.powers, hits.columns, readings, hits.rng
+        )
+
+    def _excess_m(self, targets: Targets, row: Ints, channel: Ints) -> Floats:
+        """Bistatic ranges of those targets by their channels; (n,)."""
+        return propagation.bistatic_range(
+            targets.true_position_enu_m[row], self.positions_enu_m[channel]
+        )
+
+    def _range_rates(self, targets: Targets, row: Ints, channel: Ints) -> Floats | None:
+        """Of their bistatic ranges, if Doppler is modelled and velocities are known; (n,)."""
+        if self.doppler is None or targets.velocity_enu_m_s is None:
+            return None
+        place, velocity = targets.true_position_enu_m[row], targets.velocity_enu_m_s[row]
+        from_transmitter = range_rate_m_s(place, velocity, self.positions_enu_m[channel])
+        return range_rate_m_s(place, velocity) + from_transmitter
+
+    def _measure(  # noqa: PLR0917 - as its callers have it
+        self,
+        hits: Looks,
+        excess_m: Floats,
         target_w: Floats,
+        columns: dict[str, NDArray[Any]],
+        readings: Readings | None,
         rng: np.random.Generator,
     ) -> Plots:
-        """Noise on the measured pair by the SNR of each very detection, then the inversion."""
+        """Noise on the measured pair by the SNR of each very detection, then the inversion.
+
+        `columns` are the true ones of the plots, and what else was found out.
+        """
         snr, _ = detection.draw_detected_snr_swerling1(hits.snr, self.pfa, self.n_reference, rng)
         sigmas = self.sigmas(snr, self.range_resolution_m[hits.channel])
-        true = enu_to_aer(targets.true_position_enu_m[row])
-        excess_m = propagation.bistatic_range(
-            targets.position_enu_m[row], self.positions_enu_m[hits.channel]
-        )
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            excess_m = readings.range_m(excess_m, hits.t_utc_ns)
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        columns["bistatic_range_m"] = excess_m + accuracy.gaussian(sigmas[0], rng)
+        columns["azimuth_deg"] = wrap_360(azimuth_deg + accuracy.gaussian(sigmas[1], rng))
+        if self.doppler is not None and "range_rate_m_s" in columns:
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
         return self._plots(
             snr,
             target_w,
             t_utc_ns=hits.t_utc_ns,
             channel=hits.channel,
-            bistatic_range_m=excess_m + accuracy.gaussian(sigmas[0], rng),
-            azimuth_deg=wrap_360(hits.azimuth_deg + accuracy.gaussian(sigmas[1], rng)),
             drone=hits.drone,
-            true_azimuth_deg=true[0],
-            true_elevation_deg=true[1],
-            true_range_m=true[2],
+            **columns,
         )
 
     def predict(self, targets: Targets) -> Prediction:
@@ -217,20 +172,24 @@ class PassiveRadar(Volume):
         A detection becomes a plot if noise leaves it a solution within range, which to first order
         is Gaussian. The errors are about the mean of the flat solution, which is biased.
         """
-        position_enu_m = targets.position_enu_m
+        position_enu_m = targets.true_position_enu_m
         target_w = self.target_power_w(position_enu_m, targets.rcs_m2(np.arange(len(targets))))
         snr = self.mean_snr(target_w)
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
         sigma_excess_m, sigma_azimuth_deg = self.sigmas(effective_snr, self.range_resolution_m)
         excess_m = propagation.bistatic_range(position_enu_m[:, None], self.positions_enu_m)
-        azimuth_deg = enu_to_aer(position_enu_m)[0][:, None]
+        azimuth_deg = enu_to_aer(targets.position_enu_m)[0][:, None]
         flat = flat_solution(excess_m, azimuth_deg, self.positions_enu_m)
         sigma_range_m = flat.sigma_m(sigma_excess_m, sigma_azimuth_deg)
         placed = flat.chance_between(
             self.range_min_m, self.range_max_m, sigma_range_m, excess_m / sigma_excess_m
         )
-        pd = self.pd(snr) * placed
+        pd, sigma_rate_m_s = self.pd(snr) * placed, None
+        if self.doppler is not None:
+            channel = np.broadcast_to(np.arange(snr.shape[1]), snr.shape)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            pd = pd * self._share_passed(targets)
         best = np.argmax(np.nan_to_num(pd), axis=1)[:, None]
 
         def of_best(column: Floats) -> Floats:
@@ -242,7 +201,17 @@ class PassiveRadar(Volume):
             sigma_range_m=of_best(np.where(placed > 0, sigma_range_m, np.nan)),
             sigma_azimuth_deg=of_best(sigma_azimuth_deg),
             sigma_elevation_deg=np.full(len(targets), np.nan),
+            sigma_range_rate_m_s=None if sigma_rate_m_s is None else of_best(sigma_rate_m_s),
         )
+
+    def _share_passed(self, targets: Targets) -> Floats:
+        """Of each channel's Pd, by range rates where velocities are known; (n, channels)."""
+        channels = len(self.transmitters)
+        row, channel = np.divmod(np.arange(len(targets) * channels), channels)
+        rate_m_s = self._range_rates(targets, row, channel)
+        if self.doppler is None or rate_m_s is None:
+            return np.ones((len(targets), channels))
+        return self.doppler.share_passed(rate_m_s, channel).reshape(-1, channels)
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over each channel's cells, uniform in them.
@@ -259,13 +228,18 @@ class PassiveRadar(Volume):
         if not n:
             return NO_PLOTS
         snr, _ = detection.draw_detected_snr_swerling1(np.zeros(n), self.pfa, self.n_reference, rng)
+        channel = np.repeat(np.arange(len(found)), [len(a) for a in found])
+        columns = {}
+        if self.doppler is not None:
+            columns = self.doppler.of_false_alarms(snr, channel, rng)
         return self._plots(
             snr,
             np.zeros(n),
             t_utc_ns=beam_times_ns(sector, azimuth_deg),
-            channel=np.repeat(np.arange(len(found)), [len(a) for a in found]),
+            channel=channel,
             bistatic_range_m=false_alarms.draw_uniform(0.0, self.range_max_m, n, rng),
             azimuth_deg=azimuth_deg,
+            **columns,
         )
 
     def _plots(self, snr: Floats, target_w: Floats, **columns: NDArray[Any]) -> Plots:
@@ -281,7 +255,7 @@ class PassiveRadar(Volume):
             columns["bistatic_range_m"], columns["azimuth_deg"], self.positions_enu_m[channel]
         )
         east_m2, north_m2, east_north_m2 = flat.covariance_m2(*sigmas)
-        noise_w = (self.disturbance_w[channel] + target_w) / self._time_bandwidth[channel]
+        noise_w = (self.disturbance_w[channel] + target_w) / self.time_bandwidth[channel]
         plots = Plots.of(
             snr=snr,
             amplitude_dbm=10 * np.log10(snr * noise_w) + 30,
@@ -296,12 +270,3 @@ class PassiveRadar(Volume):
         )
         within = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
         return plots.rows(within & (plots.range_m > 0) & (plots.sigma_range_m <= self.range_max_m))
-
-    @cached_property
-    def _time_bandwidth(self) -> Floats:
-        """By channel."""
-        return self.integration_s * self._each("bandwidth_hz")
-
-    def _each(self, name: str) -> Floats:
-        """A property of the transmitters; (channels,)."""
-        return np.array([getattr(t, name) for t in self.transmitters], dtype=np.float64)

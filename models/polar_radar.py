@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,18 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.cover import Volume
+from plotfeed.models.detect import Aside, Finer, true_geometry
+from plotfeed.models.doppler import Doppler, range_rate_m_s
 from plotfeed.models.draws import of_rows
 from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.multipath import Multipath
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
-from plotfeed.models.state import Floats, Looks, Plots, Targets, rows_where
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets, rows_where
+
+if TYPE_CHECKING:
+    from plotfeed.models.merging import Merging
+    from plotfeed.models.readings import Readings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +36,7 @@ class PolarRadar(Volume, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
 
     A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
+    What is None is not modelled, and run lengths are not where nobody asks for them.
     """
 
     frequency_hz: float
@@ -46,6 +54,10 @@ class PolarRadar(Volume, ABC):
     azimuth_floor_deg: float
     elevation_floor_deg: float
     measures_elevation: bool
+    measures_run_length: bool = True
+    multipath: Multipath | None = None
+    doppler: Doppler | None = None
+    merging: Merging | None = None
 
     @abstractmethod
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
@@ -85,6 +97,22 @@ class PolarRadar(Volume, ABC):
         return
 
     @property
+    def measures_range_rate(self) -> bool:
+        """Whether its Doppler cells are modelled."""
+        return self.doppler is not None
+
+    @cached_property
+    def _finer(self) -> Finer | None:
+        """Where it models more than the usual."""
+        if self.doppler is None and self.merging is None:
+            return None
+        return Finer(
+            doppler=self.doppler,
+            merging=self.merging,
+            odds=lambda snrs, _: (snrs.mean(axis=-1), self.pd(snrs)),
+        )
+
+    @property
     def false_alarms_per_scan(self) -> float:
         """Their mean number (eq 9)."""
         return self.resolution_cells * self.pfa
@@ -122,7 +150,7 @@ class PolarRadar(Volume, ABC):
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         rng = of_rows(rng, covered)
-        snrs = self.signal_snrs(targets.position_enu_m[covered], targets.rcs_m2(covered))
+        snrs = self.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
         pd = self.pd(snrs)
         looks = Looks(
             drone=targets.drone[covered],
@@ -133,50 +161,103 @@ class PolarRadar(Volume, ABC):
             elevation_deg=elevation_deg[covered],
             snr=snrs.mean(axis=-1),  # eq 18
             pd=pd,
-            detected=detection.draw_hits(pd, rng),  # eq 8
+            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
         )
+        if self._finer is not None:
+            return self._observe_finer(self._finer, looks, snrs, targets, covered, rng)
         if not looks.detected.any():
             return looks, NO_PLOTS
         hits = rows_where(looks.detected)
-        return looks, self._measure(looks.rows(looks.detected), snrs[hits], of_rows(rng, hits))
+        seen = looks.rows(looks.detected)
+        truth = true_geometry(seen, targets, covered, hits)
+        return looks, self._measure(seen, snrs[hits], truth, targets.readings, of_rows(rng, hits))
+
+    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
+        self,
+        finer: Finer,
+        looks: Looks,
+        snrs: Floats,
+        targets: Targets,
+        covered: Ints | slice,
+        rng: np.random.Generator,
+    ) -> tuple[Looks, Plots]:
+        rate_m_s = self._range_rates(targets, covered)
+        aside = Aside(
+            **true_geometry(looks, targets, covered),
+            range_rate_m_s=rate_m_s,
+            true_range_rate_m_s=rate_m_s,
+        )
+        looks, hits = finer.detect(looks, snrs, aside, looks.range_m, rng)
+        if not len(hits.echoes):
+            return looks, NO_PLOTS
+        plots = self._measure(hits.echoes, hits.powers, hits.columns, targets.readings, hits.rng)
+        return looks, plots
+
+    def _range_rates(self, targets: Targets, rows: Ints | slice) -> Floats | None:
+        """Of those targets, if Doppler is modelled and their velocities are known."""
+        if self.doppler is None or targets.velocity_enu_m_s is None:
+            return None
+        return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
-        snrs = self.signal_snrs(targets.position_enu_m, targets.rcs_m2())
+        snrs = self.signal_snrs(targets.true_position_enu_m, targets.rcs_m2())
+        pd, sigma_rate_m_s = self.pd(snrs), None
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / self.inverse_detected(snrs)
         sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)
+        if self.doppler is not None:
+            channel = np.zeros(len(snrs), np.int64)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            rate_m_s = self._range_rates(targets, slice(None))
+            if rate_m_s is not None:
+                pd = pd * self.doppler.share_passed(rate_m_s, channel)
         return Prediction(
             snr=snrs.mean(axis=-1),
-            pd=self.pd(snrs),
+            pd=pd,
             sigma_range_m=sigma_range_m,
             sigma_azimuth_deg=sigma_azimuth_deg,
             sigma_elevation_deg=(
                 sigma_elevation_deg if self.measures_elevation else np.full(len(snrs), np.nan)
             ),
+            sigma_range_rate_m_s=sigma_rate_m_s,
         )
 
-    def _measure(self, hits: Looks, snrs: Floats, rng: np.random.Generator) -> Plots:
-        """True geometry plus errors (eqs 13 to 15) by the SNR of each very detection."""
+    def _measure(
+        self,
+        hits: Looks,
+        snrs: Floats,
+        columns: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
+        """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection.
+
+        `columns` are the true ones of the plots, and what else was found out.
+        """
         snr, threshold = self.draw_detected(snrs, rng)
         sigmas = sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
         errors = rng.standard_normal((3, len(hits)))
+        range_m, azimuth_deg = hits.range_m, hits.azimuth_deg
+        if readings is not None:
+            range_m = readings.range_m(range_m, hits.t_utc_ns)
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
-            hits.azimuth_deg + errors[1] * sigma_azimuth_deg,
+            azimuth_deg + errors[1] * sigma_azimuth_deg,
             hits.elevation_deg + errors[2] * sigma_elevation_deg,
         )
+        if self.doppler is not None and "range_rate_m_s" in columns:
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
         plots = self._plots(
             snr,
             threshold,
             sigmas,
             t_utc_ns=hits.t_utc_ns,
-            range_m=hits.range_m + errors[0] * sigma_range_m,
+            range_m=range_m + errors[0] * sigma_range_m,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             drone=hits.drone,
-            true_range_m=hits.range_m,
-            true_azimuth_deg=hits.azimuth_deg,
-            true_elevation_deg=hits.elevation_deg,
+            **columns,
         )
         inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
         return plots.rows(inside & (plots.range_m > 0))
@@ -193,6 +274,9 @@ class PolarRadar(Volume, ABC):
         if not n:
             return NO_PLOTS
         snr, threshold = self.draw_detected(np.zeros((n, self.n_signals)), rng)
+        columns = {}
+        if self.doppler is not None:
+            columns = self.doppler.of_false_alarms(snr, np.zeros(n, np.int64), rng)
         return self._plots(
             snr,
             threshold,
@@ -203,6 +287,7 @@ class PolarRadar(Volume, ABC):
             elevation_deg=false_alarms.draw_uniform(
                 self.elevation_min_deg, self.elevation_max_deg, n, rng
             ),
+            **columns,
         )
 
     def _plots(
@@ -221,10 +306,12 @@ class PolarRadar(Volume, ABC):
             columns["sigma_elevation_deg"] = sigmas[2]
         else:
             del columns["elevation_deg"]
+        if self.measures_run_length:
+            width = np.sqrt(np.log2(snr / threshold))
+            columns["run_length_deg"] = self.azimuth_beamwidth_deg * width
         return Plots.of(
             snr=snr,
             amplitude_dbm=self.noise_dbm + 10 * np.log10(snr),
-            run_length_deg=self.azimuth_beamwidth_deg * np.sqrt(np.log2(snr / threshold)),
             sigma_range_m=sigmas[0],
             sigma_azimuth_deg=sigmas[1],
             **columns,

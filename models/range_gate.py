@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.detect import true_geometry
+from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Floats, Looks, Plots, Targets
@@ -26,6 +27,11 @@ class RangeGate:
     def signal_speed_m_s(self) -> None:
         """It sees at once."""
         return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -48,20 +54,22 @@ class RangeGate:
             detected=np.ones(len(seen), np.bool_),
         )
         noise_m = self.sigma_m * rng.standard_normal((len(seen), 3))
-        measured = enu_to_aer(targets.position_enu_m[seen] + noise_m)
-        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self._sigmas(*measured[1:])
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
+        sigmas = self._sigmas(elevation_deg, range_m)
+        if targets.readings is not None:
+            range_m = targets.readings.range_m(range_m, looks.t_utc_ns)
+            azimuth_deg = targets.readings.azimuth_deg(azimuth_deg, looks.t_utc_ns)
+            azimuth_deg = wrap_360(azimuth_deg)
         return looks, Plots.of(
             t_utc_ns=looks.t_utc_ns,
-            range_m=measured[2],
-            azimuth_deg=measured[0],
-            elevation_deg=measured[1],
-            sigma_range_m=sigma_range_m,
-            sigma_azimuth_deg=sigma_azimuth_deg,
-            sigma_elevation_deg=sigma_elevation_deg,
+            range_m=range_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            sigma_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
+            sigma_elevation_deg=sigmas[2],
             drone=looks.drone,
-            true_range_m=looks.range_m,
-            true_azimuth_deg=looks.azimuth_deg,
-            true_elevation_deg=looks.elevation_deg,
+            **true_geometry(looks, targets, seen),
         )
 
     def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,15 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, energy, false_alarms, propagation
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.detect import true_geometry
 from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.multipath import Multipath
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Targets, Texts
+
+if TYPE_CHECKING:
+    from plotfeed.models.readings import Readings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +65,7 @@ class RfSensor:
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
     `instantaneous_bandwidth_hz` how much of the band is heard at once. A `path_loss_exponent` of 2
     is free space. `azimuth_beams` are cells for false alarms, heard side by side. An emission whose
-    kind is among `decodes` gives its identity.
+    kind is among `decodes` gives its identity. Without `multipath` there is no ground.
     """
 
     frequency_min_hz: float
@@ -84,6 +89,7 @@ class RfSensor:
     azimuth_floor_deg: float
     classifies: bool
     decodes: frozenset[str]
+    multipath: Multipath | None = None
 
     @cached_property
     def samples(self) -> int:
@@ -108,6 +114,11 @@ class RfSensor:
     def signal_speed_m_s(self) -> None:
         """Light takes no time worth modelling."""
         return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -152,6 +163,15 @@ class RfSensor:
         received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
         return share * 10 ** ((received_dbm - self.noise_dbm) / 10)
 
+    def _snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
+        """The same over the ground, if it is modelled; ranges are the targets'."""
+        source = emissions.target
+        snr = self.mean_snr(emissions, range_m[source])
+        if self.multipath is not None:
+            wavelength_m = C_M_S / emissions.frequency_hz
+            snr *= self.multipath.power_factor(targets.true_position_enu_m[source], wavelength_m)
+        return snr
+
     def pd(self, emissions: Emissions, snr: Floats) -> Floats:
         """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
         intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
@@ -183,7 +203,7 @@ class RfSensor:
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
         emissions = emissions.rows(in_band & covered)
         source = emissions.target
-        snr = self.mean_snr(emissions, range_m[source])
+        snr = self._snr(emissions, targets, range_m)
         pd = self.pd(emissions, snr)
         looks = Looks(
             drone=targets.drone[source],
@@ -198,7 +218,9 @@ class RfSensor:
         )
         if not looks.detected.any():
             return looks, NO_PLOTS
-        return looks, self._measure(looks.rows(looks.detected), emissions.rows(looks.detected), rng)
+        hits, emissions = looks.rows(looks.detected), emissions.rows(looks.detected)
+        truth = true_geometry(hits, targets, emissions.target)
+        return looks, self._measure(hits, emissions, truth, targets.readings, rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
@@ -207,7 +229,7 @@ class RfSensor:
         """
         emissions = Emissions.of(targets)
         source = emissions.target
-        snr = self.mean_snr(emissions, enu_to_aer(targets.position_enu_m)[2][source])
+        snr = self._snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
         pd = np.nan_to_num(self.pd(emissions, snr))
         miss = np.ones(len(targets))
         np.multiply.at(miss, source, 1 - pd)
@@ -235,24 +257,32 @@ class RfSensor:
         squares_deg2 = np.bincount(rows, weights * sigma_deg[reported] ** 2, n_targets)
         return np.sqrt(squares_deg2 / np.bincount(rows, weights, n_targets))
 
-    def _measure(self, hits: Looks, emissions: Emissions, rng: np.random.Generator) -> Plots:
+    def _measure(
+        self,
+        hits: Looks,
+        emissions: Emissions,
+        truth: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
         """Directions with errors by the SNR that each very detection shows, and what was read."""
         snr = self._draw_estimated_snr(hits.snr, rng)
         errors = rng.standard_normal(len(hits))
         read = [kind in self.decodes for kind in emissions.kind]
         told = np.array(read, np.bool_) | self.classifies
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
         return self._plots(
             snr,
             emissions.frequency_hz,
-            hits.azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
+            azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
             t_utc_ns=hits.t_utc_ns,
             channel=hits.channel,
             kind=np.where(told, emissions.kind, ""),
             identity=np.where(read, emissions.identity, ""),
             drone=hits.drone,
-            true_range_m=hits.range_m,
-            true_azimuth_deg=hits.azimuth_deg,
-            true_elevation_deg=hits.elevation_deg,
+            **truth,
         )
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:

@@ -19,7 +19,7 @@ class Prediction:
     """What to expect of a sensor's plots of targets, (n,); NaN for what it does not measure.
 
     `snr` is the mean one, linear, `pd` the probability that the target is reported at all, and the
-    sigmas are rms errors over the reports.
+    sigmas are rms errors over the reports, about what biased readings lead to.
     """
 
     snr: Floats
@@ -27,6 +27,7 @@ class Prediction:
     sigma_range_m: Floats
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
+    sigma_range_rate_m_s: Floats | None = None
 
 
 class SensorModel(Protocol):
@@ -35,6 +36,10 @@ class SensorModel(Protocol):
     @property
     def signal_speed_m_s(self) -> float | None:
         """How fast what it senses travels; None where that takes no time worth modelling."""
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """Whether it needs to know how fast targets are."""
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -50,4 +55,7 @@ class SensorModel(Protocol):
         """The false alarms of one sector of a scan, with the times at which they came."""
 
     def predict(self, targets: Targets) -> Prediction:
-        """What `observe` comes to over many scans, had the targets stood still; all in cover."""
+        """What `observe` comes to over many scans, had the targets stayed there; all in cover.
+
+        Rates of range count where velocities are given.
+        """

@@ -257,6 +257,8 @@ def _endless(value: object, dtype: type) -> NDArray[Any]:
     return np.broadcast_to(one, 1 << 40)
 
 
+UNDECIDED = _endless(False, np.bool_)
+"""What of looks is not known yet, whether they are detected."""
 _UNMEASURED = _endless(np.nan, np.float64)
 _ABSENT = {
     "drone": _endless(FALSE_ALARM, np.int64),

@@ -27,12 +27,14 @@ _PLOT_COLUMNS = (
     "covariance_north_m2",
     "covariance_east_north_m2",
 )
+_RATE_COLUMNS = ("range_rate_m_s", "sigma_range_rate_m_s")
 
 
 def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:
     """A serialised PlotBatch; what is NaN is left out."""
     batch = pb.PlotBatch(sensor=sensor, scan=scan, sector=sector)
-    columns = [(name, getattr(plots, name).tolist()) for name in _PLOT_COLUMNS]
+    names = _PLOT_COLUMNS if plots.range_rate_m_s is None else _PLOT_COLUMNS + _RATE_COLUMNS
+    columns = [(name, getattr(plots, name).tolist()) for name in names]
     columns.append(("snr_db", decibels(plots.snr).tolist()))
     for i, t_utc_ns in enumerate(plots.t_utc_ns.tolist()):
         known = {name: values[i] for name, values in columns if not math.isnan(values[i])}
@@ -63,6 +65,8 @@ def ledger(
         entry.looks.extend(_looks(looks, drones))
     if len(plots):
         entry.plots.extend(_plot_truths(plots, drones))
+        _add_range_rates(entry, plots)
+        _add_merged_drones(entry, plots, drones)
     return entry.SerializeToString()
 
 
@@ -121,6 +125,21 @@ def _plot_truths(plots: Plots, drones: Sequence[str]) -> Iterator[pb.PlotTruth]:
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
         )
+
+
+def _add_range_rates(entry: pb.Ledger, plots: Plots) -> None:
+    if plots.true_range_rate_m_s is None:
+        return
+    for truth, rate_m_s in zip(entry.plots, plots.true_range_rate_m_s.tolist(), strict=True):
+        if not math.isnan(rate_m_s):
+            truth.range_rate_m_s = rate_m_s
+
+
+def _add_merged_drones(entry: pb.Ledger, plots: Plots, drones: Sequence[str]) -> None:
+    if plots.merged_drones is None:
+        return
+    for truth, merged in zip(entry.plots, plots.merged_drones, strict=True):
+        truth.merged_drones.extend(drones[drone] for drone in merged)
 
 
 def _rows(columns: Sequence[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:

@@ -99,7 +99,7 @@ class PlotBatch(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., plots: _Optional[_Iterable[_Union[Plot, _Mapping]]] = ...) -> None: ...
 
 class Plot(_message.Message):
-    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "channel", "bistatic_range_m", "sigma_bistatic_range_m", "covariance_east_m2", "covariance_north_m2", "covariance_east_north_m2", "kind", "identity")
+    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "channel", "bistatic_range_m", "sigma_bistatic_range_m", "covariance_east_m2", "covariance_north_m2", "covariance_east_north_m2", "kind", "identity", "range_rate_m_s", "sigma_range_rate_m_s")
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
     AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -118,6 +118,8 @@ class Plot(_message.Message):
     COVARIANCE_EAST_NORTH_M2_FIELD_NUMBER: _ClassVar[int]
     KIND_FIELD_NUMBER: _ClassVar[int]
     IDENTITY_FIELD_NUMBER: _ClassVar[int]
+    RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
     time_utc_ns: int
     range_m: float
     azimuth_deg: float
@@ -136,7 +138,9 @@ class Plot(_message.Message):
     covariance_east_north_m2: float
     kind: str
     identity: str
-    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ...) -> None: ...
+    range_rate_m_s: float
+    sigma_range_rate_m_s: float
+    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ..., range_rate_m_s: _Optional[float] = ..., sigma_range_rate_m_s: _Optional[float] = ...) -> None: ...
 
 class Ledger(_message.Message):
     __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link")
@@ -179,18 +183,22 @@ class Look(_message.Message):
     def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ...) -> None: ...
 
 class PlotTruth(_message.Message):
-    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s", "merged_drones")
     DRONE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
     AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
     ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
+    MERGED_DRONES_FIELD_NUMBER: _ClassVar[int]
     drone: str
     time_utc_ns: int
     range_m: float
     azimuth_deg: float
     elevation_deg: float
-    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ...) -> None: ...
+    range_rate_m_s: float
+    merged_drones: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., range_rate_m_s: _Optional[float] = ..., merged_drones: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class Sent(_message.Message):
     __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered", "fate", "link_due_utc_ns", "number", "copy", "flipped_bit")

@@ -17,7 +17,15 @@ from plotfeed.feeds.times import NS
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensor import Prediction
 from plotfeed.models.state import Emitter, Signatures, Targets
-from plotfeed.proto.sapient.detections import AGE, BISTATIC_RANGE, SNR, TRANSMITTER, Manner
+from plotfeed.proto.sapient.detections import (
+    AGE,
+    BISTATIC_RANGE,
+    BISTATIC_RANGE_RATE,
+    RANGE_RATE,
+    SNR,
+    TRANSMITTER,
+    Manner,
+)
 from plotfeed.proto.sapient.ids import node_id
 from plotfeed.proto.sapient.node import Field, Node, NodeType, Quantity
 
@@ -39,6 +47,7 @@ class Measures:
     azimuth: bool
     place: bool
     """In three dimensions."""
+    range_rate: bool
 
 
 def groups_of(sensor: Sensor) -> Groups:
@@ -118,7 +127,12 @@ def measures_of(scene: Scene, sensor: Sensor) -> Measures:
             predicted.snr,
         )
     )
-    return Measures(snr=snr, azimuth=azimuth, place=azimuth and elevation and distance)
+    return Measures(
+        snr=snr,
+        azimuth=azimuth,
+        place=azimuth and elevation and distance,
+        range_rate=predicted.sigma_range_rate_m_s is not None,
+    )
 
 
 def _predicted(site: Site, sensor: Sensor) -> Prediction:
@@ -171,9 +185,11 @@ def _band_hz(sensor: Sensor) -> tuple[float, float] | None:
 
 
 def _objects(manner: Manner, measures: Measures) -> tuple[Quantity, ...]:
+    rate = BISTATIC_RANGE_RATE if manner.transmitters else RANGE_RATE
     told = {
         Quantity(name=SNR, units="dB"): measures.snr,
         Quantity(name=BISTATIC_RANGE, units="m"): bool(manner.transmitters),
+        Quantity(name=rate, units="m/s"): measures.range_rate,
         Quantity(name=TRANSMITTER, units="name"): bool(manner.transmitters),
         Quantity(name=AGE, units="s"): manner.tells_age,
     }

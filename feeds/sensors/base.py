@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from plotfeed.feeds.events import Event
 from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.parts import Azimuth, Elevation, Enu, Name, NotNegative, Part, Site
+from plotfeed.feeds.sensors.effects import BiasPart, DriftPart
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.sensor import SensorModel
 
@@ -63,9 +64,13 @@ class SensorPart(Part):
     enabled: bool = True
     """Whether it is at work; a sensor that is not reports nothing but its status."""
     link: Link | None = None
-    """Between the sensor and whoever hears it; without one, its messages leave when they are due."""
+    """Between the sensor and whoever hears it; without one, messages leave when they are due."""
     event: Annotated[tuple[Event, ...], Field(strict=False)] = ()
     """What happens to it while the scene runs."""
+    bias: BiasPart | None = None
+    """Systematic errors; without it, none."""
+    drift: DriftPart | None = None
+    """Errors that change slowly; without it, none."""
 
     @model_validator(mode="before")
     @classmethod

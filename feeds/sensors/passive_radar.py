@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -21,11 +21,17 @@ from plotfeed.feeds.parts import (
 )
 from plotfeed.feeds.places import enu_from, frame_at
 from plotfeed.feeds.sensors.base import StaringScan, VolumePart
+from plotfeed.feeds.sensors.effects import DopplerPart, MergingPart, MultipathPart, multipath_of
 from plotfeed.feeds.sensors.tracks import TrackingSensorPart
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.doppler import Doppler
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.passive_radar import PassiveRadar, Transmitter
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.radio_noise import MAN_MADE, external_noise_db
+
+if TYPE_CHECKING:
+    from plotfeed.models.merging import Merging
 
 NotPositive = Annotated[float, Field(le=0)]
 BLURRED_DEG = 26.0
@@ -105,6 +111,12 @@ class PassiveRadarSensor(TrackingSensorPart, VolumePart):
     """Error that remains however strong the echo; added in quadrature."""
     azimuth_floor_deg: NotNegative = 0.0
     """Errors that remain however strong the echo; added in quadrature."""
+    multipath: MultipathPart | None = None
+    """The ground's reflection, of echoes and of the transmitters themselves; without it, none."""
+    doppler: DopplerPart | None = None
+    """Without it, no range rates."""
+    merging: MergingPart | None = None
+    """Without it, every drone is seen by itself; its elevation_deg is not used."""
 
     @classmethod
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
@@ -168,6 +180,26 @@ class PassiveRadarSensor(TrackingSensorPart, VolumePart):
             doppler_cells=self.doppler_cells,
             bistatic_range_floor_m=self.bistatic_range_floor_m,
             azimuth_floor_deg=self.azimuth_floor_deg,
+            multipath=multipath_of(self.multipath),
+            doppler=self._doppler(),
+            merging=self._merging(),
+        )
+
+    def _doppler(self) -> Doppler | None:
+        if self.doppler is None:
+            return None
+        wavelengths_m = [C_M_S / t.frequency_hz for t in self.transmitters]
+        return self.doppler.model(wavelengths_m, self.integration_s, ways=1)
+
+    def _merging(self) -> Merging | None:
+        if self.merging is None:
+            return None
+        return self.merging.model(
+            range_cells_m=[C_M_S / t.bandwidth_hz for t in self.transmitters],
+            azimuth_deg=self.azimuth_beamwidth_deg,
+            elevation_deg=None,
+            doppler=self._doppler(),
+            period_s=self.scan.period_s,
         )
 
     def _gain_rx_dbi(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -19,11 +19,22 @@ from plotfeed.feeds.parts import (
     Resolution,
     Site,
 )
-from plotfeed.feeds.sensors.base import VolumePart
+from plotfeed.feeds.sensors.base import Scan, VolumePart
+from plotfeed.feeds.sensors.effects import (
+    MergingPart,
+    MultipathPart,
+    PulsedDopplerPart,
+    multipath_of,
+)
 from plotfeed.feeds.sensors.tracks import TrackingSensorPart
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.doppler import Doppler
 from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.proto.asterix.plots import RHO_LSB_M
+
+if TYPE_CHECKING:
+    from plotfeed.models.merging import Merging
 
 
 class PolarRadarSensor(TrackingSensorPart, VolumePart):
@@ -35,6 +46,8 @@ class PolarRadarSensor(TrackingSensorPart, VolumePart):
     ] = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
     else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
+    scan: Scan
+    """How it scans."""
     frequency_hz: Frequency
     """Of the carrier."""
     gain_tx_dbi: Decibels
@@ -69,6 +82,12 @@ class PolarRadarSensor(TrackingSensorPart, VolumePart):
     """Errors that remain however strong the echo; added in quadrature."""
     measures_elevation: bool = True
     """False for a two-dimensional radar, whose plots have neither elevation nor height."""
+    multipath: MultipathPart | None = None
+    """The ground's reflection; without it, space is free."""
+    doppler: PulsedDopplerPart | None = None
+    """Without it, no range rates."""
+    merging: MergingPart | None = None
+    """Without it, every drone is seen by itself, however close to others."""
 
     @classmethod
     def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
@@ -82,7 +101,23 @@ class PolarRadarSensor(TrackingSensorPart, VolumePart):
         raise NotImplementedError
 
     def warnings(self, site: Site, /) -> list[str]:
-        """A format coarser than the radar."""
+        """Cells without false alarms, and a format coarser than the radar."""
+        return [*self._few_cells(), *self._coarse_format(site)]
+
+    def _few_cells(self) -> list[str]:
+        """Fewer Doppler cells for false alarms than rates are told apart in."""
+        doppler = self._doppler()
+        if doppler is None:
+            return []
+        cells = doppler.spans_m_s[0] / doppler.cells_m_s[0]
+        if self.doppler_cells > cells / 2:
+            return []
+        return [
+            f"doppler_cells is {self.doppler_cells}, and the range rates that are told apart make "
+            f"{cells:.0f} cells: each could give a false alarm"
+        ]
+
+    def _coarse_format(self, site: Site) -> list[str]:
         strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
         best_m = float(self.model(site).sigmas(np.array(strongest_snr))[0])
         added_m = RHO_LSB_M / 12**0.5
@@ -99,7 +134,27 @@ class PolarRadarSensor(TrackingSensorPart, VolumePart):
         return {name: getattr(self, name) for name in names} | {
             "azimuth_cover": self.azimuth_cover,
             "gain_rx_dbi": self._gain_rx_dbi(),
+            "measures_run_length": "asterix-048" in self.report,
+            "multipath": multipath_of(self.multipath),
+            "doppler": self._doppler(),
+            "merging": self._merging(),
         }
+
+    def _doppler(self) -> Doppler | None:
+        if self.doppler is None:
+            return None
+        return self.doppler.model([C_M_S / self.frequency_hz], self.integration_s, ways=2)
+
+    def _merging(self) -> Merging | None:
+        if self.merging is None:
+            return None
+        return self.merging.model(
+            range_cells_m=[self.range_resolution_m],
+            azimuth_deg=self.azimuth_beamwidth_deg,
+            elevation_deg=self.elevation_beamwidth_deg if self.measures_elevation else None,
+            doppler=self._doppler(),
+            period_s=self.scan.period_s,
+        )
 
     def _gain_rx_dbi(self) -> float:
         """Follows from the beamwidths if it is not given."""

@@ -18,6 +18,7 @@ from plotfeed.feeds.parts import (
     Site,
 )
 from plotfeed.feeds.sensors.base import AzimuthCoverPart, StaringScan
+from plotfeed.feeds.sensors.effects import MultipathPart, multipath_of
 from plotfeed.models.rf import RfSensor as RfModel
 
 MAX_SAMPLES = 1e8
@@ -75,6 +76,8 @@ class RfSensor(AzimuthCoverPart):
     """Of the receiver."""
     path_loss: Annotated[Friis | LogDistance, Field(discriminator="kind")] = Friis()
     """How a signal weakens with distance."""
+    multipath: MultipathPart | None = None
+    """The ground's reflection; a path_loss of log-distance has it in its exponent already."""
     pfa: Probability = 1e-6
     """Probability of a false alarm in one channel and beam, in one scan."""
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
@@ -155,6 +158,7 @@ class RfSensor(AzimuthCoverPart):
             azimuth_floor_deg=self.azimuth_floor_deg,
             classifies=self.classifies,
             decodes=frozenset(self.decodes),
+            multipath=multipath_of(self.multipath),
         )
 
     def warnings(self, _site: Site, /) -> list[str]:
@@ -164,6 +168,10 @@ class RfSensor(AzimuthCoverPart):
             found.append(
                 f"integration_s is {self.integration_s:g}, longer than a scan of "
                 f"{self.scan.period_s:g} s: one emission would be counted in several scans"
+            )
+        if self.multipath is not None and isinstance(self.path_loss, LogDistance):
+            found.append(
+                "multipath counts the ground, which path_loss.exponent has counted already"
             )
         unused = {"baseline_m", "azimuth_beamwidth_deg", "azimuth_floor_deg"}
         unused &= self.model_fields_set

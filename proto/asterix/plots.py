@@ -20,15 +20,17 @@ OPTIONAL = {
     "run_length_deg": "I048/130/PRL",
     "amplitude_dbm": "I048/130/PAM",
     "height_m": "I048/110",
+    "range_rate_m_s": "I048/120/CAL/CAL",
 }
-"""The columns of plots which a radar may not measure, and the items that are then not sent."""
+"""The columns of plots which a radar may not measure, and the parts that are then not sent."""
 
 
 class PlotEncoder048:
-    """Plots of a primary radar, as I048/010, 140, 020, 040, and of 130 and 110 what is measured.
+    """Plots of a primary radar, as I048/010, 140, 020, 040, and of 130, 110, 120 what is measured.
 
     `geoid_undulation_m` is the height of mean sea level above the WGS-84 ellipsoid at the sensor:
-    plots have heights above the latter, I048/110 above the former.
+    plots have heights above the latter, I048/110 above the former. The Doppler speed of 120 is the
+    range rate in whole m/s; the standard leaves its sign open: here a positive one recedes.
     """
 
     def __init__(
@@ -44,7 +46,7 @@ class PlotEncoder048:
         self._reports = Reports(
             CAT048,
             ("I048/010", "I048/140", "I048/020", "I048/040"),
-            OPTIONAL.values(),
+            ("I048/130/PRL", "I048/130/PAM", "I048/110", "I048/120/CAL"),
             constants={
                 "I048/010/SAC": sac,
                 "I048/010/SIC": sic,
@@ -53,6 +55,7 @@ class PlotEncoder048:
                 "I048/020/RDP": 0,
                 "I048/020/SPI": 0,
                 "I048/020/RAB": 0,
+                "I048/120/CAL/D": 0,
             },
             lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": RHO_LSB_M, "I048/110": 25 * FOOT_M},
             max_octets=max_octets,
@@ -65,7 +68,8 @@ class PlotEncoder048:
         """
         if not len(plots):
             return []
-        optional = measured({path: getattr(plots, name) for name, path in OPTIONAL.items()})
+        columns = {path: getattr(plots, name) for name, path in OPTIONAL.items()}
+        optional = measured({p: column for p, column in columns.items() if column is not None})
         if "I048/110" in optional and self._geoid_undulation_m:
             optional["I048/110"] = plots.height_m - self._geoid_undulation_m
         return self._reports.blocks(

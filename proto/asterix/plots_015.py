@@ -45,6 +45,8 @@ RANGES = {
 """The columns of plots for range and its standard deviation."""
 
 OPTIONAL = {
+    "I015/626/DV": "range_rate_m_s",
+    "I015/626/SDDV": "sigma_range_rate_m_s",
     "I015/627/AZ": "azimuth_deg",
     "I015/627/SDASZ": "sigma_azimuth_deg",
     "I015/628/EL": "elevation_deg",
@@ -57,8 +59,9 @@ OPTIONAL = {
 class PlotEncoder015:
     """Measurement plots, as I015/010, 000, 020, 145, and of the others what is measured.
 
-    Those are 300 (class), 625 (R, SDR), 627 (AZ, SDASZ), 628 (EL, SDEL) and 630 (RPP in dBm, RPS).
-    A multistatic sensor has 400 too: the pair of a plot's channel, and a count of observations.
+    Those are 300 (class), 625 (R, SDR), 626 (DV, SDDV), 627 (AZ, SDASZ), 628 (EL, SDEL), 630 (RPP
+    in dBm, RPS). A multistatic sensor has 400 too: the pair of a plot's channel, and a count of
+    observations. The standard leaves the sign of DV open: here a positive one recedes.
 
     `pairs` has the pair of each channel, by default the channel itself. `classes` has the class
     of each kind of plot, by agreement with the receiver; without it no class is sent.
@@ -110,7 +113,8 @@ class PlotEncoder015:
         if not len(plots):
             return []
         columns: dict[str, Floats | Ints] = {"I015/145": plots.t_utc_ns}
-        columns |= measured({path: getattr(plots, name) for path, name in self._optional.items()})
+        optional = {path: getattr(plots, name) for path, name in self._optional.items()}
+        columns |= measured({path: c for path, c in optional.items() if c is not None})
         snr = measured({"I015/630/RPS": plots.snr})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:

@@ -18,9 +18,11 @@ from plotfeed.proto.sapient.locations import MAX_RANGE_M, Locations, Positions
 from plotfeed.proto.sapient.node import Node
 
 SNR, AGE, BISTATIC_RANGE, TRANSMITTER = "SNR", "age", "bistatic range", "transmitter"
+RANGE_RATE, BISTATIC_RANGE_RATE = "range rate", "bistatic range rate"
 """Types of object_info; as track_info a consumer would take the plot for a track."""
 
 MAX_SNR = 1e30
+MAX_RATE_M_S = 1e9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +117,10 @@ class DetectionEncoder:
             _Info(SNR, [f"{10 * math.log10(ratio):.2f}" if ratio else "" for ratio in snr]),
             _Info(BISTATIC_RANGE, ["" if m is None else f"{m:.2f}" for m in bistatic_m], sigma_m),
         ]
+        if plots.range_rate_m_s is not None:
+            rates_m_s = measured(RANGE_RATE, plots.range_rate_m_s, -MAX_RATE_M_S, MAX_RATE_M_S)
+            texts = ["" if rate is None else f"{rate:.3f}" for rate in rates_m_s]
+            infos.append(_Info(self._rate, texts, self._rate_errors(plots)))
         if self._manner.transmitters:
             names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
             infos.append(_Info(TRANSMITTER, names))
@@ -123,6 +129,16 @@ class DetectionEncoder:
             ages_s = [max(stamp - t_ns, 0) / 1e9 for t_ns in plots.t_utc_ns.tolist()]
             infos.append(_Info(AGE, [f"{age_s:.6f}" for age_s in ages_s]))
         return [info for info in infos if any(info.texts)]
+
+    @property
+    def _rate(self) -> str:
+        return BISTATIC_RANGE_RATE if self._manner.transmitters else RANGE_RATE
+
+    @staticmethod
+    def _rate_errors(plots: Plots) -> list[float | None]:
+        if plots.sigma_range_rate_m_s is None:
+            return [None] * len(plots)
+        return measured("range rate error", plots.sigma_range_rate_m_s, 0, MAX_RATE_M_S)
 
     def _fill_infos(self, infos: list[_Info], i: int) -> None:
         told = self._report.object_info

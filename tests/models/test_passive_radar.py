@@ -258,7 +258,7 @@ def test_on_the_baseline_plots_vanish_and_nothing_is_infinite(range_m, up_m):
         assert predicted.pd[0] < 0.05
     assert_sound(radar, plots)
     for column in dataclasses.astuple(predicted):
-        assert not np.isinf(column).any()
+        assert column is None or not np.isinf(column).any()
 
 
 def test_behind_the_receiver_and_behind_the_transmitter():
@@ -428,7 +428,7 @@ def test_whatever_the_parameters_plots_are_finite_and_odds_are_odds(radar, seed,
     predicted = radar.predict(targets)
     assert ((predicted.pd >= 0) & (predicted.pd <= 1)).all()
     for column in dataclasses.astuple(predicted):
-        assert not np.isinf(column).any()
+        assert column is None or not np.isinf(column).any()
     if sum(radar.resolution_cells) < 1e5:
         assert_sound(radar, radar.draw_false_alarms(SCAN, rng))
     assert 0 <= radar.false_alarms_per_scan <= sum(radar.resolution_cells) * radar.pfa * 1.0000001

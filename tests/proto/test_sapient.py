@@ -175,6 +175,17 @@ def test_a_bistatic_range_comes_with_its_error_and_its_transmitter() -> None:
     assert not told["transmitter"].HasField("error")
 
 
+def test_a_range_rate_comes_with_its_error_and_says_of_what_it_is() -> None:
+    rate = {"azimuth_deg": 1.0, "range_rate_m_s": -12.3456, "sigma_range_rate_m_s": 0.5}
+    for manner, name in (
+        (Manner(), "range rate"),
+        (Manner(transmitters=("a",)), "bistatic range rate"),
+    ):
+        told = {info.type: info for info in one(manner, **rate).object_info}
+        assert told[name].value == "-12.346"
+        assert told[name].error == 0.5
+
+
 def test_a_signal_has_amplitude_and_frequency() -> None:
     (signal,) = one(Manner(band_hz=(2.4e9, 2.5e9)), azimuth_deg=1.0, amplitude_dbm=-80.0).signal
     assert signal.amplitude == -80.0
@@ -191,6 +202,8 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
         "snr": 10.0,
         "bistatic_range_m": 7.0,
         "sigma_bistatic_range_m": 2.0,
+        "range_rate_m_s": 3.0,
+        "sigma_range_rate_m_s": 1.0,
         "amplitude_dbm": -50.0,
         "kind": "a",
         "identity": "b",
@@ -220,7 +233,7 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
             "range_bearing",
         }
         assert not reports[1].range_bearing.HasField("range")
-        assert [len(r.object_info) for r in reports] == [2, 0, 2]
+        assert [len(r.object_info) for r in reports] == [3, 0, 3]
         assert reports[2].range_bearing.range == 100.0
 
 

@@ -46,15 +46,16 @@ def test_a_live_sensor_is_not_simulated() -> None:
         ({"height_m": 1.0}, {"I048/110"}),
         ({"amplitude_dbm": 1.0}, {"I048/130/PAM"}),
         ({"run_length_deg": 1.0}, {"I048/130/PRL"}),
+        ({"range_rate_m_s": 1.0}, {"I048/120/CAL"}),
     ],
 )
 def test_what_is_not_measured_is_not_sent(columns: dict[str, float], items: set[str]) -> None:
     record = one_plot(range_m=1.0, **columns)
-    optional = {"I048/110", "I048/130/PAM", "I048/130/PRL"}
+    optional = {"I048/110", "I048/120/CAL", "I048/130/PAM", "I048/130/PRL"}
     assert {path for path in optional if record.get(path) is not None} == items
 
 
-@pytest.mark.parametrize("name", ["height_m", "amplitude_dbm", "run_length_deg"])
+@pytest.mark.parametrize("name", ["height_m", "amplitude_dbm", "run_length_deg", "range_rate_m_s"])
 @pytest.mark.parametrize("values", [[1.0, math.nan], [math.nan, 1.0]])
 @pytest.mark.parametrize("repeats", [1, 100])
 def test_a_column_that_is_measured_now_and_then_is_refused(
@@ -81,6 +82,9 @@ def test_heights_are_above_the_geoid() -> None:
         ("run_length_deg", 20.0, "I048/130/PRL", 255 * 360 / 8192),
         ("height_m", 1e6, "I048/110", 8191 * 25.0),
         ("height_m", -1e6, "I048/110", -8192 * 25.0),
+        ("range_rate_m_s", -12.4, "I048/120/CAL/CAL", -12.0),
+        ("range_rate_m_s", -600.0, "I048/120/CAL/CAL", -512.0),
+        ("range_rate_m_s", 600.0, "I048/120/CAL/CAL", 511.0),
         ("t_utc_ns", MIDNIGHT_NS - 3_906_251, "I048/140", 86_399.9921875),
         ("t_utc_ns", MIDNIGHT_NS - 3_906_250, "I048/140", 0.0),
         ("t_utc_ns", MIDNIGHT_NS, "I048/140", 0.0),

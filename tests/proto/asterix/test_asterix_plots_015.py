@@ -25,6 +25,8 @@ MEASURED = {
     "sigma_elevation_deg": 1.0,
     "snr": 10.0,
     "amplitude_dbm": -90.0,
+    "range_rate_m_s": -12.34,
+    "sigma_range_rate_m_s": 0.25,
 }
 
 
@@ -48,6 +50,7 @@ def test_a_plot_has_all_that_is_measured() -> None:
         "I015/145": 0.0,
         "I015/300": [{"CLS": 3, "PRB": 100}],
         "I015/625": {"R": 1000.0, "SDR": 1.0},
+        "I015/626": {"DV": -12.34, "SDDV": 0.25},
         "I015/627": {"AZ": 0.0, "SDASZ": 1456 * 360 / 2**19},
         "I015/628": {"EL": 364 * 360 / 2**17, "SDEL": 1456 * 360 / 2**19},
         "I015/630": {"RPP": -90.0, "RPS": 10.0},
@@ -125,6 +128,15 @@ def test_ranges_come_back_to_half_an_lsb_or_saturate(range_m: float) -> None:
     assert abs(back - min(max(range_m, -838_860.8), 838_860.7)) <= 0.05 * (1 + 1e-6)
 
 
+@given(st.floats(-1e5, 1e5))
+@example(-83_886.08)
+@example(83_886.07)
+def test_range_rates_come_back_to_half_an_lsb_or_saturate(rate_m_s: float) -> None:
+    back = one_plot(MULTISTATIC, bistatic_range_m=1.0, range_rate_m_s=rate_m_s).get("I015/626/DV")
+    assert isinstance(back, float)
+    assert abs(back - min(max(rate_m_s, -83_886.08), 83_886.07)) <= 0.005 * (1 + 1e-6)
+
+
 @given(st.floats(-720, 720))
 @example(359.999)
 @example(360.0)
@@ -162,6 +174,8 @@ def test_asterix_decoder_reads_plots_to_half_an_lsb() -> None:
     sent = {
         "range_m": rng.uniform(0, 5e5, n),
         "sigma_range_m": rng.uniform(0, 100, n),
+        "range_rate_m_s": rng.uniform(-500, 500, n),
+        "sigma_range_rate_m_s": rng.uniform(0, 50, n),
         "azimuth_deg": rng.uniform(0, 359.99, n),
         "sigma_azimuth_deg": rng.uniform(0, 40, n),
         "elevation_deg": rng.uniform(0, 80, n),  # it reads those below 0 wrongly
@@ -174,6 +188,17 @@ def test_asterix_decoder_reads_plots_to_half_an_lsb() -> None:
     columns = np.array(read, dtype=float).T
     assert columns[:8, 0].tolist() == [25, 3, 1, 0, 0, 3, 3, 0]
     sent["snr"] = 10 * np.log10(sent["snr"])
-    halves = (0.05, 0.05, 180 / 2**16, 180 / 2**19, 180 / 2**17, 180 / 2**19, 0.5, 0.5)
+    halves = (
+        0.05,
+        0.05,
+        0.005,
+        1 / 128,
+        180 / 2**16,
+        180 / 2**19,
+        180 / 2**17,
+        180 / 2**19,
+        0.5,
+        0.5,
+    )
     for column, value, half in zip(columns[8:], sent.values(), halves, strict=True):
         assert np.abs(column - value).max() <= half * (1 + 1e-4)

@@ -1,0 +1,168 @@
+"""The signals of a passive radar: equations 24 to 31 in right form, channel by channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.cover import Volume
+from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.multipath import Multipath
+from plotfeed.models.state import Floats
+
+_AZIMUTHS = 3600
+"""Over which the share of false alarms that have a place is averaged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transmitter:
+    """A transmitter of opportunity, east, north and up of the receiver.
+
+    `external_noise_db` is what the receiver's antenna collects at its frequency, over k T0 B.
+    """
+
+    erp_w: float
+    frequency_hz: float
+    bandwidth_hz: float
+    position_enu_m: tuple[float, float, float]
+    external_noise_db: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassiveSignals(Volume):
+    """What the equations need. Side-lobe and cancellation levels are negative, losses positive.
+
+    `multipath` is None where it is not modelled.
+    """
+
+    transmitters: tuple[Transmitter, ...]
+    gain_rx_dbi: float
+    azimuth_beamwidth_deg: float
+    integration_s: float
+    loss_db: float
+    sidelobe_db: float
+    cancellation_db: float
+    line_loss_db: float
+    antenna_loss_db: float
+    receiver_noise_figure_db: float
+    pfa: float
+    n_reference: int
+    doppler_cells: int
+    bistatic_range_floor_m: float
+    azimuth_floor_deg: float
+    multipath: Multipath | None = None
+
+    @cached_property
+    def positions_enu_m(self) -> Floats:
+        """Of the transmitters; (channels, 3)."""
+        return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
+
+    @cached_property
+    def range_resolution_m(self) -> Floats:
+        """Of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
+        return C_M_S / self._each("bandwidth_hz")
+
+    @cached_property
+    def resolution_cells(self) -> tuple[int, ...]:
+        """Bistatic range cells x azimuth beams x Doppler cells, by channel (eq 9, right form)."""
+        beams = max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
+        range_cells = [max(round(self.range_max_m / m), 1) for m in self.range_resolution_m]
+        return tuple(n * beams * self.doppler_cells for n in range_cells)
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Mean number of false plots: what the detectors let through (eq 9) and has a place."""
+        return float(self.pfa * np.array(self.resolution_cells) @ self.placed_shares)
+
+    @cached_property
+    def placed_shares(self) -> Floats:
+        """The share of false alarms whose solution lies within range, by channel; (channels,).
+
+        At each azimuth those up to the bistatic range of a point at the end of the range.
+        """
+        share = (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+        azimuth_deg = self.azimuth_cover.min_deg + share * self.azimuth_cover.span_deg
+        ends_m = np.array([self.range_min_m, self.range_max_m])
+        points_enu_m = aer_to_enu(azimuth_deg[:, None, None], 0.0, ends_m)
+        excess_m = propagation.bistatic_range(points_enu_m, self.positions_enu_m[:, None])
+        low_m, high_m = np.minimum(excess_m, self.range_max_m).mean(axis=0).T
+        return np.asarray((high_m - low_m) / self.range_max_m)
+
+    @cached_property
+    def disturbance_w(self) -> Floats:
+        """What is left of the broadcasts, and radio noise (eqs 28 to 31); (channels,)."""
+        direct_w = propagation.direct_signal_power_w(
+            erp_w=self._each("erp_w"),
+            gain_rx_dbi=self.gain_rx_dbi,
+            sidelobe_db=self.sidelobe_db,
+            cancellation_db=self.cancellation_db,
+            wavelength_m=self.wavelengths_m,
+            baseline_m=np.linalg.norm(self.positions_enu_m, axis=-1),
+        )
+        if self.multipath is not None:
+            direct_w *= self.multipath.power_factor(self.positions_enu_m, self.wavelengths_m)
+        noise_w = propagation.passive_noise_power_w(
+            self._each("bandwidth_hz"),
+            self._each("external_noise_db"),
+            self.line_loss_db,
+            self.antenna_loss_db,
+            self.receiver_noise_figure_db,
+        )
+        return direct_w + noise_w
+
+    def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""
+        offset_m = position_enu_m[:, None] - self.positions_enu_m
+        power_w = propagation.passive_target_power_w(
+            erp_w=self._each("erp_w"),
+            gain_rx_dbi=self.gain_rx_dbi,
+            wavelength_m=self.wavelengths_m,
+            rcs_m2=rcs_m2[:, None],
+            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), propagation.NEAREST_M),
+            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)[
+                :, None
+            ],
+            loss_db=self.loss_db,
+        )
+        if self.multipath is not None:
+            ends_enu_m, lengths_m = position_enu_m[:, None], self.wavelengths_m
+            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m)
+            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m, self.positions_enu_m)
+        return power_w
+
+    def mean_snr(self, target_w: Floats) -> Floats:
+        """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
+        return propagation.correlated_snr(target_w, self.disturbance_w, self.time_bandwidth)
+
+    def pd(self, snr: Floats) -> Floats:
+        """Probability of detection (eqs 6, 7)."""
+        return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
+
+    def sigmas(self, snr: Floats, range_resolution_m: Floats) -> tuple[Floats, Floats]:
+        """Standard deviations of bistatic range and azimuth at a detection's own SNR."""
+        return (
+            accuracy.with_floor(
+                accuracy.sigma_range_m(snr, range_resolution_m), self.bistatic_range_floor_m
+            ),
+            accuracy.with_floor(
+                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
+            ),
+        )
+
+    @cached_property
+    def wavelengths_m(self) -> Floats:
+        """By channel."""
+        return C_M_S / self._each("frequency_hz")
+
+    @cached_property
+    def time_bandwidth(self) -> Floats:
+        """By channel."""
+        return self.integration_s * self._each("bandwidth_hz")
+
+    def _each(self, name: str) -> Floats:
+        """A property of the transmitters; (channels,)."""
+        return np.array([getattr(t, name) for t in self.transmitters], dtype=np.float64)
