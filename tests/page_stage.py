@@ -15,6 +15,7 @@ import road
 from plotfeed.feeds.changes import changed
 from plotfeed.feeds.control import ControlError
 from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.message import Message
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.tracks import TrackNews
 from plotfeed.feeds.page.view import View
@@ -144,6 +145,7 @@ class Stage:
         self.view = view
         self.scene = shown
         self.commands: list[dict[str, Any]] = []
+        self.messages: list[Message] = []
         self.now_ns = start_ns
         self.totals = Totals()
         self.session: dict[str, Any] = {
@@ -280,6 +282,7 @@ class Stage:
 
     def _report(self, report: SectorReport) -> None:
         self.totals.add(report)
+        self.messages += report.messages
         sent = [self._sent(report, message.topic) for message in report.messages]
         if self.view is not None:
             self.view.report(report)

@@ -153,7 +153,8 @@ def first_paint_ms(browser: Any, url: str) -> float:
     """From the request to the first contentful paint, with an empty cache."""
     page = browser.new_context(viewport=WINDOW).new_page()
     page.goto(url)
-    page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
+    while not page.evaluate("performance.getEntriesByName('first-contentful-paint').length"):
+        page.wait_for_timeout(20)
     script = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
     paint_ms = float(page.evaluate(script))
     page.context.close()

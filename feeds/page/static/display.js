@@ -9,6 +9,8 @@ const REACH = 11; // pixels within which a mark is hit
 const MARKS_SHARE = 0.06; // of the time, at most, for drawing marks anew
 const SHORTEST_STILL_MS = 45;
 const LONGEST_STILL_MS = 150;
+const CALM_MS = 250; // between pictures, for who wants little motion
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const byId = (id) => document.getElementById(id);
 
 /** A layer that is drawn elsewhere and then copied. */
@@ -139,7 +141,7 @@ export class Display {
 
   /** Whether anything is different in every frame of the screen. */
   #turns() {
-    return this.layers.sweep && this.picture.pace > 0 && (this.picture.news.scene?.sensors.some((sensor) => sensor.rotates) ?? false);
+    return !calm.matches && this.layers.sweep && this.picture.pace > 0 && (this.picture.news.scene?.sensors.some((sensor) => sensor.rotates) ?? false);
   }
 
   /** Marks are drawn as often as there is time for, twenty times a second where they are few. */
@@ -153,7 +155,7 @@ export class Display {
     }
     drawMarks(this.#marks, this.#pixels, this.view, this.picture, nowMs, this);
     const wait = (performance.now() - began) / MARKS_SHARE;
-    this.#marksDueAt = at + Math.min(Math.max(wait, SHORTEST_STILL_MS), LONGEST_STILL_MS);
+    this.#marksDueAt = at + Math.min(Math.max(wait, calm.matches ? CALM_MS : SHORTEST_STILL_MS), calm.matches ? CALM_MS : LONGEST_STILL_MS);
   }
 
   #centre(nowMs) {

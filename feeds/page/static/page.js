@@ -53,7 +53,7 @@ function showConnection(state, words) {
   box.dataset.state = state;
   box.textContent = words;
   byId("veil").hidden = state !== "lost";
-  byId("veil-text").textContent = words;
+  byId("veil-text").textContent = state === "lost" ? words : "";
 }
 
 function setTruth(shown) {

@@ -12,7 +12,8 @@ const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPr
 export class Sensors {
   chosen = null;
   #rows = new Map();
-  #dirty = new Set();
+  #dirty = new Set(); // fields that are being filled in
+  #asking = 0; // commands without an answer yet
 
   /** ask(command) gives the session's answer; onChoose() and onHide() tell of changes here. */
   constructor(picture, hidden, { ask, onChoose, onHide }) {
@@ -78,7 +79,7 @@ export class Sensors {
     byId("sensor-form").inert = !sensor;
     if (!sensor) return;
     const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
-    for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);
+    if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);
     const pfa = now.pfa ?? sensor.pfa;
     byId("pfa").disabled = sensor.pfa == null;
     this.#show("pfa", pfa == null ? "" : pfa.toExponential(), pfa == null ? "has none" : pfa.toExponential());
@@ -133,7 +134,10 @@ export class Sensors {
   }
 
   async #send(command) {
+    this.#asking++;
     const answer = await this.ask(command);
+    this.#asking--;
+    if (answer.in_force) this.picture.news.settings = { ...this.picture.news.settings, [command.sensor]: answer.in_force };
     if (command.sensor !== this.chosen) return;
     if (answer.ok) this.#dirty.clear();
     this.#say(answer.ok ? "In force." : answer.error, !answer.ok);

@@ -34,9 +34,7 @@ def test_an_address_is_host_and_port(text: str, host: str, port: int, is_loopbac
 
 @pytest.mark.parametrize("text", ["", "localhost", "::1", "1:2:3", "h:70000", "h:-1", "h:٣", "h:"])
 def test_what_is_no_address_is_a_line(text: str) -> None:
-    with pytest.raises(
-        PlotfeedError, match=f"such as 127.0.0.1:{DEFAULT_PORT}"
-    ) as error:
+    with pytest.raises(PlotfeedError, match=f"such as 127.0.0.1:{DEFAULT_PORT}") as error:
         PageAddress.parse(text)
     assert "\n" not in str(error.value)
 
