@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,9 +43,14 @@ MIMO = {key: value for key, value in RADAR.items() if key != "power_w"} | {
 }
 
 
-def scene_of(*sensors: dict[str, Any], site: tuple[float, float, float] = SITE) -> Scene:
+def scene_of(
+    *sensors: dict[str, Any],
+    site: tuple[float, float, float] = SITE,
+    drones: Sequence[dict[str, Any]] = (),
+) -> Scene:
     place = dict(zip(("latitude_deg", "longitude_deg", "height_m"), site, strict=True))
-    tree = {"scene": {"name": "test", "seed": 1, "site": place}, "sensor": list(sensors)}
+    general = {"name": "test", "seed": 1, "site": place}
+    tree = {"scene": general, "sensor": list(sensors), "drone": list(drones)}
     return from_tree(tree, Path("test.toml"))
 
 

@@ -7,7 +7,7 @@ the best of the sensor's signals where each of them is a look of its own.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 
 import numpy as np
@@ -16,7 +16,6 @@ from plotfeed.models import propagation
 from plotfeed.models.acoustic import REFERENCE_DISTANCE_M, MicrophoneArray
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.mimo_radar import MimoRadar
 from plotfeed.models.multipath import Multipath
 from plotfeed.models.passive_radar import PassiveRadar
 from plotfeed.models.polar_radar import PolarRadar
@@ -50,67 +49,52 @@ def ways(_model: SensorModel, _targets: Targets, _antenna_m: float) -> Ways | No
 @ways.register
 def _(model: PolarRadar, targets: Targets, antenna_m: float) -> Ways:
     place_enu_m, rcs_m2 = targets.position_enu_m, targets.rcs_m2()
-    ground, wavelength_m = _ground(antenna_m), C_M_S / model.frequency_hz
-
-    def two_rays() -> Floats:
-        back = ground.power_factor(place_enu_m, wavelength_m)[:, None]
-        there = _from_transmitters(model, ground, place_enu_m, wavelength_m)
-        return model.signal_snrs(place_enu_m, rcs_m2) * back * (back if there is None else there)
-
+    free = replace(model, multipath=None)
+    grounded = replace(model, multipath=model.multipath or _ground(antenna_m))
     return Ways(
         ratios={
-            FREE_SPACE: lambda: model.signal_snrs(place_enu_m, rcs_m2),
-            TWO_RAYS: two_rays,
+            FREE_SPACE: lambda: free.signal_snrs(place_enu_m, rcs_m2),
+            TWO_RAYS: lambda: grounded.signal_snrs(place_enu_m, rcs_m2),
         },
         pd_of=model.pd,
-        ours=FREE_SPACE,
+        ours=FREE_SPACE if model.multipath is None else TWO_RAYS,
     )
 
 
 @ways.register
 def _(model: PassiveRadar, targets: Targets, antenna_m: float) -> Ways:
     place_enu_m, rcs_m2 = targets.position_enu_m, targets.rcs_m2()
-    ground = _ground(antenna_m)
-    wavelengths_m = C_M_S / np.array([t.frequency_hz for t in model.transmitters])
-
-    def two_rays() -> Floats:
-        back = ground.power_factor(place_enu_m[:, None], wavelengths_m)
-        there = ground.power_factor(place_enu_m[:, None], wavelengths_m, model.positions_enu_m)
-        return model.mean_snr(model.target_power_w(place_enu_m, rcs_m2) * back * there)
-
+    free = replace(model, multipath=None)
+    grounded = replace(model, multipath=model.multipath or _ground(antenna_m))
     return Ways(
         ratios={
-            FREE_SPACE: lambda: model.mean_snr(model.target_power_w(place_enu_m, rcs_m2)),
-            TWO_RAYS: two_rays,
+            FREE_SPACE: lambda: free.mean_snr(free.target_power_w(place_enu_m, rcs_m2)),
+            TWO_RAYS: lambda: grounded.mean_snr(grounded.target_power_w(place_enu_m, rcs_m2)),
         },
         pd_of=lambda snrs: model.pd(snrs.max(axis=1)),
-        ours=FREE_SPACE,
+        ours=FREE_SPACE if model.multipath is None else TWO_RAYS,
     )
 
 
 @ways.register
 def _(model: RfSensor, targets: Targets, antenna_m: float) -> Ways:
     emissions = Emissions.of(targets)
-    source, ground = emissions.target, _ground(antenna_m)
-    place_enu_m = targets.position_enu_m[source]
-    wavelength_m = C_M_S / emissions.frequency_hz
-
-    def as_asked() -> Floats:
-        return model.mean_snr(emissions, enu_to_aer(place_enu_m)[2])
+    ground = model.multipath or _ground(antenna_m)
 
     def pd_of(snr: Floats) -> Floats:
         missed = np.ones(len(targets))
-        np.multiply.at(missed, source, 1 - np.nan_to_num(model.pd(emissions, snr)))
+        detected = np.nan_to_num(model.pd(emissions, snr))
+        np.multiply.at(missed, emissions.target, 1 - detected)
         return 1 - missed
 
-    ours = FREE_SPACE if model.path_loss_exponent == 2 else "log-distance"
+    plain = FREE_SPACE if model.path_loss_exponent == 2 else "log-distance"
     return Ways(
         ratios={
-            ours: as_asked,
-            TWO_RAYS: lambda: as_asked() * ground.power_factor(place_enu_m, wavelength_m),
+            plain: lambda: received_snr(model, emissions, targets, None),
+            TWO_RAYS: lambda: received_snr(model, emissions, targets, ground),
         },
         pd_of=pd_of,
-        ours=ours,
+        ours=plain if model.multipath is None else TWO_RAYS,
     )
 
 
@@ -135,15 +119,16 @@ def _(model: MicrophoneArray, targets: Targets, _antenna_m: float) -> Ways:
     )
 
 
+def received_snr(
+    model: RfSensor, emissions: Emissions, targets: Targets, ground: Multipath | None
+) -> Floats:
+    """Ratios of emissions of targets, (n,), over a ground if there is one."""
+    place_enu_m = targets.position_enu_m[emissions.target]
+    snr = model.mean_snr(emissions, enu_to_aer(place_enu_m)[2])
+    if ground is None:
+        return snr
+    return snr * ground.power_factor(place_enu_m, C_M_S / emissions.frequency_hz)
+
+
 def _ground(antenna_m: float) -> Multipath:
     return Multipath(reflection=REFLECTION, antenna_height_m=max(antenna_m, LOWEST_ANTENNA_M))
-
-
-def _from_transmitters(
-    model: PolarRadar, ground: Multipath, place_enu_m: Floats, wavelength_m: float
-) -> Floats | None:
-    """The way there, (n, K), where it is not the way back."""
-    if not isinstance(model, MimoRadar):
-        return None
-    from_enu_m = np.array([t.position_enu_m for t in model.transmitters])
-    return ground.power_factor(place_enu_m[:, None], wavelength_m, from_enu_m)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from plotfeed.feeds.chart import alternatives_detection as alternatives
 from plotfeed.feeds.chart import precise
+from plotfeed.feeds.chart.alternatives_propagation import received_snr
 from plotfeed.models import detection, energy
 from plotfeed.models.acoustic import MicrophoneArray
 from plotfeed.models.active_radar import ActiveRadar
-from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.mimo_radar import MimoRadar
 from plotfeed.models.passive_radar import PassiveRadar
 from plotfeed.models.polar_radar import PolarRadar
@@ -284,7 +284,7 @@ def _passive_snr(model: PassiveRadar, targets: Targets) -> Floats:
 def _strongest(model: RfSensor, targets: Targets) -> tuple[Emissions, Floats]:
     """Of each target the emission with the highest ratio, and that; one row a target."""
     emissions = Emissions.of(targets)
-    snr = model.mean_snr(emissions, enu_to_aer(targets.position_enu_m)[2][emissions.target])
+    snr = received_snr(model, emissions, targets, model.multipath)
     order = np.lexsort((-snr, emissions.target))
     _, first = np.unique(emissions.target[order], return_index=True)
     rows = order[first]

@@ -6,7 +6,7 @@ Places are drawn from the volume that the scene's own drones fly through, in the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -124,7 +124,11 @@ class Watcher:
     def of(cls, scene: Scene, sensor: Sensor) -> Watcher:
         """That sensor."""
         site = scene.scene.site
-        return cls(sensor, sensor.model(site), frame_at(site, sensor.position_enu_m))
+        model: Any = sensor.model(site)
+        if getattr(model, "merging", None) is not None:
+            # Places are drawn by the thousand: their echoes would melt into one.
+            model = replace(model, merging=None)
+        return cls(sensor, model, frame_at(site, sensor.position_enu_m))
 
 
 def places(
@@ -164,6 +168,7 @@ def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targ
         t_utc_ns=np.zeros(n, np.int64),
         position_enu_m=enu_m,
         true_position_enu_m=enu_m,
+        velocity_enu_m_s=frame.rotate_from_ecef(found.velocity_ecef_m_s),
         signatures=Signatures(
             rcs_m2=signatures.rcs_m2[found.drone],
             sound_power_db=signatures.sound_power_db[found.drone],

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chart_cases import RADAR, scene_of
+from chart_cases import MIMO, RADAR, scene_of
 from click.testing import CliRunner
 from scene_files import scene_file, scene_text
 
@@ -132,9 +132,8 @@ def test_any_mix_of_sensors_can_be_charted() -> None:
     emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
     path = [{"east_m": e, "north_m": 900.0, "above_site_m": 120.0} for e in (-800.0, 900.0)]
     drone = {"id": "d", "speed_m_s": 10.0, "path": path, "emitters": [emitter]}
-    scene = scene_of(RF, GATE, RADAR | {"measures_elevation": False})
-    tree = scene.model_dump(exclude_unset=True) | {"drone": [drone]}
-    values = as_values(charted(type(scene).model_validate(tree), Effort.quick(30)))
+    scene = scene_of(RF, GATE, RADAR | {"measures_elevation": False}, drones=[drone])
+    values = as_values(charted(scene, Effort.quick(30)))
     found = sensors(values)
     assert set(found) == {"rf", "gate", "radar"}
     assert {s["stage"] for s in found["gate"]["stages"]} == {"frames", "encoding"}
@@ -146,6 +145,28 @@ def test_a_scene_without_drones_is_charted_over_the_sensors_cover() -> None:
     values = as_values(charted(scene_of(RADAR | {"range_max_m": 3000.0}), Effort.quick(30)))
     (radar,) = values["sensors"]
     assert radar["own"]["range_m"] > 0
+
+
+@pytest.mark.parametrize("kind", ["radar", "mimo", "rf"])
+def test_over_a_ground_that_the_scene_names_the_two_rays_are_its_choice(kind: str) -> None:
+    ground = {"multipath": {"antenna_height_m": 20.0}}
+    emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 0.0}
+    path = [{"east_m": e, "north_m": 900.0, "above_site_m": 40.0} for e in (500.0, 6000.0)]
+    drone = {"id": "d", "speed_m_s": 10.0, "path": path, "emitters": [emitter]}
+    sensor = {"radar": RADAR, "mimo": MIMO, "rf": RF}[kind] | ground
+    values = as_values(charted(scene_of(sensor, drones=[drone]), Effort.quick(40)))
+    (found,) = values["sensors"]
+    two_rays = method(found, "propagation", "two rays, flat ground")
+    assert two_rays["ours"]
+    assert two_rays["share"] == 0
+    free = method(found, "propagation", "free space")
+    assert not free["ours"]
+    assert free["errors"]["pd"] > 0
+
+
+def test_drones_that_would_merge_are_charted_each_by_itself() -> None:
+    values = as_values(charted(scene_of(RADAR | {"merging": {}}), Effort.quick(40)))
+    assert values["sensors"][0]["stages"]
 
 
 def test_a_sensor_that_sees_nobody_is_left_out() -> None:
