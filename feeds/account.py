@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from plotfeed.proto import plotfeed_pb2 as pb
+
+
+class Settled(Protocol):
+    """A message, or a copy of one, of which it is known what became of it."""
+
+    number: int
+    copy: int
+
+    def told(self) -> pb.Sent:
+        """For the ledger."""
+
+
+def told(settled: Sequence[Settled]) -> list[pb.Sent]:
+    """What the ledger says of them, in the order in which they were handed to the link."""
+    in_order = sorted(settled, key=lambda one: (one.number, one.copy))
+    return [one.told() for one in in_order]
 
 
 class Account:
     """Collects what became of the messages that tell of one thing, such as a sector."""
 
-    __slots__ = ("_closed", "_on_complete", "_sent", "_unsettled")
+    __slots__ = ("_closed", "_on_complete", "_settled", "_unsettled")
 
-    def __init__(self, on_complete: Callable[[Sequence[pb.Sent]], None]) -> None:
-        self._sent: list[pb.Sent] = []
+    def __init__(self, on_complete: Callable[[Sequence[Settled]], None]) -> None:
+        self._settled: list[Settled] = []
         self._unsettled = 0
         self._closed = False
         self._on_complete = on_complete
@@ -22,9 +39,9 @@ class Account:
         """Another message, or another copy of one, is on its way."""
         self._unsettled += 1
 
-    def settle(self, sent: pb.Sent) -> None:
-        """That is what became of one."""
-        self._sent.append(sent)
+    def settle(self, settled: Settled) -> None:
+        """It is known what became of one."""
+        self._settled.append(settled)
         self._unsettled -= 1
         self._complete()
 
@@ -35,4 +52,4 @@ class Account:
 
     def _complete(self) -> None:
         if self._closed and not self._unsettled:
-            self._on_complete(sorted(self._sent, key=lambda sent: (sent.number, sent.copy)))
+            self._on_complete(self._settled)

@@ -129,7 +129,6 @@ class CooperativeDesk:
         t_utc_ns = number * self._drones.period_ns
         sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
         report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
-        account = Account(lambda sent: self._office.keep_ledger(report, sent, ""))
-        for message in messages:
-            self.outbox.send(message, account)
+        account = Account(lambda settled: self._office.keep_ledger(report, settled, ""))
+        self.outbox.send_together(messages, account)
         account.close()

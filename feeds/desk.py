@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from plotfeed.feeds.account import Account
+from plotfeed.feeds.account import Account, Settled
 from plotfeed.feeds.agenda import Agenda, Kind
 from plotfeed.feeds.changes import changed
 from plotfeed.feeds.clock import Clock
@@ -50,15 +50,12 @@ class Watcher(Protocol):
     def report(self, report: SectorReport) -> None:
         """A sector is reported now."""
 
-    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of its messages."""
-
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""
 
 
-KeepLedger = Callable[[SectorReport, Sequence[pb.Sent], str], None]
-"""Given a sector, what became of its messages, and the link's keys then in JSON."""
+KeepLedger = Callable[[SectorReport, Sequence[Settled], str], None]
+"""Given a sector, its messages, all settled, and the link's keys then in JSON."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,24 +150,20 @@ class Desk:
             sector = self._skip_to(now_ns, sector)
         if self.sensor.enabled:
             report = self._station.report(sector)
+            self.outbox.make_ready(report.messages)
             self._office.agenda.put(sector.end_ns, partial(self._send, report), Kind.SENDING)
         self._plan(self._station.next_sector(sector))
 
     def _send(self, report: SectorReport) -> None:
-        account = Account(partial(self._settled, report, self._link))
-        for message in report.messages:
-            self.outbox.send(message, account)
+        link = self._link
+        account = Account(lambda settled: self._office.keep_ledger(report, settled, link))
+        self.outbox.send_together(report.messages, account)
         account.close()
         self._status.scan = report.sector.scan
         self._status.plots += len(report.plots)
         self._office.totals.add(report)
         for watcher in self._office.watchers:
             watcher.report(report)
-
-    def _settled(self, report: SectorReport, link: str, sent: Sequence[pb.Sent]) -> None:
-        self._office.keep_ledger(report, sent, link)
-        for watcher in self._office.watchers:
-            watcher.account(report, sent)
 
     def _skip_to(self, now_ns: int, sector: Sector) -> Sector:
         """The last sector that has ended: what was missed is counted, never sent in a burst."""
@@ -192,8 +185,7 @@ class Desk:
         self._office.agenda.put(due_utc_ns, tell)
 
     def _send_all(self, messages: Sequence[Message]) -> None:
-        for message in messages:
-            self.outbox.send_past_link(message)
+        self.outbox.send_past_link(*messages)
 
     def _tell_settings(self) -> None:
         now_ns = self._office.clock.now_ns()

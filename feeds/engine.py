@@ -53,6 +53,7 @@ class Engine:
         *,
         inbox: Inbox,
         drain: Callable[[], object],
+        after_later: Callable[[], object] = lambda: None,
         recorded: Recorded | None = None,
     ) -> None:
         self.agenda = Agenda(clock.wake)
@@ -61,6 +62,7 @@ class Engine:
         self._clock = clock
         self._inbox = inbox
         self._drain = drain
+        self._after_later = after_later
         self._patients: Sequence[Patient] = ()
         self._recorded = recorded
         self._later: deque[Action] = deque()
@@ -112,8 +114,11 @@ class Engine:
         self._do_later(len(self._later))
 
     def _do_later(self, most: int) -> None:
-        for _ in range(min(most, len(self._later))):
+        some = min(most, len(self._later))
+        for _ in range(some):
             self._later.popleft()()
+        if some:
+            self._after_later()
 
     async def _do_what_is_due(self, end_ns: int | None = None) -> None:
         """What is due by now, but nothing that is due after the end, however late it is."""

@@ -19,7 +19,7 @@ class Event(Part):
     to_s: Positive | None = None
     """When it is over; without it, never."""
     set: Annotated[dict[str, Any], Field(min_length=1)]
-    """Keys of the sensor that have other values meanwhile, its link among them: { enabled = false },
+    """Keys of the sensor that have other values meanwhile: { enabled = false }, or
     { link = { down = true } }, or { pfa_factor = 10 } for ten times its own pfa."""
 
     @model_validator(mode="after")

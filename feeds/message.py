@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 PROTOBUF = "application/x-protobuf"
 JSON = "application/json"
@@ -23,3 +23,5 @@ class Message:
     properties: tuple[tuple[str, str], ...] = ()
     retain: bool = False
     qos: int = 0
+    packets: dict[int, bytes] = field(init=False, default_factory=dict, compare=False, repr=False)
+    """The message as MQTT packets, by version, where they were made ahead of time."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 
+from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt_connection import Connection
 from plotfeed.feeds.mqtt_queue import MqttQueue
 from plotfeed.feeds.outlet import Counts, Entry, Outlet
@@ -77,6 +79,26 @@ class MqttSender:
             connection.send_until_acknowledged(Entry(parcel, time.monotonic()))
         else:
             connection.send(parcel)
+
+    def make_ready(self, messages: Sequence[Message]) -> None:
+        """Do ahead of time what can be done for messages that will be published soon."""
+        if self._connection is not None:
+            self._connection.make_ready(messages)
+
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        """The same of several that are due at once."""
+        connection = self._connection
+        if (
+            self._ended
+            or connection is None
+            or self._outlets[0]
+            or not connection.has_room(0)
+            or not all(p.message.qos == 0 and connection.takes(p.message) for p in parcels)
+        ):
+            for parcel in parcels:
+                self.publish(parcel)
+        else:
+            connection.send_together(parcels)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until nothing waits and sockets have taken everything, or the time is up.

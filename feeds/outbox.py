@@ -14,6 +14,7 @@ from plotfeed.feeds.clock import Clock
 from plotfeed.feeds.impairment.settings import Link as LinkSettings
 from plotfeed.feeds.impairment.stage import Copy, Fate, Impairment, flip
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.mqtt_sender import MqttSender
 from plotfeed.feeds.parcel import Link, Parcel
 from plotfeed.feeds.totals import LATENESS_KEPT, LOSSES, Totals
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -33,7 +34,15 @@ _FATES = {
 class Trip(Parcel):
     """One copy of a message on its way through a sensor's link and out."""
 
-    __slots__ = ("account", "copy", "due_utc_ns", "flipped_bit", "link_due_utc_ns", "number")
+    __slots__ = (
+        "account",
+        "copy",
+        "due_utc_ns",
+        "fate",
+        "flipped_bit",
+        "link_due_utc_ns",
+        "number",
+    )
 
     def __init__(
         self,
@@ -55,16 +64,17 @@ class Trip(Parcel):
         self.due_utc_ns = message.due_utc_ns
         self.link_due_utc_ns = message.due_utc_ns if link_due_utc_ns is None else link_due_utc_ns
         self.flipped_bit = flipped_bit
+        self.fate: pb.Fate = pb.FATE_UNSPECIFIED
 
-    def told(self, fate: pb.Fate) -> pb.Sent:
+    def told(self) -> pb.Sent:
         """For the ledger."""
         return pb.Sent(
             topic=self.message.topic,
             due_utc_ns=self.due_utc_ns,
             sent_utc_ns=self.sent_utc_ns or 0,
             octets=len(self.message.payload),
-            delivered=fate == pb.SENT,
-            fate=fate,
+            delivered=self.fate == pb.SENT,
+            fate=self.fate,
             link_due_utc_ns=self.link_due_utc_ns,
             number=self.number,
             copy=self.copy,
@@ -137,17 +147,35 @@ class Outbox:
             tell(message)
         trip = self._trip(message, account)
         if self._impairment is None:
-            self._depart(trip)
+            self._depart((trip,))
         else:
             self._hand_over(trip, self._impairment, message.due_utc_ns)
 
-    def send_past_link(self, message: Message) -> None:
-        """Send what is not the sensor's own traffic, such as its status."""
-        parcel = Parcel(message, self._clock, len(self.links))
+    def send_together(self, messages: Sequence[Message], account: Account | None = None) -> None:
+        """The same with several that are due at once."""
+        if self._impairment is not None:
+            for message in messages:
+                self.send(message, account)
+            return
+        for tell in self._ways.before:
+            for message in messages:
+                tell(message)
+        self._depart([self._trip(message, account) for message in messages])
+
+    def make_ready(self, messages: Sequence[Message]) -> None:
+        """Do ahead of time what can be done for messages that will be sent soon."""
         for link in self.links:
-            link.publish(parcel)
+            if isinstance(link, MqttSender):
+                link.make_ready(messages)
+
+    def send_past_link(self, *messages: Message) -> None:
+        """Send what is not the sensor's own traffic, such as its status."""
+        parcels = [Parcel(message, self._clock, len(self.links)) for message in messages]
+        for link in self.links:
+            link.publish_together(parcels)
         for tap in self._ways.after:
-            tap(message, self._clock.now_ns())
+            for message in messages:
+                tap(message, self._clock.now_ns())
 
     def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
         """From then on, or now, the link is that one; what it held leaves if it is up again."""
@@ -225,7 +253,7 @@ class Outbox:
                 return
             trip.message = message
         if due_utc_ns <= trip.due_utc_ns:
-            self._depart(trip)
+            self._depart((trip,))
             return
         self._on_the_way.add(trip)
         self._agenda.put(due_utc_ns, partial(self._arrive, trip), Kind.DELIVERY)
@@ -233,16 +261,18 @@ class Outbox:
     def _arrive(self, trip: Trip) -> None:
         if trip in self._on_the_way:
             self._on_the_way.remove(trip)
-            self._depart(trip)
+            self._depart((trip,))
 
-    def _depart(self, trip: Trip) -> None:
+    def _depart(self, trips: Sequence[Trip]) -> None:
         """Out over every connection."""
         for link in self.links:
-            link.publish(trip)
+            link.publish_together(trips)
         for tap in self._ways.after:
-            tap(trip.message, trip.sent_utc_ns or self._clock.now_ns())
+            for trip in trips:
+                tap(trip.message, trip.sent_utc_ns or self._clock.now_ns())
         if not self.links:
-            self._settled(trip)
+            for trip in trips:
+                self._settled(trip)
 
     def _settled(self, parcel: Parcel) -> None:
         trip = cast("Trip", parcel)  # it is told of its own trips alone
@@ -260,5 +290,6 @@ class Outbox:
             counts.lateness_ns.append(lateness_ns)
             counts.duplicated += trip.copy > 0
         self._totals.settle(fate, trip.copy, lateness_ns)
+        trip.fate = fate
         if trip.account is not None:
-            trip.account.settle(trip.told(fate))
+            trip.account.settle(trip)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from plotfeed.feeds.clock import Clock
@@ -52,6 +52,9 @@ class Link(Protocol):
 
     def publish(self, parcel: Parcel) -> None:
         """Take it; `leave` and `settle` it now or later, and never raise."""
+
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        """Take several that are due at once, in their order."""
 
     async def drain(self, timeout_s: float = ...) -> None:
         """Wait until everything has left, or the time is up."""

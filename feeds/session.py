@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds import metrics
+from plotfeed.feeds.account import Settled, told
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.changes import ChangeError
@@ -84,7 +85,7 @@ class Observer:
     @property
     def wants_ledger(self) -> bool:
         """Whether it must be written for this one, even if it is not published."""
-        return _cares(self, "ledger")
+        return _cares(self, "ledger") or _cares(self, "account")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,6 +185,7 @@ class Session:
         self._observers = extras.observers
         self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in self._observers)
         self._intake = Intake(scene, self.trajectories)
+        self._entries: list[Message] = []
         launch(scene, self.trajectories, self.start_ns)
         self._links: list[Connection] = []
         self._udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
@@ -192,6 +194,7 @@ class Session:
             clock,
             inbox=self.inbox,
             drain=self._drain,
+            after_later=self._send_ledger,
             recorded=extras.recorded(self) if extras.recorded else None,
         )
         self._ways = Ways(
@@ -377,19 +380,27 @@ class Session:
             for message in herald.opening(self.clock.now_ns()):
                 link.publish(Parcel(message, self.clock, 1))
 
-    def _keep_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
+    def _keep_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
         if self._ledger_is_wanted:
-            self._engine.later(partial(self._write_ledger, report, sent, link))
+            self._engine.later(partial(self._write_ledger, report, settled, link))
 
-    def _write_ledger(self, report: SectorReport, sent: Sequence[pb.Sent], link: str) -> None:
+    def _write_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
+        sent = told(settled)
+        for observer in self._observers:
+            observer.account(report, sent)
         message = ledger_message(
             self.scene.mqtt.prefix, report, self.trajectories.names, sent, link
         )
         for observer in self._observers:
             observer.ledger(message)
         if self.scene.mqtt.truth:
-            self._front.send_past_link(message)
+            self._entries.append(message)
+
+    def _send_ledger(self) -> None:
+        """Entries that were written one after the other leave together."""
+        entries, self._entries = self._entries, []
+        self._front.send_past_link(*entries)
 
     async def _work(self, duration_s: float | None) -> None:
         """Open everything, and do what is on the agenda."""

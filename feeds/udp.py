@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import socket
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -141,6 +142,11 @@ class UdpLink:
             if delivered:
                 parcel.leave()
         parcel.settle(delivered=delivered)
+
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        """One after the other."""
+        for parcel in parcels:
+            self.publish(parcel)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Nothing is kept that could take any time."""

@@ -59,6 +59,7 @@ class Topics:
         self._root = f"{scene.mqtt.prefix}/{sensor.id}"
         self._sensor = sensor.id
         self._qos = scene.mqtt.qos
+        self._alike: tuple[Sector | None, tuple[tuple[str, str], ...]] = (None, ())
 
     def asterix(self, sector: Sector, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
         """A message for each data block, given with its category, numbered within its category."""
@@ -87,16 +88,28 @@ class Topics:
             content_type=content_type,
             due_utc_ns=sector.end_ns,
             qos=self._qos,
-            properties=attributes(
+            properties=(
+                ("id", f"{kind.replace('/', '-')}-{sector.scan}-{sector.index}-{number}"),
+                ("type", f"plotfeed.{kind.replace('/', '.')}"),
+                *self._alike_of(sector),
+            ),
+        )
+
+    def _alike_of(self, sector: Sector) -> tuple[tuple[str, str], ...]:
+        """The attributes that all messages of a sector share, worked out once."""
+        if self._alike[0] is not sector:
+            of_sector = attributes(
                 self._root,
-                kind,
-                f"{sector.scan}-{sector.index}-{number}",
+                "",
+                "",
                 sector.end_ns,
                 sensor=self._sensor,
                 scan=sector.scan,
                 sector=sector.index,
-            ),
-        )
+            )
+            own = {"id", "type"}
+            self._alike = (sector, tuple(pair for pair in of_sector if pair[0] not in own))
+        return self._alike[1]
 
 
 def max_block_octets(scene: Scene, sensor: Sensor) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections.abc import Sequence
 from typing import Any, cast
 
 from plotfeed.feeds.clock import Clock
@@ -92,6 +93,11 @@ class SapientTcpLink:
             if delivered:
                 parcel.leave()
         parcel.settle(delivered=delivered)
+
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        """One after the other."""
+        for parcel in parcels:
+            self.publish(parcel)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.account import Account
+from plotfeed.feeds.account import Account, told
 from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import InstantClock
 from plotfeed.feeds.impairment.settings import Link as LinkSettings
@@ -42,6 +42,10 @@ class Link:
             return
         self.settle(parcel, delivered=self.takes)
 
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        for parcel in parcels:
+            self.publish(parcel)
+
     def settle(self, parcel: Parcel, *, delivered: bool) -> None:
         if delivered:
             parcel.leave()
@@ -70,7 +74,7 @@ class Case:
         )
 
     def send(self, *messages: Message) -> None:
-        account = Account(self.entries.append)
+        account = Account(lambda settled: self.entries.append(told(settled)))
         for one in messages:
             self.outbox.send(one, account)
         account.close()
