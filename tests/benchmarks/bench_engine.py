@@ -1,0 +1,296 @@
+"""The engine under load: 200 rotating radars and a broker, the bare scheduler, and plots a second.
+
+    python tests/benchmarks/bench_engine.py [SECONDS]
+
+The radars turn once a second in 32 sectors each and report in categories 048 and 034, all in step:
+200 sectors end every 31 ms at the same instant. The broker, and a subscriber that counts what
+arrives, share the machine. The scheduler is set beside clock_nanosleep from C, in turns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from brokers import free_port, mosquitto, rumqttd  # noqa: E402
+from demo_process import COMMAND  # noqa: E402
+from road import flown, radar, rotating, staring, waypoint  # noqa: E402
+
+from plotfeed.feeds.clock import InstantClock, WallClock  # noqa: E402
+from plotfeed.feeds.engine import Engine  # noqa: E402
+from plotfeed.feeds.inbox import Inbox  # noqa: E402
+from plotfeed.feeds.scene import Scene, from_tree  # noqa: E402
+from plotfeed.feeds.session import run  # noqa: E402
+
+SECONDS = 30.0
+RADARS, SECTORS, DRONES = 200, 32, 50
+NS = 1_000_000_000
+NANOSLEEP_C = r"""
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <sys/prctl.h>
+static int order(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+int main(int n_arguments, char **arguments) {
+    long n = atol(arguments[1]), step_ns = atol(arguments[2]), n_late = 0;
+    double *late_us = malloc(n * sizeof *late_us);
+    struct timespec due, now;
+    prctl(PR_SET_TIMERSLACK, 1UL);
+    clock_gettime(CLOCK_MONOTONIC, &due);
+    for (long i = 0; i < n; i++) {
+        due.tv_nsec += step_ns;
+        while (due.tv_nsec >= 1000000000L) { due.tv_nsec -= 1000000000L; due.tv_sec++; }
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        late_us[n_late++] = (now.tv_sec - due.tv_sec) * 1e6 + (now.tv_nsec - due.tv_nsec) / 1e3;
+    }
+    qsort(late_us, n, sizeof *late_us, order);
+    printf("%f %f %f\n", late_us[n / 2], late_us[n * 99 / 100], late_us[n * 999 / 1000]);
+    return n_arguments < 0;
+}
+"""
+
+
+def scene_tree(sensors: list[dict[str, Any]], drones: int, **more: Any) -> dict[str, Any]:
+    """Drones that fly to and fro within 9 km."""
+    rng = np.random.default_rng(1)
+
+    def place() -> dict[str, float]:
+        return waypoint(rng.uniform(0, 360), 1.0, rng.uniform(1000, 9000))
+
+    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
+    return {
+        "scene": {"name": "load", "seed": 1, "site": site},
+        "sensor": sensors,
+        "drone": [flown(f"d{i}", place(), place()) for i in range(drones)],
+        **more,
+    }
+
+
+def radars(number: int) -> list[dict[str, Any]]:
+    """In a square of 6 km, with few false alarms."""
+    rng = np.random.default_rng(2)
+    return [
+        radar(
+            id=f"r{i}",
+            scan=rotating(1.0, SECTORS),
+            report=["asterix-048"],
+            pfa=1e-8,
+            position_enu_m=[float(x) for x in rng.uniform(-3000, 3000, 2)] + [0.0],
+        )
+        for i in range(number)
+    ]
+
+
+def toml(value: Any) -> str:
+    """As TOML, inline."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value)
+
+
+@contextmanager
+def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
+    """Mosquitto where it is installed, else rumqttd."""
+    port = free_port()
+    if shutil.which("mosquitto") or Path("/usr/sbin/mosquitto").exists():
+        with mosquitto(folder, port):
+            yield "mosquitto", port
+    else:
+        with rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")}):
+            yield "rumqttd", port
+
+
+COUNTER = """
+import asyncio, sys, gmqtt
+async def main():
+    count, done = 0, asyncio.Event()
+    def heard(*_):
+        nonlocal count
+        count += 1
+        return 0
+    client = gmqtt.Client("count")
+    client.on_message = heard
+    client.on_disconnect = lambda *_: None
+    await client.connect("127.0.0.1", int(sys.argv[1]), version=5)
+    client.subscribe("plotfeed/+/asterix/#")
+    print("ready", flush=True)
+    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+    await asyncio.sleep(1.0)
+    print(count, flush=True)
+asyncio.run(main())
+"""
+
+
+def under_load(seconds: float) -> None:
+    """A session in a process of its own, and what it says of itself."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        scene = folder / "load.toml"
+        tree = scene_tree(radars(RADARS), DRONES)
+        scene.write_text("\n".join(f"{key} = {toml(value)}" for key, value in tree.items()))
+        with a_broker(folder) as (broker, port):
+            counter = subprocess.Popen(
+                [sys.executable, "-c", COUNTER, str(port)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            assert counter.stdout
+            assert counter.stdin
+            counter.stdout.readline()
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            url = f"mqtt://127.0.0.1:{port}"
+            out = subprocess.run(
+                [COMMAND, "run", scene, "--broker", url, "--duration", str(seconds), "--json"],
+                check=True,
+                stdout=subprocess.PIPE,
+                text=True,
+            ).stdout
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            arrived = int(counter.communicate("")[0])
+    totals = json.loads(out.splitlines()[-1])
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(
+        f"{RADARS} radars of {SECTORS} sectors at 1 Hz, {DRONES} drones, {broker} and a subscriber "
+        f"on the same {os.cpu_count()} cores, {seconds:g} s:\n"
+    )
+    print("| | |\n|---|--:|")
+    for what, value in (
+        ("messages sent by sensors", f"{totals['messages']:,}"),
+        ("of these arrived", f"{arrived:,}"),
+        ("undelivered", totals["undelivered"]),
+        ("scans missed", totals["missed_scans"]),
+        ("lateness p50, ms", f"{totals['lateness_p50_us'] / 1e3:.2f}"),
+        ("lateness p99, ms (aim 5)", f"{totals['lateness_p99_us'] / 1e3:.2f}"),
+        ("lateness p99.9, ms", f"{totals['lateness_p999_us'] / 1e3:.2f}"),
+        ("processor, cores, start included (aim under 1)", f"{cpu_s / seconds:.2f}"),
+    ):
+        print(f"| {what} | {value} |")
+
+
+def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | None:
+    """p50, p99, p99.9 of clock_nanosleep from C; None without a compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        return None
+    program = folder / "nanosleep"
+    if not program.exists():
+        source = folder / "nanosleep.c"
+        source.write_text(NANOSLEEP_C)
+        subprocess.run([compiler, "-O2", "-o", program, source], check=True)
+    out = subprocess.run([program, str(deadlines), str(step_ns)], check=True, capture_output=True)
+    return [float(x) for x in out.stdout.split()]
+
+
+def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
+    """The same of the engine: one agenda, one clock."""
+    clock = WallClock()
+    engine = Engine(clock, inbox=Inbox(lambda *_: None), drain=lambda: None)
+    late_ns: list[int] = []
+    begin_ns = clock.now_ns() + 10_000_000
+
+    def plan(i: int) -> None:
+        due_ns = begin_ns + i * step_ns
+
+        def done() -> None:
+            late_ns.append(clock.now_ns() - due_ns)
+            if i + 1 < deadlines:
+                plan(i + 1)
+
+        engine.agenda.put(due_ns, done)
+
+    plan(0)
+    asyncio.run(engine.work(None))
+    clock.close()
+    return [float(p) / 1e3 for p in np.percentile(late_ns, (50, 99, 99.9))]
+
+
+def beside_nanosleep(seconds: float) -> None:
+    """In turns, medians of three."""
+    step_ns = NS // (RADARS * SECTORS)
+    deadlines = round(seconds * NS) // step_ns // 3
+    ours, theirs = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(3):
+            found = nanosleep_us(Path(folder), deadlines, step_ns)
+            if found is not None:
+                theirs.append(found)
+            ours.append(scheduler_us(deadlines, step_ns))
+    print(
+        f"\n{NS // step_ns:,} deadlines a second, lateness in µs, medians of three runs in turns:\n"
+    )
+    print("| | p50 | p99 | p99.9 |\n|---|--:|--:|--:|")
+    rows = [("engine", np.median(ours, axis=0))]
+    if theirs:
+        rows.append(("clock_nanosleep in C, timer slack 1 ns", np.median(theirs, axis=0)))
+        ratio = rows[0][1] / rows[1][1]
+    for name, row in rows:
+        print(f"| {name} | " + " | ".join(f"{x:.0f}" for x in row) + " |")
+    if theirs:
+        print("| ratio (aim 2) | " + " | ".join(f"{x:.2f}" for x in ratio) + " |")
+
+
+def plots_a_second() -> None:
+    """As fast as possible, in memory: models, encoding, links and account, without a broker."""
+    print("\nPlots a second of one process, as fast as it can (aim 200,000):\n")
+    print("| drones seen by one radar at once | with the ledger | without |\n|--:|--:|--:|")
+    for drones in (100, 1000, 5000):
+        sensor = radar(scan=staring(), report=["asterix-048"], pfa=1e-8, power_w=5e6)
+        cells = []
+        for truth in (True, False):
+            tree = scene_tree([sensor], drones, mqtt={"truth": truth})
+            tree["scene"]["start_utc"] = datetime(2026, 1, 1, tzinfo=UTC)
+            cells.append(f"{rate(from_tree(tree, Path('load.toml')), 50_000 // drones):,.0f}")
+        print(f"| {drones:,} | {cells[0]} | {cells[1]} |")
+
+
+def rate(scene: Scene, scans: int) -> float:
+    """Plots a second of processor time; median of three."""
+
+    def once(duration_s: float) -> tuple[int, float]:
+        clock = InstantClock(scene.scene.start_utc_ns)
+        begin_s = time.process_time()
+        totals = asyncio.run(run(scene, clock=clock, broker="none", duration_s=duration_s))
+        return totals.plots, time.process_time() - begin_s
+
+    rates = []
+    for _ in range(3):
+        few, overhead_s = once(1.0)
+        many, took_s = once(scans + 1.0)
+        rates.append((many - few) / (took_s - overhead_s))
+    return float(np.median(rates))
+
+
+def main() -> None:
+    """Prints tables."""
+    seconds = float(sys.argv[1]) if sys.argv[1:] else SECONDS
+    under_load(seconds)
+    beside_nanosleep(seconds)
+    plots_a_second()
+
+
+if __name__ == "__main__":
+    main()
