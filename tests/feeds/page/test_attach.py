@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import road
+from brokers import free_port, mosquitto
+from mqtt_client import PATIENCE_S, Client
+from page_frames import Frame, read_frame
+
+from plotfeed.feeds.broker_address import BrokerAddress
+from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.message import Message
+from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
+from plotfeed.feeds.page.frames import Kind
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.session import Extras, run
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import PlotfeedError
+
+SCENE = road.scene(
+    [
+        road.radar(scan=road.rotating(sectors=16), link={"latency_ms": 40.0, "jitter_ms": 5.0}),
+        road.radar(id="other", position_enu_m=[500.0, 0.0, 0.0], sic=2),
+    ],
+    [road.flown("a", road.waypoint(10, 5, 3000), road.waypoint(60, 5, 5000))],
+    seed=3,
+)
+
+
+class Show:
+    """A session with its page, looked at without a browser."""
+
+    def __init__(self, clock: Clock, scene: Scene = SCENE) -> None:
+        self.view = View()
+        self.observer = PageObserver(self.view)
+        self.messages: list[tuple[Message, int]] = []
+        self.frames: list[Frame] = []
+        self._clock = clock
+        self._scene = scene
+
+    def play(self, duration_s: float, act: Callable[[Show], Any] | None = None) -> None:
+        asyncio.run(self._play(duration_s, act))
+
+    async def _play(self, duration_s: float, act: Callable[[Show], Any] | None) -> None:
+        tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
+        extras = Extras(tap=tap, observers=[self.observer])
+        async with following(self.observer):
+            session = asyncio.create_task(
+                run(
+                    self._scene,
+                    clock=self._clock,
+                    broker="none",
+                    duration_s=duration_s,
+                    extras=extras,
+                )
+            )
+            if act is not None:
+                await self.until(lambda: self.frames and "scene" in self.news)
+                await act(self)
+            await session
+            self.look()
+
+    def look(self) -> Frame:
+        update = self.view.update(self.observer.now_utc_ns(), self.observer.now_utc_ns() / 1e9)
+        self.frames.append(read_frame(update.public + update.truth))
+        return self.frames[-1]
+
+    async def until(self, holds: Callable[[], Any]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while not holds():
+                await asyncio.sleep(0.005)
+                self.look()
+
+    @property
+    def news(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for frame in self.frames:
+            found |= frame.news
+        return found
+
+    def link(self, sensor: str) -> dict[str, Any]:
+        found: dict[str, Any] = self.news.get("details", {}).get(sensor, {}).get("link", {})
+        return found
+
+    def column(self, kind: Kind, name: str) -> Any:
+        return np.concatenate([frame.column(kind, name) for frame in self.frames])
+
+
+def test_every_plot_that_left_is_on_the_page_as_late_as_it_was() -> None:
+    show = Show(WallClock(road.START_NS, speed=20.0))
+    show.play(6.0)
+    left: dict[tuple[int, int], float] = {}
+    for message, sent_utc_ns in show.messages:
+        if message.topic.endswith("/plots"):
+            batch = pb.PlotBatch.FromString(message.payload)
+            number = int(batch.sensor == "other")
+            for plot in batch.plots:
+                latency_ms = (sent_utc_ns - plot.time_utc_ns) / 1e6
+                left[number, plot.time_utc_ns // 1000] = latency_ms
+    names = ("sensor", "t_utc_ms", "latency_ms")
+    columns = (show.column(Kind.PLOTS, name).tolist() for name in names)
+    shown = {(s, int(t_ms * 1000)): late_ms for s, t_ms, late_ms in zip(*columns, strict=True)}
+    assert len(shown) == len(left) >= 8
+    for (sensor, t_us), latency_ms in shown.items():
+        (sent_ms,) = (v for (s, t), v in left.items() if s == sensor and abs(t - t_us) <= 1)
+        # Each format is late by itself: the first that arrives shows the plot.
+        assert latency_ms <= sent_ms + 5.0
+        assert latency_ms > (20.0 if sensor == 0 else -1e-3)
+    assert show.column(Kind.PLOT_TRUTHS, "drone").max() == 0
+
+
+def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() -> None:
+    async def act(show: Show) -> None:
+        answer = await show.observer.apply(
+            {"sensor": "radar", "set": {"link": {"latency_ms": 400.0, "jitter_ms": 0.0}}}
+        )
+        assert answer["ok"]
+        assert answer["in_force"]["link"]["latency_ms"] == 400.0
+        assert "radar" not in show.news.get("details", {})
+        show.view.watch(["radar"])
+        await show.until(lambda: show.link("radar").get("messages", 0) > 10)
+        assert (await show.observer.apply({"sensor": "radar", "reset": True}))["ok"]
+        await show.observer.apply({"sensor": "other", "set": {"enabled": False}})
+
+    show = Show(WallClock(road.START_NS, speed=10.0))
+    show.play(12.0, act)
+    settings = show.news["settings"]
+    assert settings["radar"]["link"]["latency_ms"] == 40.0
+    assert settings["other"]["enabled"] is False
+    mean_ms = [
+        frame.news["details"]["radar"]["link"]
+        for frame in show.frames
+        if "radar" in frame.news.get("details", {})
+    ]
+    judged = [link for link in mean_ms if link["asked_mean_ms"] == 400.0 and link["messages"]]
+    assert judged
+    assert all(abs(link["mean_ms"] - 400.0) < 60.0 for link in judged)
+
+
+@pytest.mark.parametrize("command", [{"sensor": "nobody", "reset": True}, {"sensor": "radar"}])
+def test_what_the_session_refuses_is_an_error_in_a_line(command: dict[str, Any]) -> None:
+    async def act(show: Show) -> None:
+        with pytest.raises(PlotfeedError) as refused:
+            await show.observer.apply(command)
+        assert "\n" not in str(refused.value)
+
+    Show(WallClock(road.START_NS, speed=10.0)).play(3.0, act)
+
+
+def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
+    async def act(show: Show) -> None:
+        await show.observer.apply({"clock": {"paused": True}})
+        before_ns = show.observer.now_utc_ns()
+        await asyncio.sleep(0.05)
+        assert show.observer.now_utc_ns() == before_ns
+        await show.until(lambda: show.news["session"]["clock"]["paused"])
+        await show.observer.apply({"clock": {"step_s": 0.5}})
+        await show.until(lambda: show.observer.now_utc_ns() == before_ns + 500_000_000)
+        await show.observer.apply({"clock": {"paused": False, "speed": 20.0}})
+        assert show.look().news["session"]["clock"]["speed"] == 20.0
+
+    show = Show(WallClock(road.START_NS, speed=5.0))
+    show.play(8.0, act)
+    assert show.news["session"]["clock"]["kind"] == "simulated"
+    assert show.news["session"]["refuses"] == {}
+
+
+@pytest.mark.parametrize("clock", [WallClock, InstantClock])
+def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], Clock]) -> None:
+    show = Show(clock())
+    show.play(0.3)
+    assert show.news["session"]["refuses"].keys() == {"pause", "step", "speed"}
+
+
+def test_what_needs_a_session_or_a_runner_is_refused_without_one() -> None:
+    observer = PageObserver(View())
+
+    async def ask(command: dict[str, Any]) -> Any:
+        return await observer.apply(command)
+
+    for command in ({"sensor": "radar", "reset": True}, {"session": {"restart": True}}):
+        answer = asyncio.run(ask(command))
+        assert answer["ok"] is False
+        assert answer["error"]
+
+
+def test_refused_telemetry_and_totals_reach_the_page() -> None:
+    async def act(show: Show) -> None:
+        session = show.observer._session
+        assert session is not None
+        topic = "plotfeed/telemetry/x"
+        session.take(topic, b"nonsense", None, show.observer.now_utc_ns())
+        await show.until(lambda: show.news.get("refusal"))
+
+    show = Show(WallClock(road.START_NS, speed=10.0))
+    show.play(4.0, act)
+    assert "plotfeed/telemetry/x" in show.news["refusal"]
+    assert show.news["totals"]["refused"] == 1
+
+
+def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> None:
+    port = free_port()
+    view = View()
+    view.scene(SCENE)
+    view.update(road.START_NS, 0.0)
+
+    async def hear() -> None:
+        address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
+        async with hearing_tracks(view, SCENE, address, "tracker/tracks", lambda: road.START_NS):
+            tracker = await asyncio.to_thread(Client, port, 5)
+            place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
+            seen: dict[str, Any] = {}
+            async with asyncio.timeout(PATIENCE_S):
+                while not {"tracks", "problem"} <= seen.keys():
+                    tracker.publish("tracker/tracks", json.dumps(place).encode())
+                    tracker.publish("tracker/tracks", b"nonsense")
+                    await asyncio.sleep(0.05)
+                    frame = read_frame(view.update(road.START_NS, 0.0).public)
+                    if frame.of(Kind.TRACKS):
+                        seen["tracks"] = frame.column(Kind.TRACKS, "track")[0]
+                    if "track_problem" in frame.news:
+                        seen["problem"] = frame.news["track_problem"]
+            assert seen["tracks"] == 4
+            assert "JSON" in seen["problem"]
+            await asyncio.to_thread(tracker.close)
+
+    with mosquitto(tmp_path, port):
+        asyncio.run(hear())
