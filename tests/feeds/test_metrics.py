@@ -4,7 +4,7 @@ import asyncio
 import signal
 import socket
 import urllib.request
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,7 @@ async def held(folder: Path) -> Held:
     found = Held(
         families=await asyncio.to_thread(scrape, port),
         totals={f.name: copy(getattr(known[0], f.name)) for f in fields(Totals)},
-        statuses={name: desk.health for name, desk in begun.session.desks.items()},
+        statuses={name: deepcopy(desk.health) for name, desk in begun.session.desks.items()},
         port=port,
     )
     stop.set()
