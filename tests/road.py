@@ -192,6 +192,7 @@ class Road:
             "altitude_ft": "I048/110",
             "prl_deg": "I048/130/PRL",
             "pam_dbm": "I048/130/PAM",
+            "doppler_m_s": "I048/120/CAL/CAL",
         }
         records = self.records(sensor, 48)
         if not records:

@@ -1,0 +1,178 @@
+"""Range rates that leave as bytes: their errors, the notch's share of Pd, blind speeds, folds."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from radar_equations import LIGHT_M_S, pd
+from road import NS, Road, Table, flown, fly, radar, scene, waypoint
+from significance import Array, assert_law, assert_standard_normal, assert_sum, assert_uncorrelated
+
+from plotfeed.models.frames import aer_to_enu, enu_to_aer
+from plotfeed.proto.asterix.decode import decode
+
+RADAR = radar(elevation_max_deg=30.0, range_floor_m=5.0)
+CELL_M_S = LIGHT_M_S / RADAR["frequency_hz"] / (2 * RADAR["integration_s"])
+SPEED_M_S = 20.0
+SCANS = 60
+
+
+def passing(name: str, azimuth_deg: float, range_m: float, heading_deg: float) -> dict[str, Any]:
+    """A drone on a straight line through that place, at an angle to the line of sight."""
+    middle = np.asarray(aer_to_enu(azimuth_deg, 4.0, range_m))
+    half = np.asarray(aer_to_enu(azimuth_deg + heading_deg, 0.0, SPEED_M_S * SCANS))
+    ends = [enu_to_aer(middle + sign * half) for sign in (-1.0, 1.0)]
+    path = [waypoint(*(float(x) for x in end)) for end in ends]
+    return flown(name, *path, speed_m_s=SPEED_M_S, repeat=False)
+
+
+def drones(range_m: float, n: int = 60) -> list[dict[str, Any]]:
+    """Of all headings, so of all range rates up to their speed."""
+    return [passing(f"d{i}", 360 * i / n, range_m, 180 * i / n * 7) for i in range(n)]
+
+
+@cache
+def road(range_m: float, **doppler: Any) -> Road:
+    return fly(scene([RADAR | {"doppler": doppler}], drones(range_m), seed=61), SCANS)
+
+
+def detections(plots: Table) -> Table:
+    return plots.rows(plots.drone != "")
+
+
+def rates_of(looks: Table) -> Array:
+    """How fast ranges change, by differences from scan to scan; NaN at the ends."""
+    found = np.full(len(looks), np.nan)
+    for drone in np.unique(looks.drone):
+        rows = np.flatnonzero(looks.drone == drone)
+        range_m, t_s = looks.range_m[rows], (looks.time_utc_ns[rows] - looks.time_utc_ns[0]) / NS
+        found[rows[1:-1]] = (range_m[2:] - range_m[:-2]) / (t_s[2:] - t_s[:-2])
+    return found
+
+
+def test_true_range_rates_are_how_fast_the_range_changes() -> None:
+    flight = road(6000.0)
+    plots = detections(flight.plots())
+    rates = dict(
+        zip(
+            zip(flight.looks().drone, flight.looks().time_utc_ns, strict=True),
+            rates_of(flight.looks()),
+            strict=True,
+        )
+    )
+    expected = np.array([rates[key] for key in zip(plots.drone, plots.time_utc_ns, strict=True)])
+    inner = ~np.isnan(expected)
+    assert inner.sum() > 3000
+    # A difference over two seconds of a path that curves by v^2/R.
+    assert np.abs(plots.true_range_rate_m_s - expected)[inner].max() < 1e-3
+    assert plots.true_range_rate_m_s.min() < -19
+    assert plots.true_range_rate_m_s.max() > 19
+
+
+def test_errors_of_range_rates_are_normal_and_as_stated() -> None:
+    plots = detections(road(9000.0).plots())
+    error = plots.range_rate_m_s - plots.true_range_rate_m_s
+    power = 10 ** (plots.snr_db / 10)
+    stated = CELL_M_S / (1.6 * np.sqrt(2 * power))
+    np.testing.assert_allclose(plots.sigma_range_rate_m_s, stated, rtol=1e-12)
+    assert_standard_normal(error / stated)
+    range_error = (plots.range_m - plots.true_range_m) / plots.sigma_range_m
+    assert_uncorrelated(error / stated, range_error, "with the error of range")
+
+
+def test_a_floor_adds_in_quadrature() -> None:
+    plots = detections(road(9000.0, floor_m_s=0.3).plots())
+    power = 10 ** (plots.snr_db / 10)
+    stated = np.hypot(CELL_M_S / (1.6 * np.sqrt(2 * power)), 0.3)
+    np.testing.assert_allclose(plots.sigma_range_rate_m_s, stated, rtol=1e-12)
+    assert_standard_normal((plots.range_rate_m_s - plots.true_range_rate_m_s) / stated)
+
+
+NOTCHES = pytest.mark.parametrize(
+    ("notch_m_s", "prf_hz"), [(4.0, None), (2.0, 1000.0)], ids=["clutter", "blind speeds"]
+)
+
+
+def seen(rate_m_s: Array, prf_hz: float | None) -> Array:
+    """The nearest to zero of all rates that look alike."""
+    if prf_hz is None:
+        return rate_m_s
+    span_m_s = LIGHT_M_S / RADAR["frequency_hz"] * prf_hz / 2
+    return np.asarray((rate_m_s + span_m_s / 2) % span_m_s - span_m_s / 2)
+
+
+@NOTCHES
+def test_the_notch_takes_its_share_of_pd(notch_m_s: float, prf_hz: float | None) -> None:
+    named = {"prf_hz": prf_hz} if prf_hz else {}
+    looks = road(9000.0, notch_m_s=notch_m_s, **named).looks()
+    rates = rates_of(looks)
+    looks, rates = looks.rows(~np.isnan(rates)), rates[~np.isnan(rates)]
+    apparent = seen(rates, prf_hz)
+    passed = 1 - np.exp(-((apparent / notch_m_s) ** 2))
+    p = pd(RADAR, looks.range_m) * passed
+    np.testing.assert_allclose(looks.pd, p, rtol=0, atol=5e-4)  # the rates are differences
+    for low, high in ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 30.0)):
+        rows = (np.abs(apparent) / notch_m_s >= low) & (np.abs(apparent) / notch_m_s < high)
+        if rows.sum() > 50:
+            q = looks.pd[rows]
+            assert_sum(looks.detected[rows].sum(), q.sum(), (q * (1 - q)).sum(), f"{low} to {high}")
+    assert passed.min() < 0.01
+    assert passed.max() > 0.99
+
+
+def test_rates_fold_at_half_the_wavelength_times_the_pulse_frequency() -> None:
+    """By 1 kHz and 3 cm, 15 m/s: drones of 20 m/s fold."""
+    plots = detections(road(6000.0, prf_hz=1000.0).plots())
+    span_m_s = LIGHT_M_S / RADAR["frequency_hz"] * 1000.0 / 2
+    assert np.abs(plots.range_rate_m_s).max() <= span_m_s / 2
+    folds = (plots.true_range_rate_m_s - plots.range_rate_m_s) / span_m_s
+    whole = np.rint(folds)
+    assert set(whole) == {-1.0, 0.0, 1.0}
+    error = (whole - folds) * span_m_s / plots.sigma_range_rate_m_s
+    assert_standard_normal(error, "beside whole folds")
+
+
+def test_what_is_faster_than_the_sensor_tells_is_not_detected() -> None:
+    looks = road(6000.0, rate_max_m_s=10.0).looks()
+    rates = np.abs(rates_of(looks))
+    assert (looks.pd[rates > 10.01] == 0).all()
+    assert not looks.detected[rates > 10.01].any()
+    np.testing.assert_allclose(looks.pd[rates < 9.99], pd(RADAR, looks.range_m[rates < 9.99]))
+
+
+@pytest.mark.parametrize("named", [{"rate_max_m_s": 30.0}, {"prf_hz": 4000.0}])
+def test_false_alarms_are_uniform_over_what_is_told_apart(named: dict[str, float]) -> None:
+    sensor = RADAR | {"pfa": 1e-3, "doppler": named}
+    plots = fly(scene([sensor], seed=62), 3).plots()
+    assert len(plots) > 3000
+    half_m_s = 30.0 if "rate_max_m_s" in named else LIGHT_M_S / RADAR["frequency_hz"] * 1000.0
+    assert_law((plots.range_rate_m_s / half_m_s + 1) / 2, "uniform")
+    assert np.isnan(plots.true_range_rate_m_s).all()
+
+
+def test_category_048_has_the_rate_in_whole_metres_a_second() -> None:
+    plots = road(6000.0).plots()
+    assert np.abs(plots.doppler_m_s - plots.range_rate_m_s).max() <= 0.5 + 1e-9
+    assert (plots.doppler_m_s == np.rint(plots.doppler_m_s)).all()
+
+
+def test_category_015_has_the_rate_in_centimetres_a_second_and_its_error() -> None:
+    sensor = RADAR | {"report": ["asterix-015", "plots"], "doppler": {"floor_m_s": 0.2}}
+    flight = fly(scene([sensor], drones(6000.0), seed=63), 10)
+    plots = flight.plots()
+    records = [r for b in flight.payloads("radar/asterix/015") for r in decode(b)]
+    for path, column, half in (
+        ("I015/626/DV", plots.range_rate_m_s, 0.005),
+        ("I015/626/SDDV", plots.sigma_range_rate_m_s, 1 / 128),
+    ):
+        told = np.array([record.get(path) for record in records], dtype=float)
+        assert np.abs(told - column).max() <= half * (1 + 1e-9)
+
+
+def test_without_it_nothing_is_said_of_rates() -> None:
+    plots = fly(scene([RADAR], drones(6000.0)[:5], seed=64), 5).plots()
+    for name in ("range_rate_m_s", "sigma_range_rate_m_s", "true_range_rate_m_s", "doppler_m_s"):
+        assert np.isnan(getattr(plots, name)).all()
