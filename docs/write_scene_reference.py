@@ -30,6 +30,7 @@ UNITS = {
     "_m2": "m²",
     "_m_s": "m/s",
     "_m": "m",
+    "_kbit_s": "kbit/s",
     "_s": "s",
     "_ms": "ms",
     "_hz": "Hz",
