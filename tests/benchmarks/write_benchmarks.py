@@ -23,6 +23,7 @@ BENCHMARKS = {
     "bench_impairment.py": "Impaired links",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
+    "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
     "bench_log.py": "Recordings",
     "bench_replay.py": "Replays, beside ast-tool-py",
