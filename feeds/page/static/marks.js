@@ -86,7 +86,7 @@ function drawSquares(pixels, context, view, plots, nowMs, { glowMs, truth }, hid
     if (plots.flags[at] || (truth && (plots.drone[at] === FALSE_ALARM || plots.merged[at]))) others.push(at, level);
     if (plots.flags[at] || (truth && plots.drone[at] === FALSE_ALARM)) continue;
     const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-    pixels.square(x * dpr, y * dpr, SIDES[level] * size * dpr, packedColours[sensor % SENSOR_COLOURS], OPACITIES[level] * 256);
+    pixels.square(x * dpr, y * dpr, SIDES[level] * size * dpr, packedColours[sensor % SENSOR_COLOURS], Math.round(OPACITIES[level] * 256));
   }
   pixels.put(context);
 }

@@ -24,7 +24,7 @@ export class Pixels {
     this.#pixels.set(this.#ground);
   }
 
-  /** A square about a point, in pixels of the device; colour is 0xBBGGRR, opacity to 256. */
+  /** A square about a point, in pixels of the device; colour is 0xBBGGRR, opacity a whole number to 256. */
   square(x, y, side, colour, opacity) {
     const left = Math.max(Math.round(x - side / 2), 0), right = Math.min(Math.round(x + side / 2), this.#width);
     const top = Math.max(Math.round(y - side / 2), 0), bottom = Math.min(Math.round(y + side / 2), this.#height);
