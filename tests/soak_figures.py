@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from plotfeed.feeds.totals import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.log_index import FOOTER
 from plotfeed.replay.log_reader import LogReader
 from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000
-WARM_S = 300.0
-"""By then everything that is kept up to a bound has grown to it."""
 BLOCK_S = 60.0
 AGAIN_S = 10.0
 """After a broker is back: links connect again within 4 s, and send what has waited."""
@@ -50,6 +51,15 @@ class Run:
     totals: dict[str, Any]
     ledger: Ledger
     record_mb: float
+    index_mb: float
+    """Of the recording's summary, which is kept in memory until its end."""
+
+    @property
+    def warm_s(self) -> float:
+        """By then all that is kept up to a bound has grown to it: the lateness of many messages."""
+        t_s = self.samples["t_s"]
+        full = self.samples["plotfeed_messages_total"] >= LATENESS_KEPT
+        return float(t_s[full][0]) if full.any() else float(t_s[-1]) / 3
 
     @property
     def faults_s(self) -> list[tuple[str, float, float]]:
@@ -79,7 +89,17 @@ def read(folder: Path) -> Run:
         totals=json.loads((folder / "out").read_text().splitlines()[-1]),
         ledger=ledger_of(record, said["began"]["utc_ns"]),
         record_mb=record.stat().st_size / 1e6,
+        index_mb=summary_octets(record) / 1e6,
     )
+
+
+def summary_octets(record: Path) -> int:
+    """From where the footer says that it begins to the end of the file."""
+    size = record.stat().st_size
+    with record.open("rb") as file:
+        file.seek(size - FOOTER.size)
+        _, _, start, *_ = FOOTER.unpack(file.read())
+    return size - int(start)
 
 
 def ledger_of(record: Path, zero_ns: int) -> Ledger:
@@ -114,7 +134,9 @@ def memory(run: Run) -> tuple[float, float]:
     """
     t_s, rss_mb = run.samples["t_s"], run.samples["rss_mb"]
     blocks = (t_s // BLOCK_S).astype(int)
-    whole = [b for b in np.unique(blocks) if b * BLOCK_S >= min(WARM_S, t_s[-1] / 3)]
+    whole = [
+        b for b in np.unique(blocks) if b * BLOCK_S >= run.warm_s and (b + 1) * BLOCK_S <= t_s[-1]
+    ]
     means = [float(rss_mb[blocks == b].mean()) for b in whole]
     if len(whole) < 3:
         return float("nan"), float("nan")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,6 @@ from typing import Any
 import numpy as np
 from soak_figures import (
     NS,
-    WARM_S,
     Array,
     Run,
     fault_rows,
@@ -19,101 +20,123 @@ from soak_figures import (
     read,
 )
 
+from plotfeed.feeds.totals import LATENESS_KEPT
+
 LATE_EVERY_S = 10.0
+COLUMNS = 104
 
 
 def page(run: Run) -> str:
     """In Markdown."""
-    s, said, totals, ledger = run.samples, run.said, run.totals, run.ledger
-    minutes, quiet = s["t_s"][-1] / 60, run.is_quiet(s["t_s"])
-    slope, error = memory(run)
-    settled = s["rss_mb"][s["t_s"] >= min(WARM_S, s["t_s"][-1] / 3)]
-    first, last = late_ms(run, 0, 1 / 3), late_ms(run, 2 / 3, 1)
-    span_s = s["t_s"][-1] - s["t_s"][0]
-    ours = (s["cpu_s"][-1] - s["cpu_s"][0]) / span_s
-    others = (s["machine_cpu_s"][-1] - s["machine_cpu_s"][0]) / span_s - ours
-    told = int(ledger.first.sum())
-    began = datetime.fromtimestamp(said["began"]["utc_ns"] // NS, UTC)
-    rows = [
-        ("memory (RSS) settled, MB", f"{settled.min():.1f} to {settled.max():.1f}"),
-        ("memory, slope after warm-up, MB an hour", f"{slope:+.2f} ± {error:.2f} (standard error)"),
-        ("lateness p50, first and last third, ms", f"{first[0]:.2f}, {last[0]:.2f}"),
-        ("lateness p99, first and last third, ms", f"{first[1]:.1f}, {last[1]:.1f}"),
-        ("processor, cores", f"{ours:.2f}"),
-        ("file descriptors, broker there", _range(s["descriptors"][quiet])),
-        ("threads", _range(s["threads"])),
-        ("telemetry that waited to be taken in, most seen", f"{s['plotfeed_inbox'].max():.0f}"),
-        ("messages on links, most seen", f"{s['plotfeed_sensor_on_the_way'].max():.0f}"),
-        (
-            "messages that waited for the broker, all sensors, most seen",
-            f"{s['plotfeed_sensor_waiting'].max():.0f}",
-        ),
-        ("scans missed", f"{totals['missed_scans']}"),
-        ("messages that sensors handed over", f"{ledger.handed_over:,}"),
-        ("of these, told of in the ledger", f"{told:,}"),
-        ("sent; lost by links, as asked", f"{totals['messages']:,}; {totals['lost']:,}"),
-        ("undelivered; with the broker there", f"{totals['undelivered']:,}; {outside_faults(run)}"),
-        (
-            "telemetry published, taken, refused",
-            f"{said['published']:,}, {totals['telemetry']:,}, {totals['refused']:,}",
-        ),
-        ("commands published, done", f"{said['commands']}, {totals['controls']}"),
-        ("recording, MB", f"{run.record_mb:.0f}"),
-        ("end after SIGTERM, s; exit code", f"{said['exit_s']:.2f}; {said['exit_code']}"),
-    ]
-    lines = [
+    parts = [
         "# A long session",
-        "",
-        f"A session of {minutes:.0f} minutes under everything at once, by `tests/soak.py`: the four "
-        "sensors of section 4 and three",
-        "rotating radars of 16 sectors, each over an impaired link of its own (between them every "
-        "kind of loss, delay",
-        "and order); telemetry of ten drones at 5 Hz, one message in a hundred of it garbage; a "
-        "command every 17 s;",
-        f"{said['broker']} as the broker, in turns killed, stopped and paused; all of it recorded, "
-        "and metrics served.",
-        f'QoS 1, `queue = {{ policy = "drop-oldest", messages = {said["queue_messages"]} }}`.',
-        "",
-        "![Memory, processor, lateness and queues over the run](soak.png)",
-        "",
-        *_table(("", ""), rows),
-        "",
-        f"Begun {began:%Y-%m-%d %H:%M} UTC on a machine of two cores that did much else: others "
-        f"took {others:.2f} cores on average,",
-        f"and the load average was {np.median(s['load']):.1f} ({_range(s['load'], '.1f')}). "
-        "Lateness is of messages that left while the broker",
-        "was there; it includes the waits that the load, and the acknowledgements of QoS 1, brought "
-        "about.",
-        f"The slope of memory leaves out the first {WARM_S / 60:.0f} minutes, in which what is kept "
-        "up to a bound (the lateness of the last",
-        "100,000 messages, for one) grows to it. What still grows is the index of the recording, "
-        "which is",
-        "written when it ends.",
-        "",
+        _filled(ABOUT, minutes=f"{run.samples['t_s'][-1] / 60:.0f}", broker=run.said["broker"]),
+        "![Memory, lateness, queues and processor over the run](soak.png)",
+        _table(("", ""), list(_rows(run))),
+        _filled(MACHINE, **_of_machine(run)),
         "## The broker away",
-        "",
-        "Each sensor keeps its newest messages while nobody takes them. `killed` is SIGKILL, "
-        "`stopped` SIGTERM,",
-        "`paused` SIGSTOP. Due are the messages that links let go from the fault until the first "
-        "that had waited was sent.",
-        "",
-        *_table(
-            (
-                "broker",
-                "away, s",
-                "due meanwhile",
-                "sent afterwards",
-                "given up",
-                "of the newest, given up",
-            ),
-            [
-                (what, f"{away:.1f}", f"{due:,}", f"{sent:,}", f"{lost:,}", f"{newest}")
-                for what, away, due, sent, lost, newest in fault_rows(run)
-            ],
-        ),
-        "",
+        _filled(AWAY, kept=run.said["queue_messages"]),
+        _table(FAULTS, [_fault(*row) for row in fault_rows(run)]),
     ]
-    return "\n".join(lines)
+    return "\n\n".join(parts) + "\n"
+
+
+ABOUT = """
+A session of {minutes} minutes under everything at once, written by `tests/soak.py`: the four
+sensors of section 4 and three rotating radars of 16 sectors, each over an impaired link of its
+own (between them every kind of delay, loss and order); telemetry of ten drones at 5 Hz, one
+message in a hundred of it garbage; a command every 17 s, some of them wrong; {broker} as the
+broker, in turns killed, stopped and paused; QoS 1; everything recorded, metrics served.
+"""
+MACHINE = """
+Begun {began} UTC, on a machine of two cores that did much else: others took {others} cores on
+average, the load average was {load} ({loads}). {nice}Lateness is a message's sending less when
+its link was to let it leave, while the broker was there; waits for the processor and for
+acknowledgements are in it. The slope of memory is by least squares, of means of a minute, from
+minute {warm} on, when the lateness of the last {kept:,} messages, which is kept, had filled its
+place. The recording's index is kept until the file ends: it grew by {index:.1f} MB an hour.
+"""
+NICE = """The run had precedence over them (nice {nice}), but for some that ran in real time. """
+AWAY = """
+Each sensor keeps its {kept} newest messages while nobody takes them (`policy = "drop-oldest"`).
+`killed` is SIGKILL, `stopped` SIGTERM, `paused` SIGSTOP. Due meanwhile are the messages that
+links let go from then until the first that had waited was sent.
+"""
+FAULTS = (
+    "broker",
+    "away, s",
+    "due meanwhile",
+    "sent afterwards",
+    "given up",
+    "given up of the newest",
+)
+
+
+def _rows(run: Run) -> Iterator[tuple[str, str]]:
+    s, said, totals, ledger = run.samples, run.said, run.totals, run.ledger
+    slope, error = memory(run)
+    settled = s["rss_mb"][s["t_s"] >= run.warm_s]
+    first, last = late_ms(run, 0, 1 / 3), late_ms(run, 2 / 3, 1)
+    yield "memory (RSS), last part, MB", f"{settled.min():.1f} to {settled.max():.1f}"
+    yield "its slope, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
+    yield "lateness p50, first and last third, ms", f"{first[0]:.2f}, {last[0]:.2f}"
+    yield "lateness p99, first and last third, ms", f"{first[1]:.1f}, {last[1]:.1f}"
+    yield "processor, cores", f"{_rate(s, 'cpu_s'):.2f}"
+    yield "file descriptors, broker there", _range(s["descriptors"][run.is_quiet(s["t_s"])])
+    yield "threads", _range(s["threads"])
+    for name, what in WAITING.items():
+        yield f"{what}, most seen at once", f"{s[name].max():,.0f}"
+    yield "scans missed", f"{totals['missed_scans']:,} of {_scans(run):,.0f}"
+    yield "messages that sensors handed over", f"{ledger.handed_over:,}"
+    yield "of these, told of in the ledger", f"{int(ledger.first.sum()):,}"
+    yield "sent, duplicates included", f"{totals['messages']:,}"
+    yield "lost by links, as asked", f"{totals['lost']:,}"
+    yield "undelivered", f"{totals['undelivered']:,}"
+    yield "of these, with the broker there", f"{outside_faults(run)}"
+    taken = f"{said['published']:,}, {totals['telemetry']:,}, {totals['refused']:,}"
+    yield "telemetry published; taken; it and commands refused", taken.replace(", ", "; ")
+    yield "commands published; done", f"{said['commands']}; {totals['controls']}"
+    yield "recording, MB", f"{run.record_mb:.0f}"
+    yield "from SIGTERM to the exit, s; exit code", f"{said['exit_s']:.2f}; {said['exit_code']}"
+
+
+WAITING = {
+    "plotfeed_inbox": "telemetry to be taken in",
+    "plotfeed_sensor_on_the_way": "messages on links",
+    "plotfeed_sensor_waiting": "messages that wait for the broker, all sensors",
+}
+
+
+def _of_machine(run: Run) -> dict[str, Any]:
+    s, said = run.samples, run.said
+    ours = _rate(s, "cpu_s")
+    return {
+        "began": f"{datetime.fromtimestamp(said['began']['utc_ns'] // NS, UTC):%Y-%m-%d %H:%M}",
+        "others": f"{_rate(s, 'machine_cpu_s') - ours:.2f}",
+        "load": f"{np.median(s['load']):.1f}",
+        "loads": _range(s["load"], ".1f"),
+        "nice": NICE.format(nice=said["nice"]) if said.get("nice") else "",
+        "warm": f"{run.warm_s / 60:.0f}",
+        "kept": LATENESS_KEPT,
+        "index": run.index_mb / (s["t_s"][-1] / 3600),
+    }
+
+
+def _scans(run: Run) -> float:
+    """Of all sensors, each of which has one a second."""
+    return float(run.samples["t_s"][-1] * run.samples["plotfeed_sensor_enabled"][0])
+
+
+def _rate(samples: dict[str, Array], name: str) -> float:
+    return float(np.ptp(samples[name]) / np.ptp(samples["t_s"]))
+
+
+def _fault(what: str, away_s: float, *counts: int) -> tuple[str, ...]:
+    return what, f"{away_s:.1f}", *(f"{count:,}" for count in counts)
+
+
+def _filled(text: str, **words: Any) -> str:
+    return textwrap.fill(" ".join(text.format(**words).split()), COLUMNS, break_long_words=False)
 
 
 def _range(values: Array, form: str = ".0f") -> str:
@@ -121,9 +144,9 @@ def _range(values: Array, form: str = ".0f") -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in (head, *rows)]
-    return [lines[0], "|---" + "|--:" * (len(head) - 1) + "|", *lines[1:]]
+    return "\n".join([lines[0], "|---" + "|--:" * (len(head) - 1) + "|", *lines[1:]])
 
 
 def draw(run: Run, to: Path) -> None:
@@ -141,9 +164,9 @@ def draw(run: Run, to: Path) -> None:
     memory_axes.set_title("Memory of the session (RSS), MB")
     _draw_lateness(late_axes, run)
     for name, label, colour in (
-        ("plotfeed_sensor_waiting", "wait for the broker", "#c8651b"),
+        ("plotfeed_sensor_waiting", "for the broker", "#c8651b"),
         ("plotfeed_sensor_on_the_way", "on links", "#3b5bb5"),
-        ("plotfeed_inbox", "telemetry to be taken in", "#a3276f"),
+        ("plotfeed_inbox", "telemetry, to be taken in", "#a3276f"),
     ):
         queue_axes.plot(minutes, s[name], label=label, color=colour)
     queue_axes.set_yscale("symlog", linthresh=10)
