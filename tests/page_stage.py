@@ -6,6 +6,7 @@ Reports come from the stations themselves; what becomes of their messages is dra
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -145,7 +146,7 @@ class Stage:
         self.view = view
         self.scene = shown
         self.commands: list[dict[str, Any]] = []
-        self.messages: list[Message] = []
+        self.messages: deque[Message] = deque(maxlen=5000)
         self.now_ns = start_ns
         self.totals = Totals()
         self.session: dict[str, Any] = {

@@ -25,6 +25,7 @@ BENCHMARKS = {
     "bench_lateness.py": "Lateness",
     "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
+    "bench_page.py": "The live page",
     "bench_log.py": "Recordings",
     "bench_replay.py": "Replays, beside ast-tool-py",
 }

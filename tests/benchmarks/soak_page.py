@@ -1,0 +1,68 @@
+"""Half an hour of the page with two viewers: memory of server and browser, minute by minute.
+
+python tests/benchmarks/soak_page.py [MINUTES]; nothing is asserted.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench_page import WINDOW, child
+from chromium import OPTIONS, program
+from playwright.sync_api import CDPSession, Page, sync_playwright
+
+MINUTES = 30
+DRONES = 200
+
+
+def rss_mib(pid: int) -> float:
+    """Resident memory of a process."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    (kib,) = (line.split()[1] for line in lines if line.startswith("VmRSS"))
+    return int(kib) / 1024
+
+
+def heap_mib(session: CDPSession) -> float:
+    """What JavaScript holds after it has collected its garbage."""
+    session.send("HeapProfiler.collectGarbage")
+    used: float = session.send("Runtime.getHeapUsage")["usedSize"]
+    return used / 2**20
+
+
+def rows(page: Page) -> str:
+    """How many plots, drones and seconds the page keeps."""
+    found: list[int] = page.evaluate(
+        "(({ plots, drones, seconds }) => [plots.end - plots.begin, drones.rows, seconds.length])"
+        "(plotfeed.picture)"
+    )
+    return " | ".join(f"{n:,}" for n in found)
+
+
+def main() -> None:
+    """Print a table as it goes."""
+    minutes = int(sys.argv[1]) if sys.argv[1:] else MINUTES
+    with child(DRONES, with_page=True) as process, sync_playwright() as playwright:
+        assert process.stdout
+        url = process.stdout.readline().strip()
+        browser = playwright.chromium.launch(executable_path=program(), args=list(OPTIONS))
+        pages = [browser.new_page(viewport=WINDOW, reduced_motion="reduce") for _ in range(2)]
+        for page in pages:
+            page.goto(url)
+            page.get_by_role("button", name="Truth").click()
+        session = pages[0].context.new_cdp_session(pages[0])
+        print("| minute | server, MiB | browser's heap, MiB | plots | drones | seconds |")
+        print("|--:|--:|--:|--:|--:|--:|")
+        began_s = time.monotonic()
+        for minute in range(minutes + 1):
+            pages[0].wait_for_timeout(max(0.0, began_s + 60 * minute + 10 - time.monotonic()) * 1e3)
+            print(f"| {minute} | {rss_mib(process.pid):.1f} | {heap_mib(session):.2f} | "
+                  f"{rows(pages[0])} |", flush=True)  # fmt: skip
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
