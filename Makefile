@@ -55,7 +55,7 @@ pictures: .venv/.ready-test
 	$(BIN)/python docs/draw_section_4.py
 	$(BIN)/plotfeed check feeds/scenes/section-4.toml --chart docs/section-4-check.png
 	$(BIN)/python docs/write_section_4.py
-	command -v $(CHROMIUM) >/dev/null && $(BIN)/python docs/draw_page.py
+	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/draw_page.py; fi
 	$(BIN)/plotfeed schema >feeds/scenes/scene.schema.json
 	$(BIN)/python docs/write_scene_reference.py
 	$(BIN)/python docs/write_presets.py
