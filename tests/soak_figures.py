@@ -134,9 +134,7 @@ def memory(run: Run) -> tuple[float, float]:
     """
     t_s, rss_mb = run.samples["t_s"], run.samples["rss_mb"]
     blocks = (t_s // BLOCK_S).astype(int)
-    whole = [
-        b for b in np.unique(blocks) if b * BLOCK_S >= run.warm_s and (b + 1) * BLOCK_S <= t_s[-1]
-    ]
+    whole = range(math.ceil(run.warm_s / BLOCK_S), math.floor(t_s[-1] / BLOCK_S))
     means = [float(rss_mb[blocks == b].mean()) for b in whole]
     if len(whole) < 3:
         return float("nan"), float("nan")

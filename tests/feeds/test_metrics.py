@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import socket
+import sys
 import urllib.request
 from copy import copy, deepcopy
 from dataclasses import dataclass, fields
@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 from brokers import free_port, is_listening
-from command import plotfeed, running
+from command import plotfeed
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 from scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.clock import WallClock
-from plotfeed.feeds.metrics import COUNTERS
+from plotfeed.feeds.metrics import COUNTERS, MetricsError
 from plotfeed.feeds.scene import load
 from plotfeed.feeds.session import Extras, Observer, Session, run
 from plotfeed.feeds.totals import Totals, lateness_us
@@ -63,6 +63,13 @@ class Held:
     totals: dict[str, Any]
     statuses: dict[str, pb.SensorStatus]
     port: int
+    listeners: list[list[str]]
+    """Sockets of the machine, as the kernel tells of them."""
+
+
+def sockets() -> list[list[str]]:
+    text = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
+    return [line.split() for line in text.splitlines()]
 
 
 async def held(folder: Path) -> Held:
@@ -91,6 +98,7 @@ async def held(folder: Path) -> Held:
         totals={f.name: copy(getattr(known[0], f.name)) for f in fields(Totals)},
         statuses={name: deepcopy(desk.health) for name, desk in begun.session.desks.items()},
         port=port,
+        listeners=sockets(),
     )
     stop.set()
     await working
@@ -138,27 +146,15 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
 def test_without_the_library_that_serves_them_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    absent = tmp_path / "prometheus_client"
-    absent.mkdir()
-    (absent / "__init__.py").write_text("raise ImportError('not installed')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
-    done = plotfeed("run", scene, "--broker", "none", "--duration", 1, "--metrics", free_port())
-    assert done.returncode == 1
-    assert (
-        done.stderr == "plotfeed: metrics need prometheus-client: pip install 'plotfeed[metrics]'\n"
-    )
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
+    with pytest.raises(MetricsError) as caught:
+        asyncio.run(run(scene, broker="none", extras=Extras(metrics_port=free_port())))
+    expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
+    assert (str(caught.value), caught.value.exit_code) == (expected, 1)
 
 
 def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
-    port = free_port()
-    with running("run", scene, "--metrics", port) as session:
-        read = values(scrape(port))
-        listeners = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
-        code, _, err = session.end(signal.SIGTERM)
-    assert read["plotfeed_undelivered_total", ""] == 0
-    rows = [line.split() for line in listeners.splitlines()]
-    heard = [row[1].split(":")[0] for row in rows if row[1].endswith(f":{port:04X}")]
-    assert {*heard} == {"0100007F"}
-    assert (code, err) == (0, "")
+    found = asyncio.run(asyncio.wait_for(held(tmp_path), 60))
+    heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
+    assert {*heard} == {f"0100007F:{found.port:04X}"}
