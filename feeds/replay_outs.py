@@ -8,20 +8,14 @@ from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.mqtt_queue import MqttQueue
-from plotfeed.feeds.parcel import Parcel
+from plotfeed.feeds.parcel import Link
 
 WAITING = 4096
 """Messages that may wait for a broker while whoever has no deadlines waits for room."""
 
 
-class WayOut(Protocol):
+class WayOut(Link, Protocol):
     """A link, and what of a recording goes over it."""
-
-    def publish(self, parcel: Parcel) -> None:
-        """As of any link."""
-
-    async def drain(self, timeout_s: float = ...) -> None:
-        """As of any link."""
 
     def carries(self, message: Message) -> bool:
         """Whether it is a message for this link."""

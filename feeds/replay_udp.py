@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import select
+from collections.abc import Sequence
 from ipaddress import ip_address
 
 from plotfeed.feeds.message import Message
@@ -110,6 +111,11 @@ class RecordedUdp:
             parcel.settle(delivered=True)
         else:
             link.publish(parcel)
+
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        """One after the other."""
+        for parcel in parcels:
+            self.publish(parcel)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Nothing is kept that could take any time."""

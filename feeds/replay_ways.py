@@ -13,6 +13,7 @@ from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock
 from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.mqtt_sender import MqttSender
 from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.replay_outs import WayOut
 from plotfeed.feeds.replay_settings import ReplayError, ReplaySettings, is_topic
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from plotfeed.feeds.outbox import Outbox
 
 Properties = tuple[tuple[str, str], ...]
+TOGETHER = 64
+"""Messages that leave in one go where there are no deadlines: a system call costs more than one."""
 MAX_LINKS = 1000
 """Sources with a link of their own."""
 NOT_OVER_LINKS = frozenset({"status", "settings", "session", "errors", "truth"})
@@ -78,6 +81,16 @@ class Way(NamedTuple):
     """Sends a payload, where that is all that has to be done."""
 
 
+class Departure(NamedTuple):
+    """A message that is sent when it is due."""
+
+    way: Way
+    payload: bytes
+    message: Message | None
+    """None for a datagram that is its payload and nothing else."""
+    due_ns: int
+
+
 class Ways:
     """All of them; each is found once."""
 
@@ -97,6 +110,8 @@ class Ways:
         self._clock = clock
         self._agenda = agenda
         self._totals = totals
+        self._together = TOGETHER if settings.fastest else 1
+        self._gathered: list[Parcel] = []
         self._ways: dict[tuple[str, str], Way] = {}
         self._outboxes: dict[str, Outbox] = {}
 
@@ -108,16 +123,12 @@ class Ways:
             way = self._ways[key] = self._found(recorded)
         return way
 
-    def send(
+    def departure(
         self, recorded: Recorded, way: Way, payload: bytes, properties: Properties, due_ns: int
-    ) -> None:
-        """Send it now, through its link if it has one."""
-        totals = self._totals
-        totals.octets += len(payload)
+    ) -> Departure:
+        """A message as it is sent when it is due."""
         if way.datagram is not None:
-            fate = pb.SENT if way.datagram(payload) else pb.UNDELIVERED
-            totals.settle(fate, 0, self._clock.now_ns() - due_ns)
-            return
+            return Departure(way, payload, None, due_ns)
         message = Message(
             topic=way.topic,
             payload=payload,
@@ -127,12 +138,36 @@ class Ways:
             retain=recorded.retain,
             qos=min(recorded.qos, 1),
         )
-        if way.outbox is not None:
+        return Departure(way, payload, message, due_ns)
+
+    def make_ready(self, departure: Departure) -> None:
+        """Do ahead of time what can be done for it."""
+        if departure.message is not None:
+            for out in self._outs:
+                if isinstance(out, MqttSender):
+                    out.make_ready((departure.message,))
+
+    def send(self, departure: Departure) -> None:
+        """Send it now, through its link if it has one."""
+        way, message = departure.way, departure.message
+        self._totals.octets += len(departure.payload)
+        if way.datagram is not None:
+            fate = pb.SENT if way.datagram(departure.payload) else pb.UNDELIVERED
+            self._totals.settle(fate, 0, self._clock.now_ns() - departure.due_ns)
+        elif message is not None and way.outbox is not None:
+            self.flush()
             way.outbox.send(message)
-            return
-        parcel = Parcel(message, self._clock, len(self._outs), self._settled)
-        for out in self._outs:
-            out.publish(parcel)
+        elif message is not None:
+            self._gathered.append(Parcel(message, self._clock, len(self._outs), self._settled))
+            if len(self._gathered) >= self._together:
+                self.flush()
+
+    def flush(self) -> None:
+        """Send what was gathered to leave together."""
+        if self._gathered:
+            parcels, self._gathered = self._gathered, []
+            for out in self._outs:
+                out.publish_together(parcels)
 
     def end(self) -> None:
         """What links still hold does not arrive."""
@@ -192,8 +227,8 @@ class Ways:
         return None
 
     def _settled(self, parcel: Parcel) -> None:
-        sent_utc_ns = parcel.sent_utc_ns
-        if sent_utc_ns is None:
-            sent_utc_ns = self._clock.now_ns()
-        fate = pb.SENT if parcel.delivered else pb.UNDELIVERED
-        self._totals.settle(fate, 0, sent_utc_ns - parcel.message.due_utc_ns)
+        fate, late_ns = pb.SENT if parcel.delivered else pb.UNDELIVERED, 0
+        if not self._settings.fastest:  # else there are no deadlines
+            now_ns = self._clock.now_ns() if parcel.sent_utc_ns is None else parcel.sent_utc_ns
+            late_ns = now_ns - parcel.message.due_utc_ns
+        self._totals.settle(fate, 0, late_ns)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import count
 
-from plotfeed.feeds.agenda import Agenda, Kind
+from plotfeed.feeds.agenda import Agenda
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.replay_ahead import ReadAhead, undisturbed
@@ -17,7 +17,7 @@ from plotfeed.feeds.replay_settings import ReplaySettings
 from plotfeed.feeds.replay_source import Item, Reader, Source
 from plotfeed.feeds.replay_stamps import Restamper
 from plotfeed.feeds.replay_waker import Waker
-from plotfeed.feeds.replay_ways import Properties, ReplayTotals, Way, Ways
+from plotfeed.feeds.replay_ways import Departure, ReplayTotals, Ways
 from plotfeed.replay.pacing import Pace
 
 READY_NS = 20_000_000
@@ -105,6 +105,7 @@ class Replayer:
                 await self._play(self._clock)
             else:
                 await self._play_while_reading()
+            self._ways.flush()
             patient = self._settings.fastest and not self._control.stopped
             for out in self._outs:
                 await out.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
@@ -190,33 +191,31 @@ class Replayer:
         return self._agenda.next_due_ns()
 
     def _plan(self, item: Item, due_ns: int) -> None:
-        made = self._made(item, due_ns)
-        if made is not None:
+        departure = self._departure(item, due_ns)
+        if departure is not None:
+            self._ways.make_ready(departure)
             number = next(self._numbers)
             self._ready[number] = item
-            self._agenda.put(due_ns, partial(self._leave, number, *made, due_ns), Kind.SENDING)
+            self._agenda.put(due_ns, partial(self._leave, number, departure))
 
-    def _leave(
-        self, number: int, way: Way, payload: bytes, properties: Properties, due_ns: int
-    ) -> None:
+    def _leave(self, number: int, departure: Departure) -> None:
         """It is due, and leaves unless it was taken back."""
-        item = self._ready.pop(number, None)
-        if item is not None:
-            self._ways.send(item.recorded, way, payload, properties, due_ns)
+        if self._ready.pop(number, None) is not None:
+            self._ways.send(departure)
 
     def _rush(self, clock: RushClock) -> int | None:
         """Do some of what comes next at once; the time that it is, or None if nothing is left."""
-        pace = self._control.pace
         for _ in range(AT_ONCE):
+            pace = self._control.pace
             item = None if pace is None or pace.paused else self._ahead.peek()
             soonest_ns = self._agenda.next_due_ns()
             if pace is not None and item is not None:
                 due_ns = pace.due(item.unrolled_ns)
                 if soonest_ns is None or due_ns <= soonest_ns:
                     clock.go_to(due_ns)
-                    made = self._made(self._ahead.pop(), due_ns)
-                    if made is not None:
-                        self._ways.send(item.recorded, *made, due_ns)
+                    departure = self._departure(self._ahead.pop(), due_ns)
+                    if departure is not None:
+                        self._ways.send(departure)
                     continue
             if soonest_ns is None:
                 waits = self._control.is_paused or self._ahead.finished
@@ -228,6 +227,7 @@ class Replayer:
 
     async def _breathe(self) -> None:
         """Let others have their turn, and a broker that is slow take its time."""
+        self._ways.flush()
         await asyncio.sleep(0)
         for out in self._outs:
             while isinstance(out, MqttLink) and out.is_full and not self._control.stopped:
@@ -238,19 +238,19 @@ class Replayer:
                     wait.cancel()
                 await asyncio.gather(*waits, return_exceptions=True)
 
-    def _made(self, item: Item, due_ns: int) -> tuple[Way, bytes, Properties] | None:
-        """The message's way, payload and properties as they are sent; None if it has no way."""
-        recorded = item.recorded
+    def _departure(self, item: Item, due_ns: int) -> Departure | None:
+        """The message as it is sent then; None if it is not."""
+        recorded, properties = item.recorded, item.recorded.properties
         self._totals.laps = item.lap + 1
-        way = self._ways.of(recorded)
+        way, payload = self._ways.of(recorded), recorded.payload
         if way.obstacle:
             self._totals.skipped[way.obstacle] += 1
             return None
         shift_ns = self._settings.stamps.shift_ns(due_ns, item.recorded_ns)
-        if not shift_ns:
-            return way, recorded.payload, recorded.properties
-        payload = self._restamper.payload(recorded, shift_ns)
-        return way, payload, self._restamper.properties(recorded, shift_ns)
+        if shift_ns:
+            payload = self._restamper.payload(recorded, shift_ns)
+            properties = self._restamper.properties(recorded, shift_ns)
+        return self._ways.departure(recorded, way, payload, properties, due_ns)
 
     def _repaced(self) -> None:
         """What has not left is due at other times."""

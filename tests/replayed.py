@@ -71,6 +71,10 @@ class Ears:
         parcel.settle(delivered=True)
         self.on_message(parcel.message)
 
+    def publish_together(self, parcels: Sequence[Parcel]) -> None:
+        for parcel in parcels:
+            self.publish(parcel)
+
     async def drain(self, timeout_s: float = 1.0) -> None:
         pass
 

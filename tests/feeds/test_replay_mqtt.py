@@ -319,9 +319,10 @@ def test_a_broker_that_never_has_room_can_be_left() -> None:
         async def room(self) -> None:
             await asyncio.Event().wait()
 
-        def publish(self, parcel: Parcel) -> None:
-            self.taken += 1
-            parcel.settle(delivered=True)
+        def publish_together(self, parcels: Sequence[Parcel]) -> None:
+            self.taken += len(parcels)
+            for parcel in parcels:
+                parcel.settle(delivered=True)
 
         async def drain(self, timeout_s: float = 1.0) -> None:
             assert timeout_s <= 1
