@@ -379,7 +379,8 @@ def test_whoever_waits_for_room_loses_nothing(messages: int) -> None:
                 for i in range(300):
                     await link.room()
                     parcels.publish(link, 1, qos=i % 3 > 0)
-                    assert link.waiting <= max(messages, 1) + 1
+                    # What was on its way when a connection ended waits again, too: five at most.
+                    assert link.waiting <= max(messages, 1) + 1 + 5
 
             publishing = asyncio.create_task(publish_all())
             for end in (50, 120, 200):
