@@ -69,6 +69,19 @@ def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 metavar="FILE",
                 help="Also write the ASTERIX data blocks to a raw file.",
             ),
+            click.option(
+                "--record",
+                type=click.Path(dir_okay=False, path_type=Path),
+                metavar="FILE",
+                help="Record all that comes in and goes out, and the ledger, as MCAP.",
+            ),
+            click.option("--force", is_flag=True, help="Replace the file of --record."),
+            click.option(
+                "--metrics",
+                type=click.IntRange(1, 65535),
+                metavar="PORT",
+                help="Serve Prometheus metrics on that port of loopback.",
+            ),
             click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
         ]
     ):
@@ -83,17 +96,26 @@ def demo(**options: Any) -> int:
     from plotfeed.feeds.live import run_in_terminal
     from plotfeed.feeds.scene import example
 
-    return run_in_terminal(example("section-4"), **options)
+    return run_in_terminal(example("section-4"), telemetry=None, **options)
 
 
 @cli.command()
 @click.argument("scene", type=click.Path(path_type=Path))
+@click.option(
+    "--telemetry",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Take in again, at the same times, what came in to the session recorded there.",
+)
 @session_options
 def run(scene: Path, **options: Any) -> int:
-    """Run SCENE, a TOML file."""
-    from plotfeed.feeds.live import run_in_terminal
+    """Run SCENE, a TOML file, or run the record of a session again."""
+    from plotfeed.feeds.live import run_again, run_in_terminal
     from plotfeed.feeds.scene import load
+    from plotfeed.feeds.session_record import is_record
 
+    if is_record(scene):
+        return run_again(scene, **options)
     return run_in_terminal(load(scene), **options)
 
 
