@@ -4,14 +4,26 @@ BIN := .venv/bin
 SOURCES := pyproject.toml Makefile constraints.txt
 CHROMIUM ?= chromium
 AXE := 4.14.1
+PURE := tests/models tests/proto tests/replay tests/statistics
 
-.PHONY: demo test lint bench proto pictures constraints clean
+.PHONY: demo test test-pure test-whole lint bench proto pictures constraints clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
+# Two halves side by side: what needs no sockets, and the rest. With ARGS, one run of what they name.
 test: .venv/.ready-test
+ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
+else
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=target test-pure test-whole
+endif
+
+test-pure: .venv/.ready-test
+	$(BIN)/python -m pytest $(PURE)
+
+test-whole: .venv/.ready-test
+	$(BIN)/python -m pytest tests $(PURE:%=--ignore=%)
 
 lint: .venv/.ready-test
 	$(BIN)/ruff check .
@@ -47,6 +59,7 @@ proto: .venv/.ready-test
 # Some minutes; nothing depends on the figures.
 bench: .venv/.ready-test
 	$(BIN)/python tests/benchmarks/write_benchmarks.py
+	$(BIN)/python tests/benchmarks/bench_scaling.py
 
 # What of the documentation is drawn or written by commands.
 pictures: .venv/.ready-test
@@ -55,7 +68,9 @@ pictures: .venv/.ready-test
 	$(BIN)/python docs/draw_section_4.py
 	$(BIN)/plotfeed check feeds/scenes/section-4.toml --chart docs/section-4-check.png
 	$(BIN)/python docs/write_section_4.py
+	$(BIN)/python docs/draw_speed_accuracy.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/draw_page.py; fi
+	$(BIN)/python docs/draw_report.py
 	$(BIN)/plotfeed schema >feeds/scenes/scene.schema.json
 	$(BIN)/python docs/write_scene_reference.py
 	$(BIN)/python docs/write_presets.py
