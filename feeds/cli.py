@@ -7,17 +7,19 @@ import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from plotfeed.feeds.cli_options import (
+    access_options,
+    flight_options,
+    how_to_read_flight,
+    session_options,
+    take_access,
+)
 from plotfeed.feeds.replay_options import replay_options
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from plotfeed.feeds.flights import FlightOptions
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
 INTERRUPTED = 130
@@ -43,50 +45,6 @@ class Commands(click.Group):
 @click.version_option(version("plotfeed"), prog_name="plotfeed")
 def cli() -> None:
     """Drone telemetry in; what counter-UAS sensors would have reported out, in real time."""
-
-
-def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that `run` and `demo` share."""
-    for option in reversed(
-        [
-            click.option(
-                "--broker",
-                metavar="URL",
-                help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
-            ),
-            click.option(
-                "--duration", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS"
-            ),
-            click.option(
-                "--speed",
-                default="1",
-                metavar="FACTOR",
-                help="Times real time, or 'max' for as fast as possible.",
-            ),
-            click.option(
-                "--write",
-                type=click.Path(dir_okay=False, path_type=Path),
-                metavar="FILE",
-                help="Also write the ASTERIX data blocks to a raw file.",
-            ),
-            click.option(
-                "--record",
-                type=click.Path(dir_okay=False, path_type=Path),
-                metavar="FILE",
-                help="Record all that comes in and goes out, and the ledger, as MCAP.",
-            ),
-            click.option("--force", is_flag=True, help="Replace the file of --record."),
-            click.option(
-                "--metrics",
-                type=click.IntRange(1, 65535),
-                metavar="PORT",
-                help="Serve Prometheus metrics on that port of loopback.",
-            ),
-            click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
-        ]
-    ):
-        command = option(command)
-    return command
 
 
 @cli.command()
@@ -119,68 +77,6 @@ def run(scene: Path, **options: Any) -> int:
     return run_in_terminal(load(scene), **options)
 
 
-def access_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """How to get into a broker; user and password come from the environment or a file."""
-    existing = click.Path(exists=True, dir_okay=False, path_type=Path)
-    for option in reversed(
-        [
-            click.option("--ca-file", type=existing, help="Who vouches for a mqtts:// broker."),
-            click.option("--client-certificate", type=existing, help="For a broker that asks."),
-            click.option("--client-key", type=existing),
-            click.option("--credentials", type=existing, help="TOML: username, password."),
-            click.option("--mqtt-version", type=click.Choice(["5", "3.1.1", "any"]), default="any"),
-        ]
-    ):
-        command = option(command)
-    return command
-
-
-def _take_access(options: dict[str, Any]) -> dict[str, Any]:
-    """What `access_options` gave, taken out of a command's options: for BrokerAddress.parse."""
-    from plotfeed.feeds.broker_address import VERSIONS
-    from plotfeed.feeds.mqtt_access import Access
-
-    access = Access(
-        ca_file=options.pop("ca_file"),
-        certificate_file=options.pop("client_certificate"),
-        key_file=options.pop("client_key"),
-    ).with_credentials(options.pop("credentials"))
-    return {"access": access, "versions": VERSIONS[options.pop("mqtt_version")]}
-
-
-def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that say what a flight file does not."""
-    for option in reversed(
-        [
-            click.option(
-                "--column",
-                "columns",
-                multiple=True,
-                metavar="OURS=THEIRS",
-                help="A CSV's own name for one of our columns, such as latitude_deg=lat.",
-            ),
-            click.option(
-                "--altitude-reference",
-                type=click.Choice(["ellipsoid", "mean_sea_level", "above_takeoff"]),
-                help="What altitudes are above, where the file does not say.",
-            ),
-            click.option(
-                "--gps-order",
-                type=click.Choice(["lat-lon", "lon-lat"]),
-                help="Order of an SRT's GPS(...) values, where the file does not show it.",
-            ),
-            click.option(
-                "--utc-offset-h",
-                type=click.FloatRange(-14, 14),
-                default=0.0,
-                help="Of the file's local time.",
-            ),
-        ]
-    ):
-        command = option(command)
-    return command
-
-
 @cli.command()
 @click.argument("flight", type=click.Path(path_type=Path))
 @click.option("--drone", metavar="ID", help="Last level of the topic; the file's name without it.")
@@ -200,26 +96,11 @@ def inject(flight: Path, broker: str, **options: Any) -> int:
     from plotfeed.feeds.broker_address import BrokerAddress
     from plotfeed.feeds.publish_flight import FlightFeed, publish_flight
 
-    address = BrokerAddress.parse(broker, **_take_access(options))
+    address = BrokerAddress.parse(broker, **take_access(options))
 
     names = ("columns", "altitude_reference", "gps_order", "utc_offset_h")
-    how_to_read = _flight_options(**{name: options.pop(name) for name in names})
+    how_to_read = how_to_read_flight(**{name: options.pop(name) for name in names})
     return publish_flight(flight, how_to_read, FlightFeed(broker=address, **options))
-
-
-def _flight_options(columns: tuple[str, ...], **others: Any) -> FlightOptions:
-    from plotfeed.feeds.flights import FlightOptions
-    from plotfeed.feeds.report import AltitudeReference
-
-    pairs = [column.partition("=") for column in columns]
-    if any(not (ours and equals and theirs) for ours, equals, theirs in pairs):
-        raise click.BadParameter("expected OURS=THEIRS", param_hint="--column")
-    reference = others.pop("altitude_reference")
-    return FlightOptions(
-        columns={ours: theirs for ours, _, theirs in pairs},
-        altitude_reference=reference and AltitudeReference(reference),
-        **others,
-    )
 
 
 @cli.command()
@@ -297,7 +178,7 @@ def show(source: str, **options: Any) -> int:
     """
     from plotfeed.feeds.show import show_source
 
-    access = _take_access(options)
+    access = take_access(options)
     return show_source(source, access, **options)
 
 
@@ -312,7 +193,7 @@ def replay(recording: Path, **options: Any) -> int:
     """
     from plotfeed.feeds.replay_asked import replay_as_asked
 
-    access = _take_access(options)
+    access = take_access(options)
     return replay_as_asked(recording, DEFAULT_BROKER, access, **options)
 
 
@@ -369,7 +250,7 @@ def record(source: str, file: Path, **options: Any) -> int:
     """
     from plotfeed.feeds.record import record_source
 
-    access = _take_access(options)
+    access = take_access(options)
     return record_source(source, file, access, **options)
 
 
