@@ -24,6 +24,8 @@ REACH = 6.0
 """In widths: two targets further apart are unresolved with a probability below 2^-36, 1.5e-11."""
 NEIGHBOURS = 8
 """Of a target: it is compared with so many that are nearest. More are in a thicket, all melted."""
+FEW = 1000
+"""Looks that may all be in one place without costing much."""
 ELSEWHERE = 1e6
 """In widths, between the channels of a sensor, which never melt."""
 
@@ -134,8 +136,23 @@ def _near_pairs(axes: list[tuple[Floats, float]]) -> tuple[Ints, Ints, Floats]:
         if period:
             column[column == period] = 0.0  # the remainder of -1e-17 rounds to it
     periods = [period for _, period in axes]
+    if n <= FEW:
+        return _pairs_of(places, periods)
+    # A tree cannot split what is in one place: of many, one look there stands for all.
+    places, at, of_all = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    first, second, distance = _pairs_of(places, periods)
+    same = np.flatnonzero(at[of_all] != np.arange(n))
+    return (
+        np.concatenate([at[first], at[of_all[same]]]),
+        np.concatenate([at[second], same]),
+        np.concatenate([distance, np.zeros(len(same))]),
+    )
+
+
+def _pairs_of(places: Floats, periods: list[float]) -> tuple[Ints, Ints, Floats]:
+    n = len(places)
     tree = KDTree(places, boxsize=periods)
-    distance, other = tree.query(places, min(n, NEIGHBOURS + 1), distance_upper_bound=REACH)
+    distance, other = tree.query(places, min(n, NEIGHBOURS) + 1, distance_upper_bound=REACH)
     one = np.broadcast_to(np.arange(n)[:, None], other.shape)
     near = (other < n) & (other != one)
     pairs = np.sort(np.column_stack([one[near], other[near]]), axis=1)
