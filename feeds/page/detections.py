@@ -10,7 +10,8 @@ import numpy as np
 from plotfeed.models.state import Floats, Looks
 
 BINS = 25
-MAX_LOOKS_WAITING = 50_000
+MAX_PARTS = 48
+"""Sectors that are counted at once: the session must not wait for all of an update's."""
 
 
 class DetectionRecord:
@@ -19,7 +20,6 @@ class DetectionRecord:
     def __init__(self, range_max_m: Floats) -> None:
         self._width_m = range_max_m / BINS
         self._waiting: list[tuple[int, Looks]] = []
-        self._looks_waiting = 0
         self._counts = np.zeros((4, len(range_max_m), BINS))
 
     def add(self, sensor: int, looks: Looks) -> None:
@@ -27,8 +27,7 @@ class DetectionRecord:
         if not len(looks):
             return
         self._waiting.append((sensor, looks))
-        self._looks_waiting += len(looks)
-        if self._looks_waiting > MAX_LOOKS_WAITING:
+        if len(self._waiting) >= MAX_PARTS:
             self.fold()
 
     def begin(self, sensor: int) -> None:
@@ -38,7 +37,7 @@ class DetectionRecord:
 
     def fold(self) -> None:
         """Count what waits, all at once."""
-        waiting, self._waiting, self._looks_waiting = self._waiting, [], 0
+        waiting, self._waiting = self._waiting, []
         if not waiting:
             return
         sensor = np.repeat([s for s, _ in waiting], [len(looks) for _, looks in waiting])

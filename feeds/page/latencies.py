@@ -102,7 +102,8 @@ def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:
         return np.zeros(0)
     probability = np.linspace(0, 1, len(quantiles_ms))
     just_below_ms = edges_ms - 1e-9 * (edges_ms[1] - edges_ms[0])
-    return np.interp(just_below_ms, quantiles_ms, probability, 0.0, 1.0)
+    below: Floats = np.interp(just_below_ms, quantiles_ms, probability, 0.0, 1.0)
+    return below
 
 
 def _nice_bins(low_ms: float, high_ms: float) -> tuple[float, float]:

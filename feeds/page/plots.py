@@ -18,8 +18,10 @@ KEPT_NS = 60_000_000_000
 """Plots that arrived longer ago are seen no more, however slowly a page lets them fade."""
 MAX_KEPT = 30_000
 """Plots for whoever joins late; older ones give way."""
-MAX_WAITING = 100_000
+MAX_NEW = 100_000
 """Plots between two updates; what comes on top is not shown."""
+MAX_PARTS = 48
+"""Sectors that are worked out at once: the session must not wait for all of an update's."""
 MAX_MERGED = 255
 
 
@@ -44,21 +46,34 @@ class PlotStore:
     def __init__(self, placements: Placements) -> None:
         self._placements = placements
         self._waiting: list[_Arrived] = []
-        self._rows_waiting = 0
+        self._new: list[tuple[bytes, bytes]] = []
+        self._rows_new = 0
         self._kept: deque[_Kept] = deque()
         self._rows_kept = 0
         self._next_number = 0
 
     def take(self, sensor: int, plots: Plots, sent_utc_ns: int | None) -> None:
         """Plots of a sensor by number, and when a message brought them; None if none did."""
-        if len(plots) and self._rows_waiting < MAX_WAITING:
+        if len(plots) and self._rows_new < MAX_NEW:
             self._waiting.append(_Arrived(sensor, plots, sent_utc_ns or 0))
-            self._rows_waiting += len(plots)
+            self._rows_new += len(plots)
+            if len(self._waiting) >= MAX_PARTS:
+                self._work_out()
 
     def sections(self, now_utc_ns: int) -> tuple[bytes, bytes]:
         """What is new since the last call: for everybody, and for who sees the truth besides."""
+        self._work_out()
+        public = b"".join(public for public, _ in self._new)
+        truth = b"".join(truth for _, truth in self._new)
+        if self._new:
+            self._keep(_Kept(now_utc_ns, self._rows_new, public, truth))
+        self._new, self._rows_new = [], 0
+        self._forget_before(now_utc_ns - KEPT_NS)
+        return public, truth
+
+    def _work_out(self) -> None:
+        """Sections of what waits."""
         waiting, self._waiting = self._waiting, []
-        rows, self._rows_waiting = self._rows_waiting, 0
         brought = [part for part in waiting if part.sent_utc_ns]
         lost = [part for part in waiting if not part.sent_utc_ns]
         public = truth = b""
@@ -70,9 +85,7 @@ class PlotStore:
         if lost:
             truth += section(Kind.LOST_PLOTS, self._columns(lost))
         if waiting:
-            self._keep(_Kept(now_utc_ns, rows, public, truth))
-        self._forget_before(now_utc_ns - KEPT_NS)
-        return public, truth
+            self._new.append((public, truth))
 
     def kept(self) -> tuple[bytes, bytes]:
         """The same for all plots that have not faded."""
@@ -80,35 +93,27 @@ class PlotStore:
 
     def _columns(self, parts: Sequence[_Arrived]) -> dict[str, Floats | Ints]:
         """Columns of every layout of plots, (n,)."""
-        plots = Plots.joined([part.plots for part in parts])
         lengths = [len(part.plots) for part in parts]
         sensor = np.repeat(np.array([part.sensor for part in parts]), lengths)
         sent_utc_ns = np.repeat(np.array([part.sent_utc_ns for part in parts]), lengths)
-        east_m, north_m = self._placements.places_m(
-            sensor, plots.azimuth_deg, plots.elevation_deg, plots.range_m
-        )
-        true_east_m, true_north_m = self._placements.places_m(
-            sensor, plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m
-        )
-        return {
-            "t_utc_ms": plots.t_utc_ns / 1e6,
+        all_plots = [part.plots for part in parts]
+        column = {name: np.concatenate([getattr(p, name) for p in all_plots]) for name in _TAKEN}
+        measured = [column[name] for name in ("azimuth_deg", "elevation_deg", "range_m")]
+        true = [column[f"true_{name}"] for name in ("azimuth_deg", "elevation_deg", "range_m")]
+        east_m, north_m = self._placements.places_m(sensor, *measured)
+        true_east_m, true_north_m = self._placements.places_m(sensor, *true)
+        latency_ns = np.where(sent_utc_ns, sent_utc_ns - column["t_utc_ns"], np.nan)
+        return column | {
+            "t_utc_ms": column["t_utc_ns"] / 1e6,
             "east_m": east_m,
             "north_m": north_m,
-            "range_m": plots.range_m,
-            "azimuth_deg": plots.azimuth_deg,
-            "elevation_deg": plots.elevation_deg,
-            "height_m": plots.height_m,
-            "snr_db": decibels(plots.snr),
-            "latency_ms": np.where(sent_utc_ns, (sent_utc_ns - plots.t_utc_ns) / 1e6, np.nan),
+            "snr_db": decibels(column["snr"]),
+            "latency_ms": latency_ns / 1e6,
             "sensor": sensor,
-            "flags": _flags(plots),
+            "flags": _flags(column["azimuth_deg"], column["range_m"]),
             "true_east_m": true_east_m,
             "true_north_m": true_north_m,
-            "true_range_m": plots.true_range_m,
-            "true_azimuth_deg": plots.true_azimuth_deg,
-            "true_elevation_deg": plots.true_elevation_deg,
-            "drone": plots.drone,
-            "merged": _merged(plots),
+            "merged": np.concatenate([_merged(p) for p in all_plots]),
         }
 
     def _keep(self, kept: _Kept) -> None:
@@ -122,9 +127,23 @@ class PlotStore:
             self._rows_kept -= self._kept.popleft().rows
 
 
-def _flags(plots: Plots) -> Ints:
-    nowhere = np.isnan(plots.azimuth_deg)
-    bearing = np.isnan(plots.range_m) & ~nowhere
+_TAKEN = (
+    "t_utc_ns",
+    "range_m",
+    "azimuth_deg",
+    "elevation_deg",
+    "height_m",
+    "snr",
+    "drone",
+    "true_range_m",
+    "true_azimuth_deg",
+    "true_elevation_deg",
+)
+
+
+def _flags(azimuth_deg: Floats, range_m: Floats) -> Ints:
+    nowhere = np.isnan(azimuth_deg)
+    bearing = np.isnan(range_m) & ~nowhere
     flags: Ints = bearing * int(PlotFlag.BEARING) + nowhere * int(PlotFlag.NOWHERE)
     return flags
 
