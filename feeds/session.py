@@ -235,8 +235,9 @@ class Session:
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
             try:
-                for link in self._links:
-                    await link.wait_until_up(FIRST_CONNECTION_S)
+                await _first_of(self._connected(), stop)
+                if stop.is_set():
+                    return  # nothing has begun
                 on_ready()
                 self.start_ns = self.clock.start()
                 await _first_of(self._work(duration_s), stop)
@@ -245,6 +246,10 @@ class Session:
             finally:
                 for task in running:
                     task.cancel()
+
+    async def _connected(self) -> None:
+        for link in self._links:
+            await link.wait_until_up(FIRST_CONNECTION_S)
 
     def take(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Take in telemetry or a command, as of that time."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
 import subprocess
@@ -16,10 +17,13 @@ from pathlib import Path
 
 import command
 import pytest
-from brokers import free_port, rumqttd
+from brokers import deaf_server, free_port, rumqttd
 from mqtt_client import listening
-from scene_files import radar, scene_text
+from scene_files import radar, scene_file, scene_text
 
+from plotfeed.feeds.scene import load
+from plotfeed.feeds.session import run
+from plotfeed.feeds.totals import Totals
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.log_reader import LogReader
 from plotfeed.replay.recorded import Recorded, Stage
@@ -116,6 +120,19 @@ def states(port: int, prefix: str) -> Iterator[tuple[str, str]]:
             topic = f"{prefix}/{sensor}/status"
             status = ears.wait_for(lambda m, topic=topic: m.topic == topic)  # type: ignore[misc]
             yield sensor, json.loads(status.payload)["state"]
+
+
+def test_a_session_that_is_told_to_stop_does_not_wait_for_its_broker(tmp_path: Path) -> None:
+    """Nor does it complain of one that never answered."""
+    scene = load(scene_file(tmp_path, scene_text(sensors=QUICK)))
+
+    async def stopped(port: int) -> Totals:
+        stop = asyncio.Event()
+        asyncio.get_running_loop().call_later(0.1, stop.set)
+        return await run(scene, broker=f"mqtt://127.0.0.1:{port}", stop=stop)
+
+    with deaf_server() as port:
+        assert asyncio.run(stopped(port)).plots == 0
 
 
 every_case = pytest.mark.parametrize(
