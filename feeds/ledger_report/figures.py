@@ -66,7 +66,7 @@ class Report:
 
 def report(path: Path, found: Counted) -> Report:
     """The figures of what was counted."""
-    names = _names(found.sensors.values())
+    names, sensors = _names(found.sensors.values()), _in_order(found)
     links = [link for tally in found.sensors.values() for link in tally.links.values()]
     begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
     ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
@@ -78,13 +78,12 @@ def report(path: Path, found: Counted) -> Report:
         last_utc_ns=max([found.last_ns or 0, *ends]),
         links=[
             link_figures(names[key], number + 1, link, tally.passage.order_of(number))
-            for key, tally in found.sensors.items()
+            for key, tally in sensors
             for number, link in enumerate(tally.links.values())
             if link.messages
         ],
         sensors=[
-            _sensor(names[key], tally, found.plots_from.get(key, ""))
-            for key, tally in found.sensors.items()
+            _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
         ],
         notes=_notes(found),
         damage=list(found.damage),
@@ -100,6 +99,13 @@ def _names(tallies: Any) -> dict[tuple[str, str], str]:
     return {
         (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
     }
+
+
+def _in_order(found: Counted) -> list[tuple[tuple[str, str], SensorTally]]:
+    """As the scene has them, then by name."""
+    places = {name: place for place, name in enumerate(found.scene_sensors)}
+    by_name = sorted(found.sensors.items())
+    return sorted(by_name, key=lambda each: (each[0][0], places.get(each[0][1], len(places))))
 
 
 def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:

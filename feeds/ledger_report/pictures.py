@@ -95,15 +95,19 @@ def _title(told: Report) -> str:
 
 
 def _delays(axes: Any, chosen: Chosen) -> None:
-    medians = []
+    medians, ends_ms = [], []
     for colour, link in chosen.links:
         if link.asked is not None and link.sent:
             axes.plot(link.asked.curve_ms, chosen.curve, color=colour, **ASKED)
         if link.sent:
             axes.plot(link.delivered.curve_ms, chosen.curve, color=colour, lw=1.1)
             medians.append(link.delivered.p50_ms)
+            asked_ms = 0.0 if link.asked is None else link.asked.max_ms
+            ends_ms.append(max(asked_ms, link.delivered.p99_ms))
     if medians and min(medians) > 0 and max(medians) > MOST_SPREAD * min(medians):
         axes.set_xscale("log")
+    if ends_ms and max(ends_ms) > 0:  # the last hundredth may be far away
+        axes.set_xlim(right=1.05 * max(ends_ms))
     _finish(axes, "Delay", "ms from being handed over to sending", "share of messages")
     _say_if(axes, not medians, "nothing left")
 

@@ -49,6 +49,8 @@ class Counted:
     last_ns: int | None = None
     scene: str = ""
     """Name of the recorded scene, if there is one."""
+    scene_sensors: list[str] = field(default_factory=list)
+    """Of that scene, in its order."""
     notes: list[str] = field(default_factory=list)
     damage: list[Damage] = field(default_factory=list)
 
@@ -119,6 +121,7 @@ class _Reading:
             first_line = str(error).partition("\n")[0]
             self._found.notes.append(f"its scene cannot be used: {first_line}")
             return {}
+        self._found.scene_sensors = list(found)
         self._found.scene = next((a.scene.scene.name for a in found.values()), "")
         return found
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ledgers import as_received, record_session, told, written
+from road import NS, START_NS
 from scene_files import DRONE, radar, scene_file, scene_text
 from scipy import stats
 from significance import assert_chance
 
 from plotfeed.feeds.ledger_report.figures import Report, SensorFigures, as_values
 from plotfeed.feeds.ledger_report.link_figures import LinkFigures
+from plotfeed.feeds.ledger_report.scene_alarms import SceneAlarms
+from plotfeed.feeds.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.log_reader import LogReader
 from plotfeed.replay.recorded import Recorded, Stage
@@ -192,3 +196,17 @@ def _with(message: Recorded, payload: bytes) -> Recorded:
         content_type=message.content_type,
         stage=message.stage,
     )
+
+
+def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:
+    scene = load(scene_file(tmp_path, SCENE))
+    asked = SceneAlarms(scene, scene.sensor[1], START_NS)
+    first = START_NS // NS + 1
+    before = asked.in_sector(first, 0)
+    said = {"controlled": {"pfa_factor": 3}, "in_force": {}}
+    asked.control(json.dumps(said).encode(), START_NS + 10 * NS)
+    asked.control(b"{", START_NS + 11 * NS)
+    assert asked.in_sector(first, 0) == before
+    assert asked.in_sector(first + 20, 0) == pytest.approx(3 * before)
+    asked.control(json.dumps({"controlled": {"pfa": "much"}}).encode(), START_NS + 30 * NS)
+    assert np.isnan(asked.in_sector(first + 40, 0))
