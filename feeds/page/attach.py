@@ -126,6 +126,7 @@ class PageObserver(Observer):
             sensor.id,
             sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
             asked_latency_ms=law.quantile_ms(PROBABILITIES),
+            since_utc_ns=self.now_utc_ns(),
             new_model=new_model,
         )
 

@@ -23,8 +23,9 @@ class LinkRecord:
         self._asked_ms: Floats = np.zeros(0)
         self.begin()
 
-    def begin(self, asked_ms: ArrayLike | None = None) -> None:
-        """Settings changed; `asked_ms` is a sample of the delays that they ask for."""
+    def begin(self, asked_ms: ArrayLike | None = None, since_utc_ns: int = 0) -> None:
+        """Settings changed then; `asked_ms` is a sample of the delays that they ask for."""
+        self._since_utc_ns = since_utc_ns
         if asked_ms is not None:
             sample = np.asarray(asked_ms, dtype=np.float64)
             self._asked_ms = (
@@ -35,16 +36,20 @@ class LinkRecord:
         self._lost_numbers: deque[int] = deque()
         self._lost_lately: set[int] = set()
 
-    def sent(self, latency_ms: float, *, duplicate: bool) -> None:
-        """A message, or a duplicate of one, left so long after the sensor handed it over."""
+    def sent(self, due_utc_ns: int, sent_utc_ns: int, *, duplicate: bool) -> None:
+        """A message, or a duplicate of one, that was handed over then left at that time."""
+        if due_utc_ns < self._since_utc_ns:
+            return
         if duplicate:
             self._duplicates += 1
             return
-        self._latency_ms.append(latency_ms)
+        self._latency_ms.append((sent_utc_ns - due_utc_ns) / 1e6)
         self._messages += 1
 
-    def lost(self, number: int) -> None:
+    def lost(self, number: int, due_utc_ns: int) -> None:
         """That message of the link did not leave; numbers may come in any order."""
+        if due_utc_ns < self._since_utc_ns:
+            return
         self._messages += 1
         self._lost += 1
         lately = self._lost_lately

@@ -103,11 +103,11 @@ class View:
         for message in sent:
             if not message.delivered:
                 self._rates.lost()
-                link.lost(message.number)
+                link.lost(message.number, message.due_utc_ns)
                 continue
             at_utc_ns = message.sent_utc_ns
             self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
-            link.sent((at_utc_ns - message.due_utc_ns) / 1e6, duplicate=message.copy > 0)
+            link.sent(message.due_utc_ns, at_utc_ns, duplicate=message.copy > 0)
             if _carries_plots(message.topic):
                 first_utc_ns = min(at_utc_ns, first_utc_ns or at_utc_ns)
         self._plots.take(number, report.plots, first_utc_ns)
@@ -124,18 +124,20 @@ class View:
         in_force: Mapping[str, Any],
         *,
         asked_latency_ms: ArrayLike | None = None,
+        since_utc_ns: int = 0,
         new_model: bool = True,
     ) -> None:
-        """The keys of a sensor as they are in force now, its link's among them.
+        """The keys of a sensor as they are in force since then, its link's among them.
 
-        `asked_latency_ms` is a sample of the delays that the link is to make; with `new_model`,
-        detections are counted anew.
+        `asked_latency_ms` is a sample of the delays that the link is to make: messages that it was
+        given before are not judged by that. With `new_model`, detections are counted anew.
         """
         number = self._sensors.get(sensor)
         if number is None:
             return
         self._tell("settings", {**self._news["settings"], sensor: dict(in_force)})
-        self._links[number].begin(() if asked_latency_ms is None else asked_latency_ms)
+        asked_ms = () if asked_latency_ms is None else asked_latency_ms
+        self._links[number].begin(asked_ms, since_utc_ns)
         if new_model:
             self._detections.begin(number)
 

@@ -22,9 +22,9 @@ def test_bursts_are_counted_in_whatever_order_messages_are_heard_of(
     order.shuffle(numbers)  # type: ignore[attr-defined]
     for number in numbers:
         if lost[number]:
-            link.lost(number)
+            link.lost(number, 0)
         else:
-            link.sent(1.0, duplicate=False)
+            link.sent(0, 10**6, duplicate=False)
     bursts = sum(is_lost for is_lost, _ in groupby(lost))
     expected = sum(lost) / bursts if bursts else None
     assert link.summary()["mean_burst"] == expected
@@ -34,8 +34,8 @@ def test_bursts_are_counted_in_whatever_order_messages_are_heard_of(
 def test_memory_of_losses_is_bounded_and_bursts_stay_right() -> None:
     link = LinkRecord()
     for number in range(0, 8 * LOSSES_KEPT, 4):
-        link.lost(number)
-        link.lost(number + 1)
+        link.lost(number, 0)
+        link.lost(number + 1, 0)
     assert link.summary()["mean_burst"] == 2.0
 
 
@@ -65,7 +65,7 @@ def test_a_constant_delay_is_one_bin_that_holds_what_was_delivered() -> None:
     link = LinkRecord()
     link.begin(DelayLaw(120.0).quantile_ms(PROBABILITIES))
     for _ in range(100):
-        link.sent(120.03, duplicate=False)
+        link.sent(0, 120_030_000, duplicate=False)
     found = link.summary()
     assert max(found["asked"]) == 1.0
     assert found["delivered"] == found["asked"]
@@ -76,7 +76,7 @@ def test_delivered_and_asked_share_their_bins_whichever_is_wider() -> None:
         link = LinkRecord()
         link.begin([asked_ms])
         for _ in range(50):
-            link.sent(delivered_ms, duplicate=False)
+            link.sent(0, round(delivered_ms * 1e6), duplicate=False)
         found = link.summary()
         assert sum(found["delivered"]) == pytest.approx(1.0)
         assert sum(found["asked"]) == pytest.approx(1.0)
@@ -87,3 +87,15 @@ def test_a_link_of_which_nothing_is_known_has_no_moments() -> None:
     found = LinkRecord().summary()
     assert found["delivered"] == found["asked"] == []
     assert found["mean_ms"] is found["asked_mean_ms"] is found["mean_burst"] is None
+
+
+def test_what_was_handed_over_before_a_change_is_not_judged_by_it() -> None:
+    link = LinkRecord()
+    link.begin([250.0], since_utc_ns=1000)
+    link.sent(999, 5000, duplicate=False)
+    link.lost(4, 999)
+    link.sent(999, 6000, duplicate=True)
+    found = link.summary()
+    assert (found["messages"], found["lost"], found["duplicates"]) == (0, 0, 0)
+    link.sent(1000, 5000, duplicate=False)
+    assert link.summary()["messages"] == 1
