@@ -10,7 +10,8 @@ from plotfeed.feeds.account import Account
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.cloud_events import attributes
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
-from plotfeed.feeds.desk import AHEAD_NS, Office
+from plotfeed.feeds.desk import AHEAD_NS, Office, json_of
+from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.outbox import Outbox
 from plotfeed.feeds.scene import Scene
@@ -103,10 +104,13 @@ class CooperativeDrones:
 class CooperativeDesk:
     """Sends what they say when it is due."""
 
-    def __init__(self, drones: CooperativeDrones, outbox: Outbox, office: Office) -> None:
+    def __init__(
+        self, drones: CooperativeDrones, outbox: Outbox, office: Office, link: Link | None
+    ) -> None:
         self.outbox = outbox
         self._drones = drones
         self._office = office
+        self._link = json_of(link)
 
     def open(self, start_utc_ns: int) -> None:
         """Begin with the first period that ends after that time."""
@@ -129,6 +133,6 @@ class CooperativeDesk:
         t_utc_ns = number * self._drones.period_ns
         sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
         report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
-        account = Account(lambda settled: self._office.keep_ledger(report, settled, ""))
+        account = Account(lambda settled: self._office.keep_ledger(report, settled, self._link))
         self.outbox.send_together(messages, account)
         account.close()

@@ -85,7 +85,7 @@ class Desk:
         self._office = office
         self._herald = herald
         self._status = pb.SensorStatus(sensor=station.sensor.id)
-        self._link = _json_of(station.sensor.link)
+        self._link = json_of(station.sensor.link)
         self._start_ns = 0
 
     def open(self, start_utc_ns: int) -> None:
@@ -134,7 +134,7 @@ class Desk:
         self._station.change(sensor)
         if sensor.link != self.sensor.link:
             self.outbox.change(sensor.link or Link(), at_utc_ns)
-            self._link = _json_of(sensor.link)
+            self._link = json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled
         for watcher in self._office.watchers:
@@ -226,5 +226,6 @@ def _over(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return result
 
 
-def _json_of(link: Link | None) -> str:
+def json_of(link: Link | None) -> str:
+    """A link's keys for the ledger, without those that have their defaults; empty for none."""
     return "" if link is None else link.model_dump_json(exclude_defaults=True)

@@ -377,6 +377,7 @@ class Session:
             CooperativeDrones(self.scene, settings, self.trajectories),
             self._outbox(COOPERATIVE, [*office_links, *udp_links], settings.link),
             self._office,
+            settings.link,
         )
 
     def _greet_again(self, herald: Herald, link: MqttLink) -> None:
