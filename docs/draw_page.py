@@ -16,6 +16,7 @@ from playwright.async_api import Page, async_playwright
 
 from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.observers import Extras
 from plotfeed.feeds.page.access import PageAddress
 from plotfeed.feeds.page.attach import PageObserver, following
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
@@ -24,7 +25,7 @@ from plotfeed.feeds.page.tracks import decode_tracks
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.places import site_frame
 from plotfeed.feeds.scene import Scene, from_tree
-from plotfeed.feeds.session import Extras, run
+from plotfeed.feeds.session import run
 
 HERE = Path(__file__).parent
 START_UTC_NS = 1_767_268_800_000_000_000

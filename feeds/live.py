@@ -19,11 +19,12 @@ import click
 
 from plotfeed.feeds.channels import ASTERIX
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.observers import Extras
 from plotfeed.feeds.rawfile import RawFile
 from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.session import Extras, run
+from plotfeed.feeds.session import run
 from plotfeed.feeds.session_record import (
     Record,
     RecordedTelemetry,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -19,7 +18,7 @@ from plotfeed.feeds.control import ClockCommand, Command, ControlError, parsed
 from plotfeed.feeds.cooperation import COOPERATIVE
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
 from plotfeed.feeds.desk import Desk, Herald, Office
-from plotfeed.feeds.engine import Engine, Recorded
+from plotfeed.feeds.engine import Engine
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.health import session_message, status_message
 from plotfeed.feeds.impairment.settings import Link as LinkSettings
@@ -29,6 +28,7 @@ from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.ledger import ledger_message
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.observers import Extras, cares
 from plotfeed.feeds.outbox import Outbox, Tap, Ways
 from plotfeed.feeds.parcel import Connection, Link, Parcel
 from plotfeed.feeds.report import Reason, Refused
@@ -47,58 +47,6 @@ FLUSH_S = 0.5
 """A session that is told to stop waits so long for what its links still hold."""
 FAREWELL_S = 0.8
 """And so long for sockets to take the last messages."""
-
-
-class Observer:
-    """Follows a whole session from within; every method returns soon, and none raises.
-
-    What an observer does not care for, it leaves as it is here.
-    """
-
-    def begun(self, session: Session) -> None:
-        """It stands, and its time begins."""
-
-    def ended(self) -> None:
-        """It is over."""
-
-    def report(self, report: SectorReport) -> None:
-        """A sector is reported now."""
-
-    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of its messages."""
-
-    def settings(self, sensor: Sensor) -> None:
-        """The sensor is so from now on."""
-
-    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Telemetry or a command was taken in, as of that time."""
-
-    def before(self, message: Message) -> None:
-        """A sensor hands a message to its link."""
-
-    def after(self, message: Message, sent_utc_ns: int) -> None:
-        """A message leaves."""
-
-    def ledger(self, message: Message) -> None:
-        """The ledger of a sector is complete, whether it is published or not."""
-
-    @property
-    def wants_ledger(self) -> bool:
-        """Whether it must be written for this one, even if it is not published."""
-        return _cares(self, "ledger") or _cares(self, "account")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extras:
-    """What a run may have besides its scene."""
-
-    tap: Tap | None = None
-    """Sees every message as it leaves."""
-    observers: Sequence[Observer] = ()
-    recorded: Callable[[Session], Recorded] | None = None
-    """Telemetry of a recording, to be taken in again."""
-    metrics_port: int | None = None
-    """Where Prometheus finds metrics, on loopback."""
 
 
 async def run(
@@ -198,10 +146,10 @@ class Session:
             recorded=extras.recorded(self) if extras.recorded else None,
         )
         self._ways = Ways(
-            before=[o.before for o in extras.observers if _cares(o, "before")],
+            before=[o.before for o in extras.observers if cares(o, "before")],
             after=[
                 *([extras.tap] if extras.tap else []),
-                *(o.after for o in extras.observers if _cares(o, "after")),
+                *(o.after for o in extras.observers if cares(o, "after")),
             ],
         )
         self._office = Office(
@@ -449,11 +397,6 @@ class Session:
     async def _drain(self) -> None:
         boxes = [self._front, *(desk.outbox for desk in self.desks.values())]
         await asyncio.gather(*(box.drain(FAREWELL_S) for box in boxes))
-
-
-def _cares(observer: Observer, method: str) -> bool:
-    """Whether an observer has that method of its own."""
-    return getattr(type(observer), method) is not getattr(Observer, method)
 
 
 def _impairment(seed: int, name: str, link: LinkSettings) -> Impairment:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.recorder import SCENE_NAME, Recorder, scene_attachment
 from plotfeed.feeds.scene import Scene, load
-from plotfeed.feeds.session import Observer
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.log_reader import LogReader
 from plotfeed.replay.log_records import Attachment

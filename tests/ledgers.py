@@ -15,9 +15,10 @@ from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.impairment.stage import Fate, Outcome
 from plotfeed.feeds.ledger_report.figures import Report, report
 from plotfeed.feeds.ledger_report.reading import read
+from plotfeed.feeds.observers import Extras
 from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import load
-from plotfeed.feeds.session import Extras, run
+from plotfeed.feeds.session import run
 from plotfeed.feeds.session_record import SessionRecorder, attachments_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.log_writer import LogWriter

@@ -15,8 +15,9 @@ from mqtt_client import PATIENCE_S
 
 from plotfeed.feeds.clock import Clock, WallClock
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.observers import Extras, Observer
 from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.session import Extras, Observer, Session, run
+from plotfeed.feeds.session import Session, run
 from plotfeed.feeds.station import SectorReport
 from plotfeed.feeds.totals import Totals
 from plotfeed.proto import plotfeed_pb2 as pb

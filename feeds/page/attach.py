@@ -15,6 +15,7 @@ from plotfeed.feeds.control import command_of
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.mqtt import MqttLink
+from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import Controls, NoControls, refused
 from plotfeed.feeds.page.tracks import decode_tracks
@@ -22,7 +23,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.places import site_frame
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.session import Observer, Session
+from plotfeed.feeds.session import Session
 from plotfeed.feeds.station import SectorReport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError

@@ -18,8 +18,9 @@ from scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.metrics import COUNTERS, MetricsError
+from plotfeed.feeds.observers import Extras, Observer
 from plotfeed.feeds.scene import load
-from plotfeed.feeds.session import Extras, Observer, Session, run
+from plotfeed.feeds.session import Session, run
 from plotfeed.feeds.totals import Totals, lateness_us
 from plotfeed.proto import plotfeed_pb2 as pb
 

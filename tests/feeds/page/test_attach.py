@@ -15,11 +15,12 @@ from page_frames import Frame, read_frame
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.message import Message
+from plotfeed.feeds.observers import Extras
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
 from plotfeed.feeds.page.frames import Kind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.session import Extras, run
+from plotfeed.feeds.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
