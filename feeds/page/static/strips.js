@@ -53,7 +53,7 @@ export class Strips {
     this.#latency.line(steps, colours.ink);
     if (!delivered.length) this.#latency.say("no message yet");
     const asks = link?.asked_mean_ms == null ? "" : `asked ${short(link.asked_mean_ms)}, `;
-    say("latency-text", link?.mean_ms == null ? "–" : `${asks}is ${short(link.mean_ms)} ± ${short(link.sigma_ms)} ms`);
+    say("latency-text", link?.mean_ms == null ? "–" : `${asks}is ${short(link.mean_ms)} ± ${short(link.sigma_ms)}`);
   }
 
   #drawLoss(seconds, link, settings) {
