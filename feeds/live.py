@@ -152,7 +152,7 @@ def _collect_seldom() -> None:
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(GARBAGE_AT, 50, 50)
+    gc.set_threshold(GARBAGE_AT, 10, 10)
 
 
 def _introduce(scene: Scene, urls: dict[str, str]) -> None:
