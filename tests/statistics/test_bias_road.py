@@ -1,0 +1,240 @@
+"""Systematic errors and drift, as they leave in plots and tracks, beside what the ledger says."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from road import NS, SITE, Road, Table, fly, held, radar, rotating, scene, staring, waypoint
+from significance import Array, assert_standard_normal, assert_uncorrelated
+
+from plotfeed.models.frames import aer_to_enu, geodetic_to_ecef, wrap_180
+from plotfeed.proto import plotfeed_pb2 as pb
+
+RANGES_M = (1000.0, 4000.0)
+SCANS = 60
+BIAS = {
+    "range_offset_m": 12.0,
+    "range_scale": 2e-3,
+    "azimuth_offset_deg": 1.5,
+    "tilt_deg": 0.8,
+    "tilt_azimuth_deg": 60.0,
+    "time_offset_s": 0.25,
+}
+RADAR = radar(elevation_max_deg=60.0, report=["asterix-048", "plots"])
+MIMO = {
+    "id": "radar", "type": "mimo_radar", "scan": staring(),
+    "transmitters": [
+        {"power_w": 2000.0, "east_m": 100.0 * k, "north_m": 0.0, "above_site_m": 0.0}
+        for k in range(2)
+    ],
+    "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
+    "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
+    "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
+}  # fmt: skip
+PASSIVE = {
+    "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
+    "transmitters": [
+        {"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
+         "place": waypoint(300.0, 0.2, 20_000.0)},
+    ],
+    "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
+    "range_max_m": 10_000.0,
+}  # fmt: skip
+GATE = {
+    "id": "radar",
+    "type": "range_gate",
+    "scan": staring(),
+    "range_max_m": 9000.0,
+    "sigma_m": 3.0,
+}
+RF = {
+    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2, "azimuth_floor_deg": 0.5,
+}  # fmt: skip
+MICROPHONES = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
+    "range_max_m": 500.0, "azimuth_beamwidth_deg": 20.0, "elevation_beamwidth_deg": 20.0,
+}  # fmt: skip
+SENSORS = {
+    "active": RADAR,
+    "rotating": RADAR | {"scan": rotating(1.0, 8)},
+    "mimo": MIMO,
+    "passive": PASSIVE,
+    "gate": GATE,
+    "rf": RF,
+    "microphones": MICROPHONES,
+}
+KINDS = pytest.mark.parametrize("kind", SENSORS)
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+
+
+def drones(kind: str) -> list[dict[str, Any]]:
+    scale = 0.05 if kind == "microphones" else 1.0
+    return [
+        held(
+            f"{ring}-{i}",
+            18 * i + 7 * ring + 5,
+            12.0,
+            range_m * scale,
+            rcs_m2=1.0,
+            emitters=[EMITTER],
+        )
+        for ring, range_m in enumerate(RANGES_M)
+        for i in range(20)
+    ]
+
+
+@cache
+def road(kind: str, **effects: Any) -> Road:
+    named = {name: dict(keys) for name, keys in effects.items()}
+    return fly(scene([SENSORS[kind] | named], drones(kind), seed=81), SCANS)
+
+
+def measured(flight: Road) -> tuple[list[pb.Plot], list[pb.PlotTruth]]:
+    """Detections as sent, and the truth of each."""
+    batches = [pb.PlotBatch.FromString(p) for p in flight.payloads("radar/plots")]
+    plots = [plot for batch in batches for plot in batch.plots]
+    truths = [truth for entry in flight.ledgers for truth in entry.plots]
+    both = [(p, t) for p, t in zip(plots, truths, strict=True) if t.drone]
+    return [p for p, _ in both], [t for _, t in both]
+
+
+def column(rows: list[Any], name: str) -> Array:
+    return np.array([getattr(row, name) if row.HasField(name) else np.nan for row in rows])
+
+
+def own_place(azimuth_deg: Array, elevation_deg: Array) -> tuple[Array, Array]:
+    """Azimuth and elevation by axes that stand askew as BIAS says, by spherical trigonometry."""
+    tilt, el = np.radians(BIAS["tilt_deg"]), np.radians(elevation_deg)
+    away = np.radians(azimuth_deg - BIAS["tilt_azimuth_deg"])
+    sine = np.sin(el) * np.cos(tilt) + np.cos(el) * np.sin(tilt) * np.cos(away)
+    forward = np.cos(el) * np.cos(away) * np.cos(tilt) - np.sin(el) * np.sin(tilt)
+    side = np.cos(el) * np.sin(away)
+    azimuth = BIAS["tilt_azimuth_deg"] + np.degrees(np.arctan2(side, forward))
+    return azimuth + BIAS["azimuth_offset_deg"], np.degrees(np.arcsin(sine))
+
+
+@KINDS
+def test_errors_about_the_biased_place_are_the_sensors_own(kind: str) -> None:
+    plots, truths = measured(road(kind, bias=tuple(BIAS.items())))
+    assert len(plots) > 1500
+    azimuth_deg, elevation_deg = own_place(
+        column(truths, "azimuth_deg"), column(truths, "elevation_deg")
+    )
+    off = wrap_180(column(plots, "azimuth_deg") - azimuth_deg)
+    assert_standard_normal(off / column(plots, "sigma_azimuth_deg"), "azimuth")
+    if kind not in {"passive", "rf"}:
+        off = column(plots, "elevation_deg") - elevation_deg
+        assert_standard_normal(off / column(plots, "sigma_elevation_deg"), "elevation")
+    if kind in {"active", "rotating", "mimo", "gate"}:
+        read_m = column(truths, "range_m") * (1 + BIAS["range_scale"]) + BIAS["range_offset_m"]
+        assert_standard_normal(
+            (column(plots, "range_m") - read_m) / column(plots, "sigma_range_m"), "range"
+        )
+
+
+@KINDS
+def test_a_clock_that_is_ahead_puts_late_times_on_plots(kind: str) -> None:
+    plots, truths = measured(road(kind, bias=tuple(BIAS.items())))
+    off_ns = np.array([p.time_utc_ns - t.time_utc_ns for p, t in zip(plots, truths, strict=True)])
+    assert (off_ns == 250_000_000).all()
+
+
+def test_a_passive_radar_errs_in_its_bistatic_range_wherever_it_stands() -> None:
+    """Its axes turn, but the path of the signal does not."""
+    plots, truths = measured(road("passive", bias=tuple(BIAS.items())))
+    place = aer_to_enu(
+        column(truths, "azimuth_deg"), column(truths, "elevation_deg"), column(truths, "range_m")
+    )
+    transmitter = aer_to_enu(300.0, 0.2, 20_000.0)
+    ways_m = np.linalg.norm(place, axis=1) + np.linalg.norm(place - transmitter, axis=1)
+    excess_m = (ways_m - 20_000.0) * (1 + BIAS["range_scale"]) + BIAS["range_offset_m"]
+    off_m = column(plots, "bistatic_range_m") - excess_m
+    assert_standard_normal(off_m / column(plots, "sigma_bistatic_range_m"))
+
+
+@KINDS
+def test_errors_change_neither_what_is_true_nor_the_odds(kind: str) -> None:
+    """The ledger of the same scene without them: the same drones, places and draws."""
+    with_bias, without = road(kind, bias=tuple(BIAS.items())), road(kind)
+    _, truths = measured(with_bias)
+    places = {t.drone: (t.azimuth_deg, t.elevation_deg, t.range_m) for t in measured(without)[1]}
+    for truth in truths[:200]:
+        assert (truth.azimuth_deg, truth.elevation_deg, truth.range_m) == pytest.approx(
+            places[truth.drone], abs=0.02
+        )
+    assert np.mean(with_bias.looks().pd) == pytest.approx(np.mean(without.looks().pd), abs=2e-3)
+
+
+def test_altitudes_are_of_the_place_that_the_sensor_believes() -> None:
+    plots, _ = measured(road("active", bias=tuple(BIAS.items())))
+    places = aer_to_enu(
+        *(column(plots, f"{x}") for x in ("azimuth_deg", "elevation_deg", "range_m"))
+    )
+    np.testing.assert_allclose(column(plots, "height_m"), SITE.to_geodetic(places)[2], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["active", "passive", "rf"])
+def test_drift_is_gauss_markov_and_the_same_for_all_drones_of_a_scan(kind: str) -> None:
+    constant_s, sigma = 8.0, {"active": 0.5, "passive": 4.0, "rf": 20.0}[kind]
+    drift = {"sigma_azimuth_deg": sigma, "sigma_range_m": 300.0, "time_constant_s": constant_s}
+    series: list[Array] = []
+    for seed in range(3):
+        sensor = SENSORS[kind] | {"drift": drift}
+        flight = fly(scene([sensor], drones(kind)[:6], seed=820 + seed), 500)
+        plots, truths = measured(flight)
+        off = wrap_180(column(plots, "azimuth_deg") - column(truths, "azimuth_deg"))
+        scans = np.array([truth.time_utc_ns // NS for truth in truths])
+        each = np.bincount(scans - scans.min())
+        mean = np.bincount(scans - scans.min(), off) / np.maximum(each, 1)
+        noise = off - mean[scans - scans.min()]
+        assert np.abs(noise).mean() < 0.2 * sigma
+        series.append(mean[each > 0][1:] / sigma)
+    kept = np.exp(-1 / constant_s)
+    new = [(x[1:] - kept * x[:-1]) / np.sqrt(1 - kept**2) for x in series]
+    assert_standard_normal(np.concatenate(new), "what is new")
+    before = np.concatenate([x[:-1] for x in series])
+    assert_uncorrelated(np.concatenate(new), before, "with what was")
+
+
+def test_drift_in_range_adds_to_the_ranges() -> None:
+    drift = {"sigma_range_m": 50.0, "time_constant_s": 1e-3}
+    flight = fly(scene([RADAR | {"drift": drift}], drones("active")[:1], seed=83), 400)
+    plots = flight.plots()
+    plots = plots.rows(plots.drone == "0-0")
+    assert_standard_normal((plots.range_m - plots.true_range_m) / 50.0, "new in every scan")
+    assert_standard_normal(
+        wrap_180(plots.azimuth_deg - plots.true_azimuth_deg) / plots.sigma_azimuth_deg
+    )
+
+
+def positions(flight: Road) -> Table:
+    """Of tracks in category 062: places from the site and times of day."""
+    records = flight.records("radar", 62)
+    names = {"latitude_deg": "I062/105/LAT", "longitude_deg": "I062/105/LON", "t_s": "I062/070"}
+    return Table({n: np.array([r.get(path) for r in records]) for n, path in names.items()})
+
+
+def test_tracks_are_where_the_sensor_believes_the_drones_to_be() -> None:
+    sensor = RADAR | {"report": ["asterix-062"], "bias": BIAS}
+    where = [held("a", 60.0, 0.5, 4000.0, rcs_m2=1.0)]
+    tracks = positions(fly(scene([sensor], where, seed=84), 30))
+    assert len(tracks) > 20
+    azimuth_deg, elevation_deg = own_place(np.array(60.0), np.array(0.5))
+    range_m = 4000.0 * (1 + BIAS["range_scale"]) + BIAS["range_offset_m"]
+    believed = aer_to_enu(azimuth_deg, elevation_deg, range_m)
+    ecef_m = geodetic_to_ecef(tracks.latitude_deg, tracks.longitude_deg, SITE.height_m)
+    seen = SITE.from_ecef(ecef_m)
+    assert np.abs(seen[:, :2] - believed[:2]).max() < 2.0
+    assert np.linalg.norm(aer_to_enu(60.0, 0.5, 4000.0)[:2] - believed[:2]) > 50.0
+
+
+def test_a_sensor_in_order_has_neither() -> None:
+    plots, truths = measured(road("active"))
+    assert [p.time_utc_ns for p in plots] == [t.time_utc_ns for t in truths]
+    off = wrap_180(column(plots, "azimuth_deg") - column(truths, "azimuth_deg"))
+    assert_standard_normal(off / column(plots, "sigma_azimuth_deg"))
