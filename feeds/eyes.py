@@ -38,7 +38,8 @@ class Place:
     """Where a sensor stands among the drones, and whose random numbers it has.
 
     `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
-    reads in place of what it finds, None if that is the same. Its clock may be ahead.
+    reads in place of what it finds, None if that is the same. Its clock may be ahead. `errs` says
+    whether there is any of this.
     """
 
     frame: LocalFrame
@@ -46,6 +47,7 @@ class Place:
     readings: Readings | None
     clock_ahead_ns: int
     reads_bistatic_ranges: bool
+    errs: bool
     trajectories: Trajectories
     chance: Chance
 
@@ -62,6 +64,7 @@ class Place:
             ),
             reads_bistatic_ranges=isinstance(sensor, PassiveRadarSensor),
             clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
+            errs=sensor.bias is not None or sensor.drift is not None,
             trajectories=trajectories,
             chance=chance,
         )
@@ -110,11 +113,6 @@ class Place:
             position_ecef_m=self.frame.to_ecef(place_enu_m),
             velocity_ecef_m_s=self.frame.rotate_to_ecef(velocity_enu_m_s),
         )
-
-    @property
-    def errs(self) -> bool:
-        """Whether it has systematic errors at all."""
-        return bool(self.axes is not self.frame or self.readings or self.clock_ahead_ns)
 
     def _when_it_left(
         self, truth: TruthState, position_enu_m: Floats, speed_m_s: float
