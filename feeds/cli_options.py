@@ -52,6 +52,11 @@ def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 metavar="PORT",
                 help="Serve Prometheus metrics on that port of loopback.",
             ),
+            click.option(
+                "--page",
+                metavar="[HOST:]PORT",
+                help="Serve the live page there; HOST is this machine alone unless it is given.",
+            ),
             click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
         ]
     ):

@@ -9,7 +9,7 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,6 +34,7 @@ from plotfeed.feeds.session_record import (
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.feeds.times import NS
 from plotfeed.feeds.totals import Totals, lateness_us
+from plotfeed.proto.errors import PlotfeedError
 
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
@@ -53,6 +54,7 @@ def run_in_terminal(
     telemetry: Path | None,
     force: bool,
     metrics: int | None,
+    page: str | None,
     as_json: bool,
 ) -> int:
     """Run until it ends or is stopped; the exit code."""
@@ -71,7 +73,13 @@ def run_in_terminal(
             recorded=partial(RecordedTelemetry, telemetry) if telemetry else None,
             metrics_port=metrics,
         )
-        code, totals = asyncio.run(_run(scene, clock, broker, duration, extras, quiet=as_json))
+        run_so: Callable[..., Coroutine[None, None, Totals]] = _plainly
+        if page is not None:
+            run_so = partial(_with_page, page=page, speed=speed)
+        how = partial(
+            run_so, scene=scene, clock=clock, broker=broker, duration_s=duration, extras=extras
+        )
+        code, totals = asyncio.run(_run(scene, how, quiet=as_json))
     if as_json:
         click.echo(json.dumps(_summary(totals)))
     else:
@@ -110,15 +118,65 @@ def _clock(start_utc_ns: int | None, speed: str) -> Clock:
     return WallClock(start_utc_ns, speed=factor)
 
 
-async def _run(
+OnReady = Callable[[dict[str, str], Totals], None]
+How = Callable[[asyncio.Event, OnReady], Coroutine[None, None, Totals]]
+"""Runs a session until it is told to stop, and says when it is ready."""
+
+
+async def _plainly(
+    stop: asyncio.Event,
+    on_ready: OnReady,
+    *,
     scene: Scene,
     clock: Clock,
     broker: str | None,
     duration_s: float | None,
     extras: Extras,
+) -> Totals:
+    """One session, and nothing beside it."""
+    return await run(
+        scene,
+        clock=clock,
+        broker=broker,
+        duration_s=duration_s,
+        stop=stop,
+        extras=extras,
+        on_ready=on_ready,
+    )
+
+
+async def _with_page(
+    stop: asyncio.Event,
+    on_ready: OnReady,
     *,
-    quiet: bool,
-) -> tuple[int, Totals]:
+    page: str,
+    speed: str,
+    scene: Scene,
+    clock: Clock,
+    broker: str | None,
+    duration_s: float | None,
+    extras: Extras,
+) -> Totals:
+    """Sessions as the page's viewers want them; raises `PlotfeedError`."""
+    try:
+        from plotfeed.feeds.page.access import PageAddress  # noqa: PLC0415 - an extra
+        from plotfeed.feeds.page.show import run_with_page  # noqa: PLC0415
+    except ImportError:
+        raise PlotfeedError("the page needs more: pip install 'plotfeed[page]'") from None
+    return await run_with_page(
+        PageAddress.parse(page),
+        scene,
+        clock=clock,
+        another_clock=lambda other: _clock(other.scene.start_utc_ns, speed),
+        broker=broker,
+        duration_s=duration_s,
+        stop=stop,
+        extras=extras,
+        on_ready=on_ready,
+    )
+
+
+async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
     stop = asyncio.Event()
     _collect_seldom()
     asyncio.get_running_loop().set_exception_handler(_stray_error)
@@ -131,15 +189,7 @@ async def _run(
             teller = asyncio.create_task(_tell(totals), name="tell")
 
     with stopped_by_signals(stop.set) as signals:
-        totals = await run(
-            scene,
-            clock=clock,
-            broker=broker,
-            duration_s=duration_s,
-            stop=stop,
-            extras=extras,
-            on_ready=ready,
-        )
+        totals = await how(stop, ready)
     if teller is not None:
         teller.cancel()
     return (INTERRUPTED if signal.SIGINT in signals else 0), totals

@@ -16,6 +16,7 @@ from plotfeed.feeds.changes import ChangeError, changed
 from plotfeed.feeds.cooperation import COOPERATIVE, Cooperation
 from plotfeed.feeds.drones import Drone
 from plotfeed.feeds.mqtt_queue import MqttQueue
+from plotfeed.feeds.page.settings import PagePart
 from plotfeed.feeds.parts import Decibels, Height, Name, NotNegative, Part, Positive, Site
 from plotfeed.feeds.presets import names as preset_names
 from plotfeed.feeds.presets import with_presets
@@ -164,6 +165,7 @@ class Scene(Part):
     ]
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
     cooperative: Cooperation | None = None
+    page: PagePart = PagePart()
 
     _folder: Path = PrivateAttr(default=Path())
     _text: str = PrivateAttr(default="")

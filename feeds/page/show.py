@@ -1,0 +1,106 @@
+"""Runs sessions with the page beside them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+from plotfeed.feeds.clock import Clock
+from plotfeed.feeds.observers import Extras
+from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
+from plotfeed.feeds.page.basemap import Basemap, load_basemap
+from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.stage import Stage
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.session import run_over
+from plotfeed.feeds.session_brokers import Brokers, brokers_of
+from plotfeed.feeds.totals import Totals
+
+
+async def run_with_page(
+    address: PageAddress,
+    scene: Scene,
+    *,
+    clock: Clock,
+    another_clock: Callable[[Scene], Clock],
+    broker: str | None,
+    duration_s: float | None,
+    stop: asyncio.Event,
+    extras: Extras,
+    on_ready: Callable[[dict[str, str], Totals], None],
+) -> Totals:
+    """Sessions one after the other, as the page's viewers want it; the totals of the last one.
+
+    Raises `PlotfeedError`. The brokers and the page outlast a session.
+    """
+    view = View()
+    stage = Stage(scene, view, Path.cwd())
+    observer = PageObserver(view, stage)
+    server = PageServer(address, view, observer, observer.now_utc_ns)
+    stopping = asyncio.create_task(_pass_on(stop, stage.ending), name="page-stop")
+    observed = Extras(
+        tap=extras.tap,
+        observers=[*extras.observers, observer, stage],
+        recorded=extras.recorded,
+        metrics_port=extras.metrics_port,
+    )
+    told = False
+
+    def ready(urls: dict[str, str], totals: Totals) -> None:
+        nonlocal told
+        if not told:
+            on_ready({**urls, "page": server.url}, totals)
+        told = True
+
+    try:
+        async with brokers_of(scene, broker) as brokers, serving(server), following(observer):
+            while True:
+                stage.begin()
+                if stop.is_set():
+                    stage.ending.set()
+                observer.scene(_basemap_of(stage.scene))
+                async with _tracks_of(stage.scene, view, brokers, observer):
+                    totals = await run_over(
+                        brokers,
+                        stage.scene,
+                        clock=clock,
+                        duration_s=duration_s,
+                        stop=stage.ending,
+                        extras=observed,
+                        on_ready=ready,
+                    )
+                if stop.is_set() or not stage.goes_on:
+                    return totals
+                clock = another_clock(stage.scene)
+    finally:
+        stopping.cancel()
+        server.close()
+
+
+async def _pass_on(stop: asyncio.Event, ending: asyncio.Event) -> None:
+    await stop.wait()
+    ending.set()
+
+
+def _basemap_of(scene: Scene) -> Basemap | None:
+    if scene.page.basemap is None:
+        return None
+    return load_basemap(scene.page.basemap, scene.folder, scene.scene.site)
+
+
+@contextlib.asynccontextmanager
+async def _tracks_of(
+    scene: Scene, view: View, brokers: Brokers, observer: PageObserver
+) -> AsyncIterator[None]:
+    """Tracks of the tracker under test, from every broker of the session."""
+    async with contextlib.AsyncExitStack() as hearing:
+        topic, (addresses, _) = scene.page.tracks_topic, brokers
+        if topic is not None:
+            for address in addresses:
+                tracks = hearing_tracks(view, scene, address, topic, observer.now_utc_ns)
+                await hearing.enter_async_context(tracks)
+        yield

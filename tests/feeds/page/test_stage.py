@@ -1,0 +1,141 @@
+"""What the page's viewers want of whole sessions, asked over its own WebSocket of real runs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scene_files import scene_file, scene_text
+
+from plotfeed.feeds.clock import WallClock
+from plotfeed.feeds.observers import Extras, Observer
+from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.show import run_with_page
+from plotfeed.feeds.scene import Scene, load
+from plotfeed.feeds.session import Session
+from plotfeed.replay.log_reader import LogReader
+
+websockets = pytest.importorskip("websockets")
+
+PATIENCE_S = 30.0
+
+
+class Begun(Observer):
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self.waiting: asyncio.Event = asyncio.Event()
+
+    def begun(self, session: Session) -> None:
+        self.names.append(session.scene.scene.name)
+        self.waiting.set()
+
+
+async def ask(feed: Any, **command: Any) -> dict[str, Any]:
+    await feed.send(json.dumps({"number": 7, "command": command}))
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            heard = await feed.recv()
+            if isinstance(heard, str):
+                answer = json.loads(heard)
+                if answer.get("number") == 7:
+                    return dict(answer)
+
+
+async def staged(scene: Scene, play: Any) -> list[str]:
+    """The names of the scenes that ran while `play(feed, begun)` did."""
+    begun, stop, ready = Begun(), asyncio.Event(), asyncio.Event()
+    urls: dict[str, str] = {}
+
+    def on_ready(found: dict[str, str], _totals: Any) -> None:
+        urls.update(found)
+        ready.set()
+
+    running = asyncio.create_task(
+        run_with_page(
+            PageAddress("127.0.0.1", 0),
+            scene,
+            clock=WallClock(),
+            another_clock=lambda _scene: WallClock(),
+            broker="none",
+            duration_s=None,
+            stop=stop,
+            extras=Extras(observers=[begun]),
+            on_ready=on_ready,
+        )
+    )
+    async with asyncio.timeout(PATIENCE_S):
+        await ready.wait()
+    address = urls["page"].removeprefix("http://").rstrip("/")
+    async with websockets.connect(f"ws://{address}/feed", origin=f"http://{address}") as feed:
+        async with asyncio.timeout(PATIENCE_S):
+            await begun.waiting.wait()
+        await play(feed, begun)
+        stop.set()
+        async with asyncio.timeout(PATIENCE_S):
+            await running
+    return begun.names
+
+
+async def next_session(begun: Begun) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        await begun.waiting.wait()
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
+    monkeypatch.chdir(tmp_path)
+    return load(scene_file(tmp_path, scene_text()))
+
+
+def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
+    async def play(feed: Any, begun: Begun) -> None:
+        for wish in ({"restart": True}, {"scene": "section-4"}):
+            begun.waiting.clear()
+            assert (await ask(feed, session=wish))["ok"]
+            await next_session(begun)
+
+    names = asyncio.run(staged(scene, play))
+    assert names == [scene.scene.name, scene.scene.name, "section-4"]
+
+
+def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Path) -> None:
+    async def play(feed: Any, _begun: Begun) -> None:
+        started = await ask(feed, record={"start": True})
+        assert started["ok"]
+        assert not (await ask(feed, record={"start": True}))["ok"]
+        await asyncio.sleep(0.5)
+        assert (await ask(feed, record={"stop": True}))["ok"]
+        path = tmp_path / started["in_force"]["file"]
+        with LogReader(path) as log:
+            assert log.summary().messages > 0
+            assert not log.damage
+            assert [entry.name for entry in log.summary().attachments] == ["scene.toml"]
+
+    asyncio.run(staged(scene, play))
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ({"session": {"scene": "nowhere"}}, "there is no 'nowhere'"),
+        ({"session": {}}, "expected restart or scene"),
+        ({"session": 5}, "expected restart or scene"),
+        ({"record": {"stop": True}}, "none runs"),
+        ({"record": {}}, "expected start or stop"),
+        ({"replay": {"file": "x.mcap"}}, "plotfeed replay"),
+        ({"clock": {"paused": True}}, "real time cannot be held"),
+        ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_the_session_goes_on(
+    scene: Scene, command: dict[str, Any], words: str
+) -> None:
+    async def play(feed: Any, _begun: Begun) -> None:
+        answer = await ask(feed, **command)
+        assert not answer["ok"]
+        assert words in answer["error"]
+
+    assert len(asyncio.run(staged(scene, play))) == 1
