@@ -22,6 +22,8 @@ AT_ONCE = 50
 """Messages taken in, or entries written, before the clock is looked at again."""
 BUSY_AT_ONCE = 5
 """The same where the next deadline is near: nothing waits for ever."""
+MAX_LATER = 2_000
+"""Entries that may wait; with one more, the oldest is written however late the session is."""
 DRAIN_EVERY_NS = 20 * NS
 """A simulated clock lets the sockets catch up this often."""
 
@@ -73,8 +75,10 @@ class Engine:
         self._patients = patients
 
     def later(self, action: Action) -> None:
-        """Do this when nothing is due."""
+        """Do this when nothing is due, or when too much waits for that."""
         self._later.append(action)
+        if len(self._later) > MAX_LATER:
+            self._do_later(1)
 
     def heard(self, topic: str, payload: bytes, content_type: str | None) -> bool:
         """Something has come in; False if there is no room for it to wait."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.engine import AT_ONCE, Engine
+from plotfeed.feeds.engine import AT_ONCE, MAX_LATER, Engine
 from plotfeed.feeds.inbox import Inbox
 
 MS = 1_000_000
@@ -103,6 +103,28 @@ def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
     case.at(6, "six")
     asyncio.run(case.engine.work(10))
     assert [name for name, _ in case.done] == [*map(str, range(4 * AT_ONCE)), "six"]
+
+
+def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> None:
+    class Late(InstantClock):
+        """By which everything is long past."""
+
+        def now_ns(self) -> int:
+            return 10**15
+
+    case, number = Case(Late(0)), 3 * MAX_LATER
+    waiting: list[int] = []
+
+    def work() -> None:
+        case.engine.later(case.note("ledger"))
+        waiting.append(len(waiting) + 1 - len(case.done))
+
+    for t in range(number):
+        case.engine.agenda.put(t, work)
+    asyncio.run(case.engine.work(number))
+    assert max(waiting) == MAX_LATER
+    case.engine.do_all_later()
+    assert len(case.done) == number
 
 
 def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
