@@ -75,6 +75,8 @@ pictures: .venv/.ready-test
 	$(BIN)/python docs/write_scene_reference.py
 	$(BIN)/python docs/write_presets.py
 	$(BIN)/python docs/write_messages.py
+	$(BIN)/python docs/write_stability.py
+	$(BIN)/python docs/draw_stability.py
 	$(BIN)/python docs/write_asyncapi.py
 	$(BIN)/python docs/equation_figures.py
 

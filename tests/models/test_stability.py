@@ -107,6 +107,25 @@ def test_bistatic_range_a_tenth_of_a_millimetre_off_the_baseline() -> None:
     assert propagation.bistatic_range(target, transmitter) == pytest.approx(exact, rel=1e-8)
 
 
+def test_a_place_next_to_the_baseline_comes_back() -> None:
+    baseline_m, along_m, off_m = 20_000.0, 7000.0, 1e-5
+    detour_m = off_m**2 / 2 * (1 / along_m + 1 / (baseline_m - along_m))
+    angle_rad = math.atan2(off_m, along_m)
+    depth_m = baseline_m * (1 - math.cos(angle_rad))
+    plain_m = detour_m * (detour_m + 2 * baseline_m) / (2 * (detour_m + depth_m))
+    assert abs(plain_m - along_m) > 1000
+    found_m = propagation.range_from_bistatic(detour_m, baseline_m, math.degrees(angle_rad))
+    assert found_m == pytest.approx(along_m, rel=1e-12)
+
+
+def test_a_millimetre_off_the_vertical_at_10_km_is_resolved() -> None:
+    off_m, up_m = 1e-3, 10_000.0
+    exact_deg = math.degrees(off_m / up_m)
+    plain_deg = 90 - math.degrees(math.asin(up_m / math.hypot(off_m, up_m)))
+    assert abs(plain_deg / exact_deg - 1) > 1e-3
+    assert 90 - enu_to_aer(np.array([off_m, 0.0, up_m]))[1] == pytest.approx(exact_deg, rel=1e-8)
+
+
 def test_a_position_of_single_precision_loses_metres_and_ours_does_not() -> None:
     frame = LocalFrame(40.45, -3.73, 650.0)
     ecef_m = frame.to_ecef(np.array([1234.5678, -987.6543, 55.5]))
