@@ -65,7 +65,7 @@ def tiny_pfa() -> Case:
         plain=relative(special.gammaincinv(3, 1 - pfa), exact),
         cure="inverse of Q at Pfa",
         ours=relative(ours, exact),
-        test="models/test_detection.py::test_noise_alone_alarms_at_the_stated_rate",
+        test="models/test_stability.py::test_a_threshold_for_a_pfa_below_the_rounding_of_one",
     )
 
 
@@ -145,7 +145,7 @@ def near_ties_cfar() -> Case:
         plain=relative(plain, exact),
         cure="the chain of looks and samples",
         ours=relative(detection.pd_noncoherent_unequal_cfar(snrs, 1e-6, n), exact),
-        test="models/test_detection_unequal_cfar.py::test_unequal_looks_agree_with_rational_arithmetic",
+        test="models/test_stability.py::test_looks_of_nearly_equal_snr_against_a_cfar",
     )
 
 

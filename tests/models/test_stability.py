@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import mimo_equations
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,6 +97,20 @@ def test_looks_of_equal_snr_have_a_pd() -> None:
     assert detection.pd_noncoherent_unequal_cfar(np.full(3, 10.0), 1e-6, 48) == pytest.approx(
         float(detection.pd_noncoherent_cfar(10.0, 1e-6, 3, 48)), 1e-12
     )
+
+
+def test_a_threshold_for_a_pfa_below_the_rounding_of_one() -> None:
+    assert special.gammaincinv(3, 1 - 1e-17) == math.inf
+    y = float(detection.threshold_noncoherent(1e-17, 3))
+    assert math.exp(-y) * (1 + y + y**2 / 2) == pytest.approx(1e-17, rel=1e-13)
+
+
+@pytest.mark.parametrize("apart_db", [1e-2, 1e-6, 1e-10])
+def test_looks_of_nearly_equal_snr_against_a_cfar(apart_db: float) -> None:
+    snrs = 10 ** ((10.0 + apart_db * np.array([-1.0, 0.0, 1.0])) / 10)
+    over = float(detection.threshold_noncoherent_cfar(1e-6, 3, 48))
+    exact = mimo_equations.pd(snrs, over, 48)
+    assert detection.pd_noncoherent_unequal_cfar(snrs, 1e-6, 48) == pytest.approx(exact, rel=1e-12)
 
 
 def test_bistatic_range_a_tenth_of_a_millimetre_off_the_baseline() -> None:
