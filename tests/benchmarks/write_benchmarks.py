@@ -1,6 +1,8 @@
 """Runs every benchmark and writes docs/benchmarks.md; nothing is asserted.
 
-python tests/benchmarks/write_benchmarks.py
+    python tests/benchmarks/write_benchmarks.py [FILE ...]
+
+With files such as bench_log.py, only those run, and the other sections stay as they were.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ BENCHMARKS = {
     "bench_impairment.py": "Impaired links",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
+    "bench_engine.py": "The engine under load",
     "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
     "bench_page.py": "The live page",
@@ -41,33 +44,47 @@ def processor() -> str:
 
 
 def head() -> str:
-    """Machine, versions and date."""
+    """Machine and versions."""
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return f"""# Benchmarks
 
-Written by `make bench`, which takes a few minutes. These are figures of one machine, which did
-other work at the same time: trust the ratios more than the numbers. No test depends on them.
+Written by `make bench`, which takes a quarter of an hour. These are figures of one machine, which may
+have done other work at the same time: trust the ratios more than the numbers. No test depends on them.
 
-- Date: {datetime.now(UTC):%Y-%m-%d}
-- Machine: {processor()}, {os.cpu_count()} cores, {platform.system()}; load average before the start
-  {os.getloadavg()[0]:.1f}
+- Machine: {processor()}, {os.cpu_count()} cores, {platform.system()}
 - Python {platform.python_version()}, {libraries}
 """
 
 
 def section(file: str, title: str) -> str:
-    """One benchmark's own words."""
+    """One benchmark's own words, with when it ran and how busy the machine was."""
     print(file, flush=True)
+    load = os.getloadavg()[0]
     out = subprocess.run(
         [sys.executable, HERE / file], check=True, stdout=subprocess.PIPE, text=True
     ).stdout
     summary = (HERE / file).read_text().partition('"""')[2].partition("\n")[0]
-    return f"\n## {title}\n\n{summary} (`tests/benchmarks/{file}`)\n\n{out}"
+    when = f"{datetime.now(UTC):%Y-%m-%d}; load average before it {load:.1f}"
+    return f"\n## {title}\n\n{summary} (`tests/benchmarks/{file}`; {when})\n\n{out}"
+
+
+def sections_before() -> dict[str, str]:
+    """What the page holds, by title."""
+    _, *found = f"\n{PAGE.read_text()}".split("\n## ")
+    return {part.partition("\n")[0]: f"\n## {part.rstrip()}\n" for part in found}
 
 
 def main() -> None:
     """Write the page."""
-    PAGE.write_text(head() + "".join(section(*item) for item in BENCHMARKS.items()))
+    wanted, before = set(sys.argv[1:]), sections_before()
+    parts = [head()]
+    for file, title in BENCHMARKS.items():
+        if not wanted or file in wanted:
+            parts.append(section(file, title))
+        elif title in before:
+            parts.append(before[title])
+        PAGE.with_suffix(".new").write_text("".join(parts))
+    PAGE.with_suffix(".new").replace(PAGE)
 
 
 if __name__ == "__main__":
