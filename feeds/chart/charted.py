@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -140,13 +141,21 @@ def as_values(chart: Charted) -> dict[str, Any]:
 def machine() -> dict[str, Any]:
     """Where the times are from."""
     return {
-        "processor": platform.processor() or platform.machine(),
+        "processor": _processor(),
         "cores": os.cpu_count(),
         "system": platform.system(),
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "scipy": version("scipy"),
     }
+
+
+def _processor() -> str:
+    """What the machine says that it is."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _sensor_values(sensor: ChartedSensor) -> dict[str, Any]:

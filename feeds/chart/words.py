@@ -80,6 +80,8 @@ def share_text(share: float | None) -> str:
     """Of the sensor's own error."""
     if share is None:
         return "all"
+    if share >= 100:
+        return f"{share:,.0f}"
     return f"{share:.2g}" if share > NEGLIGIBLE else "0"
 
 
