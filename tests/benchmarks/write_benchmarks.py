@@ -49,8 +49,8 @@ def head() -> str:
     return f"""# Benchmarks
 
 Written by `make bench`, which takes a quarter of an hour. These are figures of one machine, which
-may have done other work at the same time: trust the ratios more than the numbers. No test depends on
-them.
+may have done other work at the same time: trust the ratios more than the numbers. No test depends
+on them.
 
 - Machine: {processor()}, {os.cpu_count()} cores, {platform.system()}
 - Python {platform.python_version()}, {libraries}
