@@ -15,10 +15,16 @@ from plotfeed.models.readings import Readings
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import SensorModel
 from plotfeed.models.state import Floats, Ints, Looks, Plots, Targets, TruthState
+from plotfeed.models.sweep import CULLED_FROM
 from plotfeed.models.truth import NS, Trajectories
 
 TRAVEL_TIME_STEPS = 5
 """Of the fixed point for the time at which a sound left: they leave 3 cm at 60 m/s and 1 km."""
+
+WHILE_IT_TRAVELS = 1.5
+"""By which a drone may be further away when its sound arrives: at half the speed of that."""
+TELL_HEIGHTS = frozenset({"asterix-048", "plots"})
+"""Formats that have heights."""
 
 
 class Eye(Protocol):
@@ -39,7 +45,7 @@ class Place:
 
     `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
     reads in place of what it finds, None if that is the same. Its clock may be ahead. `errs` says
-    whether there is any of this.
+    whether there is any of this; `tells_heights`, whether any of its formats has heights.
     """
 
     frame: LocalFrame
@@ -48,6 +54,7 @@ class Place:
     clock_ahead_ns: int
     reads_bistatic_ranges: bool
     errs: bool
+    tells_heights: bool
     trajectories: Trajectories
     chance: Chance
 
@@ -65,12 +72,14 @@ class Place:
             reads_bistatic_ranges=isinstance(sensor, PassiveRadarSensor),
             clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
             errs=sensor.bias is not None or sensor.drift is not None,
+            tells_heights=not TELL_HEIGHTS.isdisjoint(sensor.report),
             trajectories=trajectories,
             chance=chance,
         )
 
     def targets(self, truth: TruthState, model: SensorModel) -> Targets:
-        """The drones from here, as they are and as they are sensed."""
+        """The drones within reach from here, as they are and as they are sensed."""
+        truth = self._within_reach(truth, model)
         true_position_enu_m = self.frame.from_ecef(truth.position_ecef_m)
         sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
         if model.signal_speed_m_s is not None:
@@ -93,6 +102,15 @@ class Place:
             velocity_enu_m_s=velocity_enu_m_s,
             readings=self.readings,
         )
+
+    def _within_reach(self, truth: TruthState, model: SensorModel) -> TruthState:
+        """Without those too far away; of few drones the model itself finds out as fast."""
+        if len(truth) < CULLED_FROM:
+            return truth
+        reach_m = model.range_max_m
+        if model.signal_speed_m_s is not None:
+            reach_m *= WHILE_IT_TRAVELS
+        return truth.rows(self.frame.has_within(truth.position_ecef_m, reach_m))
 
     def apparent_at(self, t_utc_ns: int, drones: Ints) -> TruthState:
         """Where drones are at a time of the sensor's clock, by its own axes and readings.
@@ -132,11 +150,13 @@ class Place:
         return sensed, position_enu_m
 
     def with_heights(self, plots: Plots) -> Plots:
-        """Heights of plots that have a place in three dimensions; NaN for the others."""
-        if not len(plots) or np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
+        """Heights of plots that have a place in three dimensions, if any format tells them."""
+        if not self.tells_heights or not len(plots):
+            return plots
+        if np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
             return plots
         measured_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-        return replace(plots, height_m=self.frame.to_geodetic(measured_enu_m)[2])
+        return replace(plots, height_m=self.frame.heights_m(measured_enu_m))
 
 
 class StaringEye:

@@ -97,7 +97,9 @@ class TurningEye:
     def _worked_out(self, sectors: Sequence[Sector]) -> _Stretch:
         """What comes of them, as far as is known now."""
         place = self.place
-        met = meetings(sectors, place.axes, place.trajectories, self._border)
+        met = meetings(
+            sectors, place.axes, place.trajectories, self._border, self.model.range_max_m
+        )
         looks, detections = (
             self._observed_among_neighbours(sectors, met.truth)
             if isinstance(self.model, PolarRadar) and self.model.merging is not None
@@ -133,7 +135,8 @@ class TurningEye:
         after = self._timetable.next_sector(sectors[-1])
 
         def others_of(sector: Sector) -> TruthState:
-            met = meetings([sector], self.place.axes, self.place.trajectories).truth
+            axes, reach_m = self.place.axes, self.model.range_max_m
+            met = meetings([sector], axes, self.place.trajectories, reach_m=reach_m).truth
             near = np.abs(truth.t_utc_ns - sector.start_ns) < self._timetable.period_ns // 2
             return met.rows(~np.isin(met.drone, truth.drone[near]))
 

@@ -34,6 +34,10 @@ class SensorModel(Protocol):
     """A sensor, frozen: randomness is an argument."""
 
     @property
+    def range_max_m(self) -> float:
+        """Nothing further away is ever looked at."""
+
+    @property
     def signal_speed_m_s(self) -> float | None:
         """How fast what it senses travels; None where that takes no time worth modelling."""
 

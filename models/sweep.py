@@ -10,7 +10,12 @@ import numpy as np
 from plotfeed.models.frames import LocalFrame, enu_to_aer
 from plotfeed.models.scan import Sector, Sectors, beam_meets, beam_passes, time_after_share_ns
 from plotfeed.models.state import Floats, TruthState
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.truth import NS, Trajectories
+
+CULLED_FROM = 32
+"""Drones, of which those out of reach are left out before anything is computed of them."""
+FASTEST_M_S = 1000.0
+"""No drone comes nearer faster than that between one border and the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +44,21 @@ def meetings(
     frame: LocalFrame,
     trajectories: Trajectories,
     before: Border | None = None,
+    reach_m: float = np.inf,
 ) -> Meetings:
-    """Of sectors that follow each other; `before` is the border that the first begins with."""
+    """Of sectors that follow each other; `before` is the border that the first begins with.
+
+    Drones that stay further away than `reach_m` may be left out.
+    """
     edges_ns = np.array([sectors[0].start_ns, *(s.end_ns for s in sectors)], np.int64)
-    azimuth_deg = _azimuths(frame, trajectories.positions_at(edges_ns))
+    positions_ecef_m = trajectories.positions_at(edges_ns)
+    if positions_ecef_m.shape[1] < CULLED_FROM:
+        azimuth_deg = _azimuths(frame, positions_ecef_m)
+    else:
+        between_s = float(np.diff(edges_ns).max()) / NS
+        near = frame.has_within(positions_ecef_m, reach_m + FASTEST_M_S * between_s).any(axis=0)
+        azimuth_deg = np.full(positions_ecef_m.shape[:2], np.nan)
+        azimuth_deg[:, near] = _azimuths(frame, positions_ecef_m[:, near])
     if before is not None and before.t_utc_ns == edges_ns[0]:
         taken = before.azimuth_deg
         known = azimuth_deg[0, : len(taken)]

@@ -1,0 +1,118 @@
+"""Drones out of a sensor's reach cost next to nothing; leaving them out changes not one octet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from road import Road, flown, fly, held, radar, rotating, scene, staring, waypoint
+
+from plotfeed.feeds import eyes
+from plotfeed.models import sweep
+from plotfeed.models.active_radar import ActiveRadar
+from plotfeed.models.frames import LocalFrame, ecef_height_m, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.state import Targets
+
+MICROPHONES = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
+    "range_max_m": 3000.0, "azimuth_beamwidth_deg": 20.0,
+}  # fmt: skip
+SENSORS = {
+    "staring": radar(range_max_m=3000.0),
+    "rotating": radar(range_max_m=3000.0, scan=rotating(0.5, 8)),
+    "merging": radar(range_max_m=3000.0, scan=rotating(0.5, 8), merging={}),
+    "microphones": MICROPHONES,
+}
+
+
+def drones() -> list[dict[str, Any]]:
+    """Most of them far away; some that come into reach and leave it again, fast."""
+    crossing = [
+        flown(
+            f"c{i}", waypoint(30.0 * i, 5.0, 3400.0), waypoint(30.0 * i + 100.0, 5.0, 3400.0),
+            speed_m_s=300.0,
+        )
+        for i in range(12)
+    ]  # fmt: skip
+    far = [held(f"f{i}", 5.0 * i, 8.0, 4000.0 + 500.0 * i) for i in range(60)]
+    return [*crossing, *far, held("edge", 77.0, 8.0, 2999.99), held("near", 99.0, 8.0, 2000.0)]
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_what_leaves_is_the_same_with_and_without_those_out_of_reach(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = scene([SENSORS[kind]], drones(), seed=101)
+
+    def left(road: Road) -> list[tuple[str, bytes]]:
+        return [(m.topic, m.payload) for m in road.messages if not m.topic.endswith("/status")]
+
+    with_culling = fly(made, 12)
+    for module in (eyes, sweep):
+        monkeypatch.setattr(module, "CULLED_FROM", 1 << 40)
+    assert left(fly(made, 12)) == left(with_culling)
+    assert any(look.drone.startswith("c") for e in with_culling.ledgers for look in e.looks)
+
+
+def test_physics_is_asked_of_those_within_reach_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    plain = ActiveRadar.observe
+
+    def observe(self: ActiveRadar, targets: Targets, rng: np.random.Generator) -> Any:
+        asked.append(len(targets))
+        return plain(self, targets, rng)
+
+    monkeypatch.setattr(ActiveRadar, "observe", observe)
+    everybody = [held(f"f{i}", 5.0 * i, 8.0, 4000.0 + 500.0 * i) for i in range(70)]
+    everybody += [held(f"n{i}", 40.0 * i, 8.0, 2000.0) for i in range(5)]
+    for kind in ("staring", "rotating"):
+        asked.clear()
+        fly(scene([SENSORS[kind]], everybody, seed=102), 5)
+        assert max(asked) <= 5 * (1 if kind == "staring" else sweep_turns())
+        assert sum(asked) > 0
+
+
+def sweep_turns() -> int:
+    """How many turns are worked out at once, at most."""
+    from plotfeed.feeds import turning_eye  # noqa: PLC0415
+
+    return int(turning_eye.MOST_TURNS) + 1
+
+
+@pytest.mark.parametrize(
+    ("report", "told"),
+    [
+        (["asterix-015"], False),
+        (["asterix-048"], True),
+        (["plots"], True),
+        (["asterix-062"], False),
+    ],
+)
+def test_heights_are_computed_for_formats_that_have_them(
+    report: list[str], told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[int] = []
+    plain = LocalFrame.heights_m
+
+    def heights_m(self: LocalFrame, enu_m: Any) -> Any:
+        computed.append(len(enu_m))
+        return plain(self, enu_m)
+
+    monkeypatch.setattr(LocalFrame, "heights_m", heights_m)
+    sensor = radar(report=report)
+    fly(scene([sensor], [held("near", 99.0, 8.0, 2000.0, rcs_m2=1.0)], seed=103), 5)
+    assert bool(computed) is told
+
+
+def test_heights_alone_are_those_of_the_whole_transformation() -> None:
+    rng = np.random.default_rng(1)
+    n = 100_000
+    places = (rng.uniform(-90, 90, n), rng.uniform(-180, 180, n), rng.uniform(-1e3, 1e5, n))
+    ecef_m = geodetic_to_ecef(*places)
+    heights_m = ecef_height_m(ecef_m)
+    assert np.abs(heights_m - places[2]).max() < 1e-8
+    assert np.abs(heights_m - ecef_to_geodetic(ecef_m)[2]).max() < 1e-8
+    poles = geodetic_to_ecef([90.0, -90.0, 0.0], 0.0, [5.0, 6.0, 7.0])
+    np.testing.assert_allclose(ecef_height_m(poles), [5.0, 6.0, 7.0], atol=1e-8)
+    assert np.isnan(ecef_height_m(np.zeros(3)))
