@@ -40,10 +40,10 @@ def program() -> str | None:
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """A browser in a folder of its own; skips the test where there is none to drive."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     path = program()
     if path is None:
         pytest.skip("no Chromium is installed")
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
         try:
