@@ -83,7 +83,8 @@ class Intake:
     def _refusal(
         self, topic: str, drone: str, refused: Refused, count: int, now_utc_ns: int
     ) -> Message | None:
-        second, published = now_utc_ns // NS, 0
+        # What is taken in late, as of a time before, counts with what is refused now.
+        second, published = max(now_utc_ns // NS, self._published_in_second[0]), 0
         if second == self._published_in_second[0]:
             published = self._published_in_second[1]
         if published >= MAX_REFUSALS_PER_S:

@@ -119,7 +119,7 @@ MISTAKES = {
     ),
     "name of a topic": (
         ('id = "radar"', 'id = "truth"'),
-        "sensor: the ids telemetry, truth, errors and cooperative are topics of the session",
+        "sensor: the id 'truth' is a topic of the session",
     ),
     "half a place": (
         ("{ east_m = 1500.0, north_m", "{ north_m"),
@@ -382,7 +382,8 @@ def test_the_schema_refuses_what_the_scene_refuses(mistake: str) -> None:
 
 def test_every_key_of_the_schema_that_has_a_unit_says_it() -> None:
     schema = json.loads(text_of("scene"))
-    without_unit = {"exponent", "pfa", "port"}
+    chances = {"p", "r", "p13", "p14", "p23", "p31", "p32", "corrupt", "duplicate", "probability"}
+    without_unit = {"correlation", "exponent", "pfa", "port", "reflection", *chances}
     for table in (schema, *schema["$defs"].values()):
         for name, key in table.get("properties", {}).items():
             assert key.get("type") != "number" or "_" in name or name in without_unit, name
