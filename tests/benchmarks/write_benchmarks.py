@@ -20,6 +20,7 @@ PAGE = HERE.parents[1] / "docs" / "benchmarks.md"
 BENCHMARKS = {
     "bench_model.py": "The physics",
     "bench_sensors.py": "The sensors, beside Stone Soup",
+    "bench_effects.py": "Effects, named or not",
     "bench_asterix.py": "ASTERIX records",
     "bench_sapient.py": "SAPIENT messages",
     "bench_impairment.py": "Impaired links",

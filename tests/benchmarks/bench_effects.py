@@ -1,0 +1,128 @@
+"""What effects cost that a scene names, and what it costs that they could be named.
+
+    python tests/benchmarks/bench_effects.py
+
+The active radar of section-4 stares at drones between 2 and 7 km; one effect at a time is named.
+Times are of a whole sector without its messages: truth, geometry, physics, plots. Instructions are
+the interpreter's own, counted one by one in a sector of three drones that names nothing.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+import tomllib
+from collections import defaultdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "feeds"))
+
+import numpy as np
+from instructions import text_of
+from test_off_costs_nothing import QUESTIONS, SENSORS, executed
+
+from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.scene import Scene, from_tree
+from plotfeed.feeds.station import Station
+from plotfeed.models.truth import NS, Trajectories
+
+SIZES = (1, 10, 100, 1000, 10_000)
+REPEATS = 9
+SECONDS_A_REPEAT = 0.1
+START_NS = 1_767_268_800 * NS
+PLACE = files("plotfeed.feeds.scenes") / "section-4.toml"
+EFFECTS: dict[str, dict[str, Any]] = {
+    "nothing named": {},
+    "bias": {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 0.3, "tilt_deg": 0.1}},
+    "drift": {"drift": {"sigma_range_m": 5.0, "sigma_azimuth_deg": 0.1, "time_constant_s": 600.0}},
+    "two rays": {"multipath": {"antenna_height_m": 5.0}},
+    "Doppler": {"doppler": {"notch_m_s": 1e-3, "prf_hz": 4000.0}},
+    "merging": {"merging": {}},
+    "out of reach": {"range_max_m": 1000.0},
+}
+"""The last names nothing either: its drones are too far away."""
+
+
+def scene_of(n: int, named: dict[str, Any]) -> Scene:
+    """The active radar of section-4, staring at n drones that move slowly."""
+    tree = tomllib.loads(PLACE.read_text())
+    (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
+    radar["scan"] = {"kind": "staring", "period_s": 1.0}
+    radar["report"] = ["asterix-015"]
+    rng = np.random.default_rng(1)
+    ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
+    tree["sensor"] = [radar | named]
+    tree["drone"] = [
+        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
+        for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
+    ]
+    return from_tree(tree, Path("bench.toml"))
+
+
+def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
+    east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
+    return [
+        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
+        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
+    ]
+
+
+def station_of(n: int, named: dict[str, Any]) -> Station:
+    """At work for two scans already, and without formats."""
+    scene = scene_of(n, named)
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(scene, trajectories, START_NS)
+    station = Station(scene, scene.sensor[0], trajectories)
+    station._reporters = []
+    sector = station.sector_at(START_NS)
+    for _ in range(2):
+        sector = station.next_sector(sector)
+        station.report(sector)
+    return station
+
+
+def ns_per_drone(station: Station, n: int) -> float:
+    """Mean of as many sectors as go into the time."""
+    sector = station.sector_at(START_NS + 5 * NS)
+    sectors, start_s = 0, time.perf_counter()
+    while (spent_s := time.perf_counter() - start_s) < SECONDS_A_REPEAT:
+        station.report(sector)
+        sector = station.next_sector(sector)
+        sectors += 1
+    return spent_s / sectors / n * 1e9
+
+
+def main() -> None:
+    """Measures in turns and prints two tables."""
+    found: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for n in SIZES:
+        stations = {name: station_of(n, named) for name, named in EFFECTS.items()}
+        for _ in range(REPEATS):
+            for name, station in stations.items():
+                found[name, n].append(ns_per_drone(station, n))
+    print(f"ns per drone and scan: median (least to most) of {REPEATS} repeats, in turns.\n")
+    print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
+    print("|---|" + "--:|" * len(SIZES))
+    for name in EFFECTS:
+        print(f"| {name} | " + " | ".join(_spread(found[name, n]) for n in SIZES) + " |")
+    print(
+        "\nWith nothing named, of the instructions of a sector of three drones, those that ask:\n"
+    )
+    print("| sensor | instructions | that ask | share |\n|---|--:|--:|--:|")
+    for kind in SENSORS:
+        counts = executed(kind)
+        asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
+        share = asking / counts.total()
+        print(f"| {kind} | {counts.total():,} | {asking} | {share:.2%} |")
+
+
+def _spread(values: list[float]) -> str:
+    return f"{statistics.median(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})"
+
+
+if __name__ == "__main__":
+    main()
