@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.eyes import Place
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.scene import Scene, from_tree
 from plotfeed.feeds.station import Station
@@ -34,9 +35,9 @@ PLACE = files("plotfeed.feeds.scenes") / "section-4.toml"
 # The path that is counted, then what else a report needs.
 PATH = {
     "state_at": (Trajectories, "where drones are"),
-    "_targets": (Station, "seen from the sensor"),
+    "targets": (Place, "seen from the sensor"),
     "observe": (ActiveRadar, "looks, hits, errors"),
-    "_with_heights": (Station, "heights of plots"),
+    "with_heights": (Place, "heights of plots"),
 }
 DETAIL = {
     name: (ActiveRadar, what)
