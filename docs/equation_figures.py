@@ -18,6 +18,7 @@ from scipy.special import exp1, gammaincc, gammainccinv, gammaincinv
 
 from plotfeed.feeds.scene import example
 from plotfeed.models import detection, propagation
+from plotfeed.models.accuracy import sigma_rate_m_s
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.flat_solution import flat_solution
 from plotfeed.models.frames import aer_to_enu
@@ -83,6 +84,7 @@ def main() -> None:
     mimo()
     passive()
     microphones()
+    beyond()
 
 
 def active() -> None:
@@ -243,6 +245,24 @@ def microphones() -> None:
     sigma_deg = array.sigma_azimuth_deg(np.array([10**3.2]))[0]
     print(f"eqs 14, 43: rms azimuth at the sensitivity: {sigma_deg:.3f} degrees, of which the "
           f"floor is {array.azimuth_floor_deg:g}")  # fmt: skip
+
+
+def beyond() -> None:
+    """What scenes may name besides."""
+    (radar,) = scene_with("active")["sensor"]
+    print(f"bias: 0.3 degrees at 5 km: {np.radians(0.3) * 5000:.0f} m")
+    ground_m = np.linspace(100.0, 20_000.0, 2_000_000)
+    two_ways_db = 20 * np.log10(propagation.two_ray_factor(10.0, 100.0, ground_m, 0.03, -0.9))
+    print(f"multipath: two ways at -0.9: {two_ways_db.min():.1f} to {two_ways_db.max():.1f} dB")
+    wavelength_m = C_M_S / radar["frequency_hz"]
+    print(f"multipath: lobes {np.degrees(wavelength_m / (2 * 5.0)):.2f} degrees apart at 5 m")
+    cell_m_s = wavelength_m / (2 * radar["integration_s"])
+    print(f"doppler: cell {cell_m_s:.2f} m/s, sigma at 13 dB "
+          f"{float(sigma_rate_m_s(10**1.3, cell_m_s)):.3f} m/s")  # fmt: skip
+    for rate_m_s in (0.5, 1.0, 2.0):
+        print(f"doppler: notch of 1 m/s at {rate_m_s:g} m/s: {1 - np.exp(-(rate_m_s**2)):.2f}")
+    for widths in (0.5, 1.0, 2.0):
+        print(f"merging: {widths:g} widths apart: {2.0 ** -(widths**2):.2f}")
 
 
 if __name__ == "__main__":
