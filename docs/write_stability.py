@@ -10,6 +10,7 @@ from pathlib import Path
 
 from stability_case import Case, in_words
 from stability_chances import DETECTION
+from stability_effects import EFFECTS
 from stability_places import BISTATIC, FRAMES
 from stability_times import TIMES
 
@@ -27,6 +28,7 @@ GROUPS = (
     ("Frames and angles", FRAMES),
     ("Detection", DETECTION),
     ("Times, scans and chance", TIMES),
+    ("False alarms, and effects that a scene may name", EFFECTS),
 )
 PICTURES = {
     "Bistatic geometry and propagation": """

@@ -1,0 +1,143 @@
+"""Where effects that a scene may name, and false alarms, fail: rows of docs/stability.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+from numpy.typing import NDArray
+from stability_case import Case, relative
+
+from plotfeed.models.doppler import Doppler
+from plotfeed.models.drift import Drift
+from plotfeed.models.false_alarms import probability_at_least_one
+from plotfeed.models.frames import wrap_180
+from plotfeed.models.merging import Melted
+
+CHANNEL = np.zeros(1, np.int64)
+DOPPLER = Doppler(cells_m_s=(0.25,), spans_m_s=(60.0,), folds=True, notch_m_s=1.0, floor_m_s=0.0)
+TIME_CONSTANT_STEPS = 600.0
+NS = 1_000_000_000
+
+
+@dataclass
+class Axes:
+    """In the place of chance: each draw is an axis of its own, so that values are coefficients."""
+
+    axes: dict[int, int] = field(default_factory=dict)
+    step: int = 0
+
+    def rng(self, _purpose: Any, step: int) -> Axes:
+        """The one object, at a step."""
+        self.step = step
+        return self
+
+    def standard_normal(self, n: int) -> NDArray[np.float64]:
+        """The axis of the step."""
+        return np.eye(n)[self.axes.setdefault(self.step, len(self.axes))]
+
+
+def slow() -> Case:
+    rate_m_s = 1e-6
+    ours = DOPPLER.share_passed(np.array([rate_m_s]), CHANNEL)[0]
+    exact = -mp.expm1(-(mp.mpf(rate_m_s) ** 2))
+    return Case(
+        where="a rate of a millionth of the clutter notch",
+        plain_form="1 − exp(−(rate/notch)²)",
+        plain=relative(1 - np.exp(-(rate_m_s**2)), exact),
+        cure="−expm1(−(rate/notch)²)",
+        ours=relative(ours, exact),
+        test="models/test_doppler.py::test_a_rate_a_millionth_of_the_notch_passes_a_trillionth",
+    )
+
+
+def folded() -> Case:
+    rate_m_s, span_m_s = 1e-10, 60.0
+    ours = DOPPLER.folded(np.array([rate_m_s]), CHANNEL)[0]
+    return Case(
+        where="a rate of 10⁻¹⁰ m/s, folded into ±30 m/s",
+        plain_form="(x + s/2) mod s − s/2",
+        plain=relative((rate_m_s + span_m_s / 2) % span_m_s - span_m_s / 2, mp.mpf(rate_m_s)),
+        cure="x − s times the nearest whole of x/s",
+        ours=relative(ours, mp.mpf(rate_m_s)),
+        test="models/test_doppler.py::"
+        "test_a_folded_rate_is_the_nearest_to_zero_of_those_that_look_alike",
+    )
+
+
+def forgotten() -> Case:
+    """The worst covariance among scans up to three time constants apart."""
+    steps = 1_700_000_000 + np.array([0, 1, 7, 60, 333, 600, 1800])
+    axes: Any = Axes()
+    drift = Drift(axes, step_ns=NS, time_constant_ns=TIME_CONSTANT_STEPS * NS, n=400)
+    values = drift.at(steps * NS)
+    exact = np.exp(-np.abs(np.subtract.outer(steps, steps)) / TIME_CONSTANT_STEPS)
+    innovations = 3000
+    left_out = np.exp(-2 * innovations / TIME_CONSTANT_STEPS)  # of a variance
+    return Case(
+        where="covariance of a drift of 600 scans",
+        plain_form="sum of the latest 3000 innovations",
+        plain=float(left_out),
+        cure="halving between anchors 64 time constants apart",
+        ours=float(np.abs(values @ values.T - exact).max()),
+        test="models/test_drift.py::"
+        "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
+    )
+
+
+def slow_drift() -> Case:
+    """What is new in a step of a billionth of the time constant."""
+    h = mp.mpf(10) ** -9
+    kept = np.exp(-1e-9)
+    exact = mp.sqrt(mp.tanh(h))
+    # Of the middle between two values, by the correlation over the half of their distance.
+    plain = np.sqrt((1 - kept**2) / (1 + kept**2))
+    return Case(
+        where="spread of a drift, 10⁻⁹ time constants from what is known",
+        plain_form="√((1 − ρ²)/(1 + ρ²)), ρ = e⁻ʰ",
+        plain=relative(plain, exact),
+        cure="√(tanh h)",
+        ours=relative(np.sqrt(np.tanh(1e-9)), exact),
+        test="models/test_drift.py::"
+        "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
+    )
+
+
+def over_north() -> Case:
+    azimuth_deg, powers = np.array([359.5, 0.5]), np.ones(2)
+    melted = Melted(np.zeros(2, np.int64), np.zeros(1, np.int64))
+    ours = float(wrap_180(melted.centroid_deg(azimuth_deg, powers)[0]))
+    return Case(
+        where="centroid of echoes at 359.5° and 0.5°",
+        plain_form="mean of the azimuths",
+        plain=f"{azimuth_deg.mean():g}°, the other side",
+        cure="mean of the differences from one, wrapped",
+        ours=f"{ours:g}°",
+        test="models/test_merging.py::test_the_echo_lies_at_the_centroid_of_powers_over_north",
+    )
+
+
+def hardly_any_alarm() -> Case:
+    cells, pfa = 10**6, 1e-15
+    exact = -mp.expm1(cells * mp.log1p(-mp.mpf(pfa)))
+    return Case(
+        where="chance of an alarm among 10⁶ cells, Pfa 10⁻¹⁵",
+        plain_form="1 − (1 − Pfa)ⁿ",
+        plain=relative(1 - (1 - pfa) ** cells, exact),
+        cure="−expm1(n log1p(−Pfa))",
+        ours=relative(probability_at_least_one(cells, pfa), exact),
+        test="models/test_false_alarms.py::test_almost_never_is_not_never",
+    )
+
+
+EFFECTS: tuple[Callable[[], Case], ...] = (
+    slow,
+    folded,
+    forgotten,
+    slow_drift,
+    over_north,
+    hardly_any_alarm,
+)
