@@ -107,6 +107,7 @@ def _protobuf(message: Recorded) -> list[Row] | None:
     return [
         {"time_utc": iso_utc(plot.time_utc_ns), "sensor": batch.sensor}
         | {name: getattr(plot, name) for name in names if _is_there(plot, name)}
+        | ({"doppler_m_s": plot.range_rate_m_s} if _is_there(plot, "range_rate_m_s") else {})
         for plot in batch.plots
     ]
 

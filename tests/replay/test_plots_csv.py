@@ -55,6 +55,7 @@ def test_a_batch_of_ours_is_a_row_for_each_plot_with_what_was_measured() -> None
     batch = pb.PlotBatch(sensor="north", scan=3)
     batch.plots.add(time_utc_ns=T_NS, range_m=1234.5, azimuth_deg=0.0, snr_db=-1.0, channel=2)
     batch.plots.add(time_utc_ns=T_NS + 1, bistatic_range_m=7.0, kind="drone", identity='a,"b"\nc')
+    batch.plots[1].range_rate_m_s = -3.5
     topic = "plotfeed/north/plots"
     rows = table(message(batch.SerializeToString(), topic=topic, content_type=BATCH))
     assert [row["sensor"] for row in rows] == ["north", "north"]
@@ -64,6 +65,7 @@ def test_a_batch_of_ours_is_a_row_for_each_plot_with_what_was_measured() -> None
     assert (rows[0]["snr_db"], rows[0]["channel"], rows[0]["elevation_deg"]) == ("-1.0", "2", "")
     assert (rows[1]["range_m"], rows[1]["bistatic_range_m"]) == ("", "7.0")
     assert (rows[1]["kind"], rows[1]["identity"]) == ("drone", 'a,"b"\nc')
+    assert (rows[0]["doppler_m_s"], rows[1]["doppler_m_s"]) == ("", "-3.5")
     assert all(row["topic"] == topic for row in rows)
 
 
