@@ -86,9 +86,11 @@ class TurningEye:
         if self._stretch is not None:
             turn = self._timetable.sectors
             most = max(turn, min(MOST_TURNS * turn, MOST_SECTORS))
-            ended = self._stretch.borders[-1].t_utc_ns == sector.start_ns
-            lasted = ended and self._still_holds(self._stretch)
-            self._at_once = min(2 * self._at_once, most) if lasted else max(self._at_once // 2, 1)
+            # A stretch that was skipped out of says nothing: whoever is late should not do more.
+            if not self._still_holds(self._stretch):
+                self._at_once = max(self._at_once // 2, 1)
+            elif self._stretch.borders[-1].t_utc_ns == sector.start_ns:
+                self._at_once = min(2 * self._at_once, most)
         sectors = [sector]
         for _ in range(self._at_once - 1):
             sectors.append(self._timetable.next_sector(sectors[-1]))
