@@ -53,8 +53,8 @@ Written by `make bench`, which takes a quarter of an hour. These are figures of 
 may have done other work at the same time: trust the ratios more than the numbers. No test depends
 on them.
 
-- Machine: {os.cpu_count()} cores, {platform.system()}; the processor is named in each section. Those
-  that name none were measured on 2026-11-21 on an AMD EPYC, at a load average of 0.4.
+- Machine: {os.cpu_count()} cores, {platform.system()}; the processor is named in each section.
+  Those that name none were measured on 2026-11-21 on an AMD EPYC, at a load average of 0.4.
 - Python {platform.python_version()}, {libraries}
 """
 
