@@ -128,14 +128,14 @@ def _rows(payload: bytes, zero_ns: int) -> Iterator[tuple[str, float, float, int
 
 
 def memory(run: Run) -> tuple[float, float]:
-    """Slope of resident memory after the warm-up, MB an hour, and its standard error.
+    """Slope of the session's own memory after the warm-up, MB an hour, and its standard error.
 
     Of means of a minute, since neighbouring samples are not independent.
     """
-    t_s, rss_mb = run.samples["t_s"], run.samples["rss_mb"]
+    t_s, own_mb = run.samples["t_s"], run.samples["own_mb"]
     blocks = (t_s // BLOCK_S).astype(int)
     whole = range(math.ceil(run.warm_s / BLOCK_S), math.floor(t_s[-1] / BLOCK_S))
-    means = [float(rss_mb[blocks == b].mean()) for b in whole]
+    means = [float(own_mb[blocks == b].mean()) for b in whole]
     if len(whole) < 3:
         return float("nan"), float("nan")
     fit = stats.linregress([b * BLOCK_S / 3600 for b in whole], means)

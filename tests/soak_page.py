@@ -54,7 +54,7 @@ average, the load average was {load} ({loads}). {nice}Lateness is a message's se
 its link was to let it leave, while the broker was there; waits for the processor and for
 acknowledgements are in it. The slope of memory is by least squares, of means of a minute, from
 minute {warm} on, when the lateness of the last {kept:,} messages, which is kept, had filled its
-place. The recording's index is kept until the file ends: it grew by {index:.1f} MB an hour.
+place. A recording keeps its index, some 600 octets for each quarter of a second, until it ends.
 """
 NICE = """The run had precedence over them (nice {nice}), but for some that ran in real time. """
 AWAY = """
@@ -75,10 +75,12 @@ FAULTS = (
 def _rows(run: Run) -> Iterator[tuple[str, str]]:
     s, said, totals, ledger = run.samples, run.said, run.totals, run.ledger
     slope, error = memory(run)
-    settled = s["rss_mb"][s["t_s"] >= run.warm_s]
+    settled = s["t_s"] >= run.warm_s
     first, last = late_ms(run, 0, 1 / 3), late_ms(run, 2 / 3, 1)
-    yield "memory (RSS), last part, MB", f"{settled.min():.1f} to {settled.max():.1f}"
-    yield "its slope, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
+    yield "memory (RSS), last part, MB", _range(s["rss_mb"][settled], ".1f")
+    yield "of these its own (RssAnon), MB", _range(s["own_mb"][settled], ".1f")
+    yield "slope of its own, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
+    yield "of this the recording's index, MB an hour", f"{run.index_mb / (s['t_s'][-1] / 3600):.1f}"
     yield "lateness p50, first and last third, ms", f"{first[0]:.2f}, {last[0]:.2f}"
     yield "lateness p99, first and last third, ms", f"{first[1]:.1f}, {last[1]:.1f}"
     yield "processor, cores", f"{_rate(s, 'cpu_s'):.2f}"
@@ -118,7 +120,6 @@ def _of_machine(run: Run) -> dict[str, Any]:
         "nice": NICE.format(nice=said["nice"]) if said.get("nice") else "",
         "warm": f"{run.warm_s / 60:.0f}",
         "kept": LATENESS_KEPT,
-        "index": run.index_mb / (s["t_s"][-1] / 3600),
     }
 
 
@@ -159,9 +160,10 @@ def draw(run: Run, to: Path) -> None:
     s, minutes = run.samples, run.samples["t_s"] / 60
     figure, axes = plt.subplots(4, 1, figsize=(11, 11), dpi=100, sharex=True, layout="constrained")
     memory_axes, late_axes, queue_axes, cpu_axes = axes
-    memory_axes.plot(minutes, s["rss_mb"], color="#0a7d6c")
-    memory_axes.set_ylim(0, s["rss_mb"].max() * 1.15)
-    memory_axes.set_title("Memory of the session (RSS), MB")
+    memory_axes.plot(minutes, s["rss_mb"], color="#3b5bb5", label="resident (RSS)")
+    memory_axes.plot(minutes, s["own_mb"], color="#0a7d6c", label="its own (RssAnon)")
+    memory_axes.set_ylim(0, s["rss_mb"].max() * 1.3)
+    memory_axes.set_title("Memory of the session, MB")
     _draw_lateness(late_axes, run)
     for name, label, colour in (
         ("plotfeed_sensor_waiting", "for the broker", "#c8651b"),
