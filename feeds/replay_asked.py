@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.replay_links import link_rule, simple_link
+from plotfeed.feeds.replay_outs import Destinations
 from plotfeed.feeds.replay_settings import (
     Choice,
     LinkRule,
@@ -21,7 +22,7 @@ from plotfeed.feeds.replay_settings import (
     Stamps,
     TopicRule,
 )
-from plotfeed.feeds.replay_terminal import Destinations, replay_in_terminal
+from plotfeed.feeds.replay_terminal import replay_in_terminal
 from plotfeed.feeds.scene_problems import problems_of
 from plotfeed.feeds.times import NS
 from plotfeed.feeds.udp import Endpoint, UdpDestination
@@ -59,7 +60,7 @@ def replay_as_asked(
     """
     url = broker or (None if udp else default_broker)
     destinations = Destinations(
-        broker=None if url is None else BrokerAddress.parse(url, **access),
+        brokers=() if url is None else (BrokerAddress.parse(url, **access),),
         udp=tuple(_destination(to, ttl, interface) for to in udp if to != RECORDED),
         recorded_udp=RECORDED in udp,
         ttl=ttl,

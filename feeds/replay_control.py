@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 from plotfeed.feeds.clock import Clock
@@ -110,6 +111,14 @@ class ReplayControl:
     def skip(self, seconds: float) -> None:
         """Go on so much later, or earlier, than it is."""
         self.seek(self.position[1] + round(seconds * NS))
+
+    def stand(self) -> None:
+        """Stand still at the end, which has been reached."""
+        if self.pace is not None and not self.pace.paused:
+            laps, reached_ns = self._laps(), self.pace.position(self._now_ns())
+            if laps is not None:  # else, in time, it would be in the lap after this one
+                reached_ns = min(reached_ns, laps.begin_ns + laps.period_ns - 1)
+            self._set(replace(self.pace.pause(self._now_ns()), recorded_ns=reached_ns))
 
     def stop(self) -> None:
         """End it."""

@@ -137,6 +137,8 @@ class ReplaySettings:
     """Messages of this time and later are left out."""
     laps: int | None = 1
     """None: again and again."""
+    stays: bool = False
+    """At the end it stands still and can be sought, until it is stopped."""
     stamps: Stamps = Stamps()
     topics: tuple[TopicRule, ...] = ()
     """The first that is for a topic counts."""

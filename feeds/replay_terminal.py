@@ -8,48 +8,29 @@ import json
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
 
-from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.replay_control import ReplayControl
 from plotfeed.feeds.replay_keys import HELP, steered_by_keys
-from plotfeed.feeds.replay_outs import ReplayMqtt, WayOut
+from plotfeed.feeds.replay_outs import Destinations, WayOut, ways_out
 from plotfeed.feeds.replay_settings import ReplaySettings
 from plotfeed.feeds.replay_source import Source
-from plotfeed.feeds.replay_udp import RecordedUdp, ReplayUdp
 from plotfeed.feeds.replay_ways import ReplayTotals
 from plotfeed.feeds.replayer import replay
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.feeds.times import iso_utc
 from plotfeed.feeds.totals import lateness_us
-from plotfeed.feeds.udp import UdpDestination
 from plotfeed.replay.files import FileSource, Format, format_of
 from plotfeed.replay.log_reader import LogReader
 from plotfeed.replay.recorded import Damage
 
-CONNECT_S = 5.0
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
 MAX_DAMAGES_TOLD = 20
 FAILED = 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Destinations:
-    """Where a replay goes."""
-
-    broker: BrokerAddress | None = None
-    udp: tuple[UdpDestination, ...] = ()
-    recorded_udp: bool = False
-    """Whether datagrams go where they once went."""
-    ttl: int = 1
-    """Of those that once went to a multicast group."""
-    interface: str | None = None
-    """By which those leave."""
 
 
 def replay_in_terminal(
@@ -80,34 +61,6 @@ def opened(
     else:
         source = FileSource(path, form, date_utc_ns=date_utc_ns)
         yield source, lambda: source.damage
-
-
-@contextlib.asynccontextmanager
-async def ways_out(to: Destinations, *, waits: bool) -> AsyncIterator[list[WayOut]]:
-    """Sockets that are open and a broker that is there; raises `PlotfeedError`."""
-    outs: list[WayOut] = []
-    running: asyncio.Task[None] | None = None
-    with contextlib.ExitStack() as sockets:
-        for settings in to.udp:
-            link = ReplayUdp(settings, waits=waits)
-            sockets.callback(link.close)
-            link.open()
-            outs.append(link)
-        if to.recorded_udp:
-            recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
-            sockets.callback(recorded.close)
-            outs.append(recorded)
-        try:
-            if to.broker is not None:
-                mqtt = ReplayMqtt(to.broker, waits=waits)
-                running = asyncio.create_task(mqtt.run(), name="link[replay]")
-                await mqtt.wait_until_up(CONNECT_S)
-                outs.append(mqtt)
-            yield outs
-        finally:
-            if running is not None:
-                running.cancel()
-                await asyncio.gather(running, return_exceptions=True)
 
 
 async def _replay(
@@ -148,8 +101,8 @@ async def _replay(
 
 def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
     click.echo(f"{path}")
-    if to.broker is not None:
-        click.echo(f"  MQTT  {to.broker}")
+    for broker in to.brokers:
+        click.echo(f"  MQTT  {broker}")
     for udp in to.udp:
         click.echo(f"  UDP   {udp.destination}")
     if to.recorded_udp:

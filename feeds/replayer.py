@@ -138,10 +138,12 @@ class Replayer:
             next_ns = self._work() if rush is None else self._rush(rush)
             if next_ns is not None:
                 await (self._sleep(next_ns) if rush is None else self._breathe())
-            elif self._ahead.finished and self._ahead.peek() is None:
-                return
-            else:
-                await self._news.wait()
+                continue
+            if self._ahead.finished and self._ahead.peek() is None:
+                if not self._settings.stays:
+                    return
+                self._control.stand()
+            await self._news.wait()
 
     async def _sleep(self, until_ns: int) -> None:
         """Until then, or until there is news; more exactly where something is to be sent."""

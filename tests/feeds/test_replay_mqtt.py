@@ -23,7 +23,7 @@ from replayed import MS, RECORDED, Memory, S, message
 from scene_files import scene_file, scene_text
 from udp_receiver import heard, place, receiver
 
-from plotfeed.feeds import replay_terminal
+from plotfeed.feeds import replay_outs
 from plotfeed.feeds.cli import cli
 from plotfeed.feeds.parcel import Parcel
 from plotfeed.feeds.replay_control import ReplayControl
@@ -362,7 +362,7 @@ def test_telemetry_flies_again_in_an_emulator(tmp_path: Path) -> None:
 
 
 def test_no_broker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replay_terminal, "CONNECT_S", 0.5)
+    monkeypatch.setattr(replay_outs, "CONNECT_S", 0.5)
     path = log_file(tmp_path, SESSION)
     assert "MQTT broker" in refused(path, "--broker", f"mqtt://127.0.0.1:{free_port()}")
 

@@ -223,6 +223,27 @@ def test_a_pause_before_a_seek_lasts() -> None:
     assert ears.payloads() == [r.payload for r in [*REGULAR[:2], *REGULAR[5:]]]
 
 
+def test_one_that_stays_stands_at_its_end_until_it_is_sought_or_stopped() -> None:
+    control = ReplayControl()
+    stood: list[tuple[int, int]] = []
+
+    def go_on() -> None:
+        control.resume()
+        control.seek(RECORDED + (7000 if len(stood) == 2 else 700) * MS)
+
+    def changed() -> None:
+        if control.is_paused:
+            stood.append(control.position)
+            asyncio.get_running_loop().call_soon(control.stop if len(stood) == 4 else go_on)
+
+    control.on_change = changed
+    ears, totals = simulated(REGULAR, ReplaySettings(stays=True), control=control)
+    assert ears.payloads() == [r.payload for r in [*REGULAR, *REGULAR[7:], *REGULAR[7:]]]
+    assert {lap for lap, _ in stood} == {0}
+    assert all(900 * MS <= t_ns - RECORDED <= S for _, t_ns in stood)
+    assert totals.laps == 1
+
+
 def test_it_stops_when_it_is_asked_to() -> None:
     ears, _ = steered({4: lambda c: c.stop()}, settings=ReplaySettings(laps=None))
     assert len(ears.heard) == 4
