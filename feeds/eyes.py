@@ -11,10 +11,11 @@ from plotfeed.feeds.sensors import PassiveRadarSensor, Sensor
 from plotfeed.feeds.sensors.effects import readings_of
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
+from plotfeed.models.quiet import quiet
 from plotfeed.models.readings import Readings
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import SensorModel
-from plotfeed.models.state import Floats, Ints, Looks, Plots, Targets, TruthState
+from plotfeed.models.state import Floats, Ints, Looks, PlaceState, Plots, Targets, TruthState
 from plotfeed.models.sweep import CULLED_FROM
 from plotfeed.models.truth import NS, Trajectories
 
@@ -77,21 +78,29 @@ class Place:
             chance=chance,
         )
 
-    def targets(self, truth: TruthState, model: SensorModel) -> Targets:
+    def states_at(
+        self, model: SensorModel, t_utc_ns: Ints | int, drones: Ints | None = None
+    ) -> PlaceState:
+        """What there is at a time, or of `drones` (m,) at times (m,), as far as the model asks."""
+        if model.measures_range_rate:
+            return self.trajectories.state_at(t_utc_ns, drones)
+        return self.trajectories.places_at(t_utc_ns, drones)
+
+    def targets(self, truth: PlaceState, model: SensorModel) -> Targets:
         """The drones within reach from here, as they are and as they are sensed."""
         truth = self._within_reach(truth, model)
         true_position_enu_m = self.frame.from_ecef(truth.position_ecef_m)
         sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
         if model.signal_speed_m_s is not None:
             sensed, position_enu_m = self._when_it_left(
-                truth, position_enu_m, model.signal_speed_m_s
+                truth, position_enu_m, model, model.signal_speed_m_s
             )
             there = np.isin(truth.drone, sensed.drone)
             t_utc_ns, true_position_enu_m = t_utc_ns[there], true_position_enu_m[there]
         if self.axes is not self.frame:
             position_enu_m = self.axes.from_ecef(sensed.position_ecef_m)
         velocity_enu_m_s = None
-        if model.measures_range_rate:
+        if model.measures_range_rate and isinstance(sensed, TruthState):
             velocity_enu_m_s = self.frame.rotate_from_ecef(sensed.velocity_ecef_m_s)
         return Targets(
             drone=sensed.drone,
@@ -103,7 +112,7 @@ class Place:
             readings=self.readings,
         )
 
-    def _within_reach(self, truth: TruthState, model: SensorModel) -> TruthState:
+    def _within_reach(self, truth: PlaceState, model: SensorModel) -> PlaceState:
         """Without those too far away; of few drones the model itself finds out as fast."""
         if len(truth) < CULLED_FROM:
             return truth
@@ -133,8 +142,8 @@ class Place:
         )
 
     def _when_it_left(
-        self, truth: TruthState, position_enu_m: Floats, speed_m_s: float
-    ) -> tuple[TruthState, Floats]:
+        self, truth: PlaceState, position_enu_m: Floats, model: SensorModel, speed_m_s: float
+    ) -> tuple[PlaceState, Floats]:
         """The drones when what arrives now left them: t - d/c, where d is the distance then.
 
         Each step shrinks the error by the drone's speed over that of the signal.
@@ -143,7 +152,7 @@ class Place:
         for _ in range(TRAVEL_TIME_STEPS):
             travel_ns = np.linalg.norm(position_enu_m, axis=1) / speed_m_s * NS
             departure_ns = arrival_ns - np.rint(travel_ns).astype(np.int64)
-            there = self.trajectories.state_at(departure_ns, sensed.drone)
+            there = self.states_at(model, departure_ns, sensed.drone)
             arrival_ns = arrival_ns[np.isin(sensed.drone, there.drone)]
             sensed = there
             position_enu_m = self.frame.from_ecef(sensed.position_ecef_m)
@@ -153,10 +162,10 @@ class Place:
         """Heights of plots that have a place in three dimensions, if any format tells them."""
         if not self.tells_heights or not len(plots):
             return plots
-        if np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
+        if not (plots.measures("elevation_deg") and plots.measures("range_m")):
             return plots
-        measured_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-        return replace(plots, height_m=self.frame.heights_m(measured_enu_m))
+        height_m = self.frame.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+        return plots.but(height_m=height_m)
 
 
 class StaringEye:
@@ -166,9 +175,10 @@ class StaringEye:
         self.model = model
         self.place = place
 
+    @quiet
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
         """At all that is there."""
-        truth, chance = self.place.trajectories.state_at(sector.end_ns), self.place.chance
+        truth, chance = self.place.states_at(self.model, sector.end_ns), self.place.chance
         looks, detections = self.model.observe(
             self.place.targets(truth, self.model),
             chance.rng(Purpose.DETECTION, sector.scan),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import json
 import logging
 import signal
@@ -20,6 +19,7 @@ import click
 from plotfeed.feeds.channels import ASTERIX
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.observers import Extras
+from plotfeed.feeds.process_memory import collect_seldom, keep_freed
 from plotfeed.feeds.rawfile import RawFile
 from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import Scene
@@ -39,8 +39,6 @@ from plotfeed.proto.errors import PlotfeedError
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
 FAILED = 1
-GARBAGE_AT = 50_000
-"""Objects more than before at which the garbage collector looks at the youngest."""
 
 
 def run_in_terminal(
@@ -178,7 +176,8 @@ async def _with_page(
 
 async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
     stop = asyncio.Event()
-    _collect_seldom()
+    collect_seldom()
+    keep_freed()
     asyncio.get_running_loop().set_exception_handler(_stray_error)
     teller: asyncio.Task[None] | None = None
 
@@ -193,16 +192,6 @@ async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
     if teller is not None:
         teller.cancel()
     return (INTERRUPTED if signal.SIGINT in signals else 0), totals
-
-
-def _collect_seldom() -> None:
-    """Let the garbage collector leave alone what stays, and look less often at what goes.
-
-    Sectors leave no cycles behind; each look at hundreds of sensors holds everything up.
-    """
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(GARBAGE_AT, 10, 10)
 
 
 def _introduce(scene: Scene, urls: dict[str, str]) -> None:

@@ -84,5 +84,5 @@ class Station:
     def _as_taken(self, seen: Seen) -> Seen:
         """The same by the sensor's own clock, and the truth as it appears to the sensor."""
         place, plots = self._eye.place, seen.plots
-        told = replace(plots, t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
+        told = plots.but(t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
         return replace(seen, plots=told, truth_at=place.apparent_at)

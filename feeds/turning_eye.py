@@ -11,6 +11,7 @@ from plotfeed.feeds.eyes import Place
 from plotfeed.models.chance import Purpose
 from plotfeed.models.draws import ScanDraws
 from plotfeed.models.polar_radar import PolarRadar
+from plotfeed.models.quiet import quiet
 from plotfeed.models.scan import Sector
 from plotfeed.models.sensor import NO_LOOKS, NO_PLOTS, SensorModel
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
@@ -96,6 +97,7 @@ class TurningEye:
             sectors.append(self._timetable.next_sector(sectors[-1]))
         return sectors
 
+    @quiet
     def _worked_out(self, sectors: Sequence[Sector]) -> _Stretch:
         """What comes of them, as far as is known now."""
         place = self.place

@@ -10,49 +10,65 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
+RANGE_CONSTANT = 1.63
+ANGLE_CONSTANT = 1.6
+"""In place of that of eqs 14 and 15, which lies 14 % above the Cramer-Rao bound (Barton)."""
 
-@np.errstate(all="ignore")
+
+@quiet
+def noise_share(snr: ArrayLike) -> Floats:
+    """What the errors by noise are proportional to, 1/sqrt(2 S); NaN for a negative ratio."""
+    return 1.0 / np.sqrt(2 * _floats(snr))
+
+
+def range_noise_m(noise: Floats, resolution_m: ArrayLike) -> Floats:
+    """Standard deviation of the range, metres, at a `noise_share` (eq 13)."""
+    return noise * (_floats(resolution_m) / RANGE_CONSTANT)
+
+
+def angle_noise_deg(noise: Floats, beamwidth_deg: ArrayLike) -> Floats:
+    """Standard deviation of an angle, degrees, at a `noise_share`, by a beam of that 3 dB width."""
+    return noise * (_floats(beamwidth_deg) / ANGLE_CONSTANT)
+
+
 def sigma_range_m(snr: ArrayLike, resolution_m: ArrayLike) -> Floats:
     """Standard deviation of the range, metres (eq 13); NaN for a negative ratio."""
-    return _floats(resolution_m) / (1.63 * np.sqrt(2 * _floats(snr)))
+    return range_noise_m(noise_share(snr), resolution_m)
 
 
-@np.errstate(all="ignore")
 def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
-    """Standard deviation of an angle, degrees, by a beam of that 3 dB width (Barton).
-
-    In place of eqs 14 and 15, whose constant lies 14 % above the Cramer-Rao bound.
-    """
-    return _floats(beamwidth_deg) / (1.6 * np.sqrt(2 * _floats(snr)))
+    """Standard deviation of an angle, degrees, by a beam of that 3 dB width (Barton)."""
+    return angle_noise_deg(noise_share(snr), beamwidth_deg)
 
 
-@np.errstate(all="ignore")
 def sigma_rate_m_s(snr: ArrayLike, resolution_m_s: ArrayLike) -> Floats:
     """Standard deviation of a range rate, m/s, by Doppler cells of that width.
 
     With the constant of the angles; the Cramer-Rao bound of a steady tone has pi/sqrt 3, 1.81.
     """
-    return _floats(resolution_m_s) / (1.6 * np.sqrt(2 * _floats(snr)))
+    return noise_share(snr) * (_floats(resolution_m_s) / ANGLE_CONSTANT)
 
 
-@np.errstate(all="ignore")
+@quiet
 def with_floor(sigma: ArrayLike, floor: ArrayLike) -> Floats:
     """Noise and an independent error that no signal removes, in quadrature; same unit."""
     if np.ndim(floor) == 0 and floor == 0:
         return _floats(sigma)
-    return _floats(np.hypot(_floats(sigma), _floats(floor)))
+    noise, rest = _floats(sigma), _floats(floor)
+    return np.sqrt(noise * noise + rest * rest)
 
 
-@np.errstate(all="ignore")
+@quiet
 def gaussian(sigma: ArrayLike, rng: np.random.Generator) -> Floats:
     """One error of each standard deviation; same shape and unit."""
     deviation = _floats(sigma)
     return deviation * rng.standard_normal(deviation.shape)
 
 
-@np.errstate(all="ignore")
+@quiet
 def fold_over_zenith(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> tuple[Floats, Floats]:
     """The same direction with its elevation within +-90 and its azimuth in [0, 360), degrees.
 

@@ -18,6 +18,7 @@ from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.detect import true_geometry
 from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.quiet import quiet
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
@@ -76,7 +77,7 @@ class MicrophoneArray:
         """Their mean number (eq 9)."""
         return self.resolution_cells * self.pfa
 
-    @np.errstate(all="ignore")
+    @quiet
     def level_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:
         """Sound pressure level at the array, (n,), of sources at those places (n, 3) (eqs 37, 39).
 

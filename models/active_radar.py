@@ -7,11 +7,13 @@ cell-averaging CFAR detector.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.constants import C_M_S
+from plotfeed.models.frames import distance_m
 from plotfeed.models.polar_radar import PolarRadar
 from plotfeed.models.state import Floats
 
@@ -28,24 +30,32 @@ class ActiveRadar(PolarRadar):
         """One."""
         return 1
 
+    @cached_property
+    def snr_of_unit(self) -> float:
+        """Signal-to-noise ratio, linear, of 1 m2 at 1 m (eq 1)."""
+        return float(
+            propagation.radar_snr(
+                self.power_w,
+                self.gain_tx_dbi,
+                self.gain_rx_dbi,
+                C_M_S / self.frequency_hz,
+                1.0,
+                self.integration_s,
+                1.0,
+                1.0,
+                self.loss_db,
+                self.noise_figure_db,
+            )
+        )
+
     def mean_snr(self, range_m: Floats, rcs_m2: Floats) -> Floats:
         """Signal-to-noise ratio before fluctuation, linear (eq 1, one range for both ways)."""
-        return propagation.radar_snr(
-            self.power_w,
-            self.gain_tx_dbi,
-            self.gain_rx_dbi,
-            C_M_S / self.frequency_hz,
-            rcs_m2,
-            self.integration_s,
-            range_m,
-            range_m,
-            self.loss_db,
-            self.noise_figure_db,
-        )
+        square_m2 = range_m * range_m
+        return self.snr_of_unit * rcs_m2 / (square_m2 * square_m2)
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Its one signal's; (n, 3) and (n,) in, (n, 1) out."""
-        range_m = np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)
+        range_m = np.maximum(distance_m(position_enu_m), propagation.NEAREST_M)
         snr = self.mean_snr(range_m, rcs_m2)
         if self.multipath is not None:
             snr *= self.multipath.power_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.scan import Sector
 from plotfeed.models.state import Bools, Floats
@@ -23,10 +25,14 @@ class AzimuthCover:
 
     def holds(self, azimuth_deg: Floats) -> Bools:
         """Whether azimuths lie within; an undefined one does not."""
+        if self.span_deg == 360.0:
+            return ~np.isnan(azimuth_deg)
         return wrap_360(azimuth_deg - self.min_deg) <= self.span_deg
 
     def shares_in(self, sector: Sector) -> list[tuple[float, float]]:
         """The pieces of the cover that lie in a sector, as shares of the cover: 0, 1 or 2."""
+        if sector.stares:
+            return [(0.0, 1.0)]
         start_deg = float(wrap_360(sector.start_deg - self.min_deg))
         end_deg = start_deg + sector.end_deg - sector.start_deg
         pieces = []

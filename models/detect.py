@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from plotfeed.models.merging import Melted, Merging
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Aside(Columns):
     """Of each look: where its drone truly is, how fast its echo recedes, and with whom it melts."""
 
@@ -32,8 +32,7 @@ class Aside(Columns):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Those that are there, by the names that they have in plots."""
-        named = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {name: column for name, column in named.items() if column is not None}
+        return {name: column for name, column in vars(self).items() if column is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ class Finer:
         `range_m` is what is measured of ranges. Looks whose echoes melt share odds and outcome.
         """
         of_looks: Ints | slice = slice(None)
-        echoes = replace(looks, range_m=range_m)
+        echoes = looks.but(range_m=range_m)
         if self.merging is not None:
             melted = self._melted(self.merging, echoes, aside, rng)
             if melted is not None:
@@ -83,9 +82,9 @@ class Finer:
         detected = detection.draw_hits(pd, rng)
         hits = rows_where(detected)
         return (
-            replace(looks, pd=pd[of_looks], detected=detected[of_looks]),
+            looks.but(pd=pd[of_looks], detected=detected[of_looks]),
             Hits(
-                replace(echoes, snr=snr, pd=pd, detected=detected).rows(detected),
+                echoes.but(snr=snr, pd=pd, detected=detected).rows(detected),
                 powers[hits],
                 aside.rows(detected).columns(),
                 of_rows(rng, hits),
@@ -130,14 +129,13 @@ def true_geometry(
 def melt(melted: Melted, looks: Looks, aside: Aside) -> tuple[Looks, Aside]:
     """The echoes of each group in the place of its looks: at their centroid, the leader's truth."""
     powers = looks.snr
-    echoes = replace(
-        looks.rows(melted.leader),
+    echoes = looks.rows(melted.leader).but(
         range_m=melted.centroid(looks.range_m, powers),
         azimuth_deg=wrap_360(melted.centroid_deg(looks.azimuth_deg, powers)),
         elevation_deg=melted.centroid(looks.elevation_deg, powers),
     )
-    of_leaders = replace(aside.rows(melted.leader), merged_drones=melted.others(looks.drone))
+    of_leaders = aside.rows(melted.leader).but(merged_drones=melted.others(looks.drone))
     if aside.range_rate_m_s is not None:
         rate_m_s = melted.centroid(aside.range_rate_m_s, powers)
-        of_leaders = replace(of_leaders, range_rate_m_s=rate_m_s)
+        of_leaders = of_leaders.but(range_rate_m_s=rate_m_s)
     return echoes, of_leaders

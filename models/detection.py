@@ -8,6 +8,8 @@ lies outside its domain. A `miss_...` is one less the Pd, accurate where the Pd 
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import (
@@ -27,51 +29,64 @@ from scipy.special import (
 
 from plotfeed.models import looks_chain
 from plotfeed.models.quadrature import unit_interval
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Bools, Floats
 
 _QUADRATURE_POINTS = 128
 
 
-@np.errstate(all="ignore")
 def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Threshold of a cell-averaging CFAR over the *sum* of its reference cells (eq 6)."""
+    if isinstance(pfa, float) and isinstance(n_reference, int):
+        return _multiplier_of_one(pfa, n_reference)
+    return _multiplier(pfa, n_reference)
+
+
+@cache
+def _multiplier_of_one(pfa: float, n_reference: int) -> Floats:
+    """That of a radar, which every look asks for."""
+    return _multiplier(pfa, n_reference)
+
+
+@quiet
+def _multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     exponent = -np.log(_probability(pfa)) / np.asarray(n_reference, dtype=np.float64)
     return _floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
 
 
-@np.errstate(all="ignore")
+@quiet
 def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Probability of detection, one look, cell-averaging CFAR (eq 7); holds the CFAR loss."""
     return _floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
 
 
-@np.errstate(all="ignore")
+@quiet
 def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """One less `pd_cfar_swerling1`."""
     return _floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
 
 
-@np.errstate(all="ignore")
+@quiet
 def threshold_noncoherent(pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Threshold on the sum of the looks' powers where the noise power is known (eq 22)."""
     return _floats(gammainccinv(n_looks, _probability(pfa)))
 
 
-@np.errstate(all="ignore")
+@quiet
 def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Probability of detection, sum of looks of equal SNR, noise known (eq 23, right form)."""
     threshold = threshold_noncoherent(pfa, n_looks)
     return _floats(gammaincc(n_looks, threshold / (1 + _power(snr))))
 
 
-@np.errstate(all="ignore")
+@quiet
 def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """One less `pd_noncoherent_swerling2`."""
     threshold = threshold_noncoherent(pfa, n_looks)
     return _floats(gammainc(n_looks, threshold / (1 + _power(snr))))
 
 
-@np.errstate(all="ignore")
+@quiet
 def threshold_noncoherent_cfar(
     pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -84,7 +99,7 @@ def threshold_noncoherent_cfar(
     return _floats(test_share / reference_share)
 
 
-@np.errstate(all="ignore")
+@quiet
 def pd_noncoherent_cfar(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -99,7 +114,7 @@ def pd_noncoherent_cfar(
     return _floats(np.where(test < reference, by_test, by_reference))
 
 
-@np.errstate(all="ignore")
+@quiet
 def miss_noncoherent_cfar(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -122,7 +137,7 @@ def miss_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
     return _unequal(snrs, pfa)[1]
 
 
-@np.errstate(all="ignore")
+@quiet
 def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> Floats:
     """Probability of detection of the sum of looks of any SNRs against a sum of reference samples.
 
@@ -134,7 +149,7 @@ def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_tot
     return np.minimum(looks_chain.outlasting(power, ratio, n_reference_total), 1.0)
 
 
-@np.errstate(all="ignore")
+@quiet
 def miss_noncoherent_unequal_cfar(
     snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
 ) -> Floats:
@@ -143,7 +158,7 @@ def miss_noncoherent_unequal_cfar(
     return np.minimum(looks_chain.falling_short(power, ratio, n_reference_total), 1.0)
 
 
-@np.errstate(all="ignore")
+@quiet
 def pd_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
@@ -151,7 +166,7 @@ def pd_logistic(
     return _floats(expit(_logit(snr_db, sensitivity_db, slope_per_db)))
 
 
-@np.errstate(all="ignore")
+@quiet
 def miss_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
@@ -165,7 +180,7 @@ def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
     return np.asarray(rng.random(probability.shape) < probability)
 
 
-@np.errstate(all="ignore")
+@quiet
 def draw_detected_snr_swerling1(
     snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
@@ -185,7 +200,7 @@ def draw_detected_snr_swerling1(
     return _floats(threshold + mean * rng.standard_exponential(shape)), _floats(threshold)
 
 
-@np.errstate(all="ignore")
+@quiet
 def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats:
     """Mean of 1/x over the detections of a Swerling 1 target of mean `snr`, x their power; (...).
 
@@ -202,7 +217,7 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     return np.asarray(np.exp(y) * exp1(y) / mean @ weights)
 
 
-@np.errstate(all="ignore")
+@quiet
 def draw_detected_power_noncoherent(
     snrs: ArrayLike, pfa: float, n_reference_total: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
@@ -218,7 +233,7 @@ def draw_detected_power_noncoherent(
     return power_sum, _floats(ratio * reference_sum)
 
 
-@np.errstate(all="ignore")
+@quiet
 def inverse_detected_power_noncoherent(
     snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
 ) -> Floats:
@@ -256,7 +271,7 @@ def _cfar_shares(
     return 1 / (1 + 1 / ratio), 1 / (1 + ratio)
 
 
-@np.errstate(all="ignore")
+@quiet
 def _unequal(snrs: ArrayLike, pfa: ArrayLike) -> tuple[Floats, Floats]:
     """Pd and miss by uniformisation of the phase-type distribution, at the rate of the noise.
 

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats, Ints
 
 
-@np.errstate(all="ignore")
+@quiet
 def range_rate_m_s(
     position_enu_m: Floats, velocity_enu_m_s: Floats, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Floats:

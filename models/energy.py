@@ -13,13 +13,14 @@ from scipy.special import gammainccinv
 
 from plotfeed.models.detection import pd_noncoherent_swerling2, threshold_noncoherent
 from plotfeed.models.quadrature import unit_interval
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
 _QUADRATURE_POINTS = 128
 _SMALLEST_SNR = 1e-12
 
 
-@np.errstate(all="ignore")
+@quiet
 def draw_detected_energy(
     snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike, rng: np.random.Generator
 ) -> Floats:
@@ -31,13 +32,13 @@ def draw_detected_energy(
     return _energy_exceeded_by(1 - rng.random(shape), snr, pfa, n_samples)
 
 
-@np.errstate(all="ignore")
+@quiet
 def estimated_snr(energy: ArrayLike, n_samples: ArrayLike) -> Floats:
     """What an energy says of the signal-to-noise ratio: always above zero."""
     return _floats(np.maximum(_floats(energy) / _floats(n_samples) - 1, _SMALLEST_SNR))
 
 
-@np.errstate(all="ignore")
+@quiet
 def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Floats:
     """Mean, over the detections, of one over the estimated SNR; (...) in, (...) out.
 

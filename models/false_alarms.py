@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.frames import wrap_360
+from plotfeed.models.quiet import quiet
 from plotfeed.models.scan import Sector
 from plotfeed.models.state import Floats, Ints
 
@@ -21,19 +22,19 @@ POISSON_BELOW_PFA = 1e-8
 """Below, a Poisson draw is nearer to the binomial (within Pfa) than 1 - Pfa in float64 allows."""
 
 
-@np.errstate(all="ignore")
+@quiet
 def mean_false_alarms(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Mean number of false alarms (eq 9)."""
     return _floats(cells) * _floats(pfa)
 
 
-@np.errstate(all="ignore")
+@quiet
 def probability_none(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability that not one cell alarms."""
     return _floats(np.exp(_floats(cells) * np.log1p(-_floats(pfa))))
 
 
-@np.errstate(all="ignore")
+@quiet
 def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability that some cell alarms; accurate where it is tiny."""
     return _floats(-np.expm1(_floats(cells) * np.log1p(-_floats(pfa))))
@@ -49,6 +50,9 @@ def draw_count(cells: Ints, pfa: float | Floats, rng: np.random.Generator) -> In
 
 def draw_count(cells: int | Ints, pfa: float | Floats, rng: np.random.Generator) -> int | Ints:
     """Numbers of false alarms, binomial, for any number of cells and however small a Pfa."""
+    if isinstance(cells, int) and isinstance(pfa, float):
+        rare_one = pfa < POISSON_BELOW_PFA
+        return int(rng.poisson(cells * pfa) if rare_one else rng.binomial(cells, pfa))
     rare = np.less(pfa, POISSON_BELOW_PFA)
     if np.all(rare):
         count = rng.poisson(np.multiply(cells, pfa))

@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 from plotfeed.models import propagation
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
 
@@ -28,7 +29,7 @@ class FlatSolution:
     by_bistatic_range: Floats
     by_azimuth_m: Floats
 
-    @np.errstate(all="ignore")
+    @quiet
     def sigma_m(self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats) -> Floats:
         """Standard deviation of the distance, to first order."""
         return np.hypot(
@@ -36,7 +37,7 @@ class FlatSolution:
             self.by_azimuth_m * np.radians(sigma_azimuth_deg),
         )
 
-    @np.errstate(all="ignore")
+    @quiet
     def covariance_m2(
         self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
     ) -> tuple[Floats, Floats, Floats]:
@@ -52,7 +53,7 @@ class FlatSolution:
             along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
         )
 
-    @np.errstate(all="ignore")
+    @quiet
     def chance_between(
         self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
     ) -> Floats:
@@ -66,7 +67,7 @@ class FlatSolution:
         return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
 
 
-@np.errstate(all="ignore")
+@quiet
 def flat_solution(
     bistatic_range_m: Floats, azimuth_deg: Floats, transmitter_enu_m: Floats
 ) -> FlatSolution:

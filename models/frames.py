@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2, WGS84_F
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Bools, Floats
 
 RESOLUTION_M = 5e-9
@@ -21,11 +22,17 @@ RESOLUTION_M = 5e-9
 BOWRING_STEPS = 2
 """One is enough for heights; two leave latitudes nothing but rounding, at any height."""
 
+FEW = 300
+"""Numbers on which a call of NumPy costs more than its arithmetic."""
+
 MIN_GEOCENTRIC_M = 100e3
 """Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
 
 
-@np.errstate(all="ignore")
+DEG, RAD = 180.0 / np.pi, np.pi / 180.0
+
+
+@quiet
 def wrap_180(angle_deg: ArrayLike) -> Floats:
     """The same angle in [-180, 180), degrees: what a difference of azimuths or longitudes needs."""
     angle = np.asarray(angle_deg, dtype=np.float64)
@@ -34,14 +41,19 @@ def wrap_180(angle_deg: ArrayLike) -> Floats:
     return np.where((angle >= -180.0) & (angle < 180.0), angle, wrapped)
 
 
-@np.errstate(all="ignore")
+@quiet
 def wrap_360(angle_deg: ArrayLike) -> Floats:
     """The same angle in [0, 360), degrees."""
-    turned = np.mod(np.asarray(angle_deg, dtype=np.float64), 360.0)
-    return np.where(turned == 360.0, 0.0, turned)  # the remainder of -1e-17 rounds to 360
+    angle = np.array(angle_deg, dtype=np.float64)
+    angle += 0.0  # no zero has a sign
+    outside = ~((angle >= 0.0) & (angle < 360.0))
+    if outside.any():
+        turned = np.mod(angle[outside], 360.0)
+        angle[outside] = np.where(turned == 360.0, 0.0, turned)  # what -1e-17 is rounded to
+    return angle
 
 
-@np.errstate(all="ignore")
+@quiet
 def geodetic_to_ecef(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike
 ) -> Floats:
@@ -55,7 +67,7 @@ def geodetic_to_ecef(
     return _stack(axis_m * cos_lon, axis_m * sin_lon, polar_m)
 
 
-@np.errstate(all="ignore")
+@quiet
 def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Latitude and longitude, degrees, and ellipsoidal height, metres, each (...), of (..., 3).
 
@@ -80,12 +92,11 @@ def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     )
 
 
-@np.errstate(all="ignore")
-def ecef_height_m(ecef_m: ArrayLike) -> Floats:
-    """The height of `ecef_to_geodetic` alone, at a fraction of its cost: one step, no angles."""
-    ecef = np.asarray(ecef_m, dtype=np.float64)
-    z = ecef[..., 2]
-    p2 = ecef[..., 0] ** 2 + ecef[..., 1] ** 2
+def _height_m(p2: Floats, z: Floats) -> Floats:
+    """Of `ecef_to_geodetic`, by the squared distance from the Earth's axis, and along it; (...).
+
+    At a fraction of its cost: one step, no angles.
+    """
     p, squashed = np.sqrt(p2), z / (1 - WGS84_F)
     length = np.sqrt(p2 + squashed * squashed)
     north, out = squashed / length, p / length
@@ -94,7 +105,8 @@ def ecef_height_m(ecef_m: ArrayLike) -> Floats:
     length = np.sqrt(sin_part * sin_part + cos_part * cos_part)
     sin_lat, cos_lat = sin_part / length, cos_part / length
     height = p * cos_lat + z * sin_lat - WGS84_A_M * np.sqrt(1 - WGS84_E2 * (sin_lat * sin_lat))
-    return np.where(p2 + z * z >= MIN_GEOCENTRIC_M**2, height, np.nan)
+    deep = p2 + z * z < MIN_GEOCENTRIC_M**2
+    return np.where(deep, np.nan, height) if np.any(deep) else height
 
 
 @dataclass(frozen=True)
@@ -124,31 +136,55 @@ class LocalFrame:
             dtype=np.float64,
         )
 
+    @quiet
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
         """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out.
 
         Straight above and below the place, east and north are exactly zero.
         """
-        with np.errstate(all="ignore"):
-            offset_m = np.asarray(ecef_m, dtype=np.float64) - self.origin_ecef_m
-            enu_m = _rotate(self.rotation_from_ecef, offset_m)
-            vertical = np.hypot(enu_m[..., 0], enu_m[..., 1]) < RESOLUTION_M
-        enu_m[..., :2][vertical] = 0.0
+        enu_m = _rotate(self.rotation_from_ecef, _floats(ecef_m) - self.origin_ecef_m)
+        east, north = enu_m[..., 0], enu_m[..., 1]
+        vertical = east * east + north * north < RESOLUTION_M**2
+        if vertical.any():
+            enu_m[..., :2][vertical] = 0.0
         return enu_m
 
     def has_within(self, ecef_m: Floats, distance_m: float) -> Bools:
         """Whether ECEF positions are that near, or a hair further; (..., 3) in, (...) out."""
-        offset_m = ecef_m - self.origin_ecef_m
-        square_m2 = np.einsum("...i,...i->...", offset_m, offset_m)
-        return np.asarray(square_m2 <= (distance_m * (1 + 1e-9)) ** 2)
+        x, y, z = _components(ecef_m - self.origin_ecef_m)
+        return np.asarray(x * x + y * y + z * z <= (distance_m * (1 + 1e-9)) ** 2)
 
     def to_ecef(self, enu_m: ArrayLike) -> Floats:
         """ECEF of east, north, up positions, metres; (..., 3) in, (..., 3) out."""
         return self.origin_ecef_m + self.rotate_to_ecef(enu_m)
 
-    def heights_m(self, enu_m: ArrayLike) -> Floats:
-        """Ellipsoidal heights alone of ENU positions, metres; (..., 3) in, (...) out."""
-        return ecef_height_m(self.to_ecef(enu_m))
+    @quiet
+    def heights_m(
+        self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayLike
+    ) -> Floats:
+        """Ellipsoidal heights, metres, of places by azimuth, elevation and slant range; (...).
+
+        In the plane of the meridian, which takes no more than one sine and one cosine. That of the
+        azimuth is in single precision, ten times as fast: it does no more than move the place along
+        its circle about the sensor, on which the Earth's curvature varies by 0.7 %. At 100 km that
+        is 2 micrometres.
+        """
+        out_m, along_m, sin_lat, cos_lat = self._meridian
+        slant_m = _floats(range_m)
+        up = slant_m * np.sin(_floats(elevation_deg) * RAD)
+        ground2 = np.maximum(slant_m * slant_m - up * up, 0.0)
+        azimuth_rad = (_floats(azimuth_deg) * RAD).astype(np.float32)
+        north = np.sqrt(ground2) * np.cos(azimuth_rad)
+        out = out_m + (up * cos_lat - north * sin_lat)
+        along = along_m + (up * sin_lat + north * cos_lat)
+        return _height_m(out * out + (ground2 - north * north), along)
+
+    @cached_property
+    def _meridian(self) -> tuple[float, float, float, float]:
+        """Distance from the Earth's axis and along it, sine and cosine of the latitude."""
+        x, y, z = self.origin_ecef_m.tolist()
+        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
+        return float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)
 
     def to_geodetic(self, enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Latitude and longitude, degrees, and height, metres, each (...), of ENU (..., 3)."""
@@ -163,25 +199,35 @@ class LocalFrame:
         return _rotate(self.rotation_from_ecef.T, np.asarray(vector_enu, dtype=np.float64))
 
 
-@np.errstate(all="ignore")
+def distance_m(vector_m: Floats) -> Floats:
+    """Lengths of vectors; (..., 3) in, (...) out."""
+    x, y, z = _components(vector_m)
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@quiet
 def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Azimuth and elevation, degrees, and slant range, metres, each (...), of ENU (..., 3).
 
     Azimuth is NaN straight above and below, elevation too at no distance at all.
     """
-    east, north, up = np.moveaxis(np.asarray(enu_m, dtype=np.float64), -1, 0)
-    ground_m = np.hypot(east, north)
-    range_m = np.hypot(ground_m, up)
-    azimuth_deg = wrap_360(np.degrees(np.arctan2(east, north)))
-    elevation_deg = np.degrees(np.arctan2(up, ground_m))
-    return (
-        np.where(ground_m > 0, azimuth_deg, np.nan),
-        np.where(range_m > 0, elevation_deg, np.nan),
-        range_m,
-    )
+    east, north, up = _components(_floats(enu_m))
+    ground2 = east * east + north * north
+    ground_m, range_m = np.sqrt(ground2), np.sqrt(ground2 + up * up)
+    azimuth_deg = np.arctan2(east, north) * DEG
+    azimuth_deg = azimuth_deg + 360.0 * (azimuth_deg < 0)
+    elevation_deg = np.arctan2(up, ground_m) * DEG
+    whole = azimuth_deg == 360.0  # what -1e-17 is rounded to
+    if whole.any():
+        azimuth_deg = np.where(whole, 0.0, azimuth_deg)
+    vertical = ground_m == 0
+    if vertical.any():
+        azimuth_deg = np.where(vertical, np.nan, azimuth_deg)
+        elevation_deg = np.where(range_m == 0, np.nan, elevation_deg)
+    return azimuth_deg, elevation_deg, range_m
 
 
-@np.errstate(all="ignore")
+@quiet
 def aer_to_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayLike) -> Floats:
     """East, north, up, metres, (..., 3), of azimuth and elevation, degrees, and slant range."""
     sin_az, cos_az = _sin_cos_deg(azimuth_deg)
@@ -212,16 +258,25 @@ def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
     )
 
 
-@np.errstate(all="ignore")
+@quiet
 def _rotate(matrix: Floats, vector: Floats) -> Floats:
     """Matrix times each vector; (3, 3) and (..., 3) in, (..., 3) out.
 
     Spelt out, because a matrix product may round differently with the number of rows, and the
-    same drone must give the same bytes in whatever company.
+    same drone must give the same bytes in whatever company: all three components at once of few
+    vectors, one after the other of many, each as one piece of memory.
     """
-    x, y, z = vector[..., 0:1], vector[..., 1:2], vector[..., 2:3]
-    rotated: Floats = x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2]
-    return rotated
+    if vector.size < FEW:
+        x, y, z = vector[..., 0:1], vector[..., 1:2], vector[..., 2:3]
+        together: Floats = x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2]
+        return together
+    x, y, z = _components(vector)
+    rotated = np.empty((3, *x.shape))
+    for i, (a, b, c) in enumerate(matrix.tolist()):
+        component = x * a
+        component += y * b
+        np.add(component, z * c, out=rotated[i, ...])
+    return np.moveaxis(rotated, 0, -1)
 
 
 def _unit(sine_part: Floats, cosine_part: Floats) -> tuple[Floats, Floats]:
@@ -230,6 +285,15 @@ def _unit(sine_part: Floats, cosine_part: Floats) -> tuple[Floats, Floats]:
     return sine_part / length, cosine_part / length
 
 
+def _components(vector: Floats) -> tuple[Floats, Floats, Floats]:
+    """The three of each vector; (..., 3) in, (...) out."""
+    return vector[..., 0], vector[..., 1], vector[..., 2]
+
+
 def _stack(x: Floats, y: Floats, z: Floats) -> Floats:
     """Three components, broadcast against each other, as (..., 3)."""
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+
+
+def _floats(value: ArrayLike) -> Floats:
+    return np.asarray(value, dtype=np.float64)

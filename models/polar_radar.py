@@ -31,6 +31,15 @@ if TYPE_CHECKING:
     from plotfeed.models.readings import Readings
 
 
+MEASURED_OF = ("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
+"""Columns of looks from which plots are made."""
+
+
+def mean_over_signals(snrs: Floats) -> Floats:
+    """The mean ratio of each look (eq 18); (n, K) in, (n,) out."""
+    return snrs[:, 0] if snrs.shape[1] == 1 else snrs.mean(axis=-1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PolarRadar(Volume, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
@@ -109,7 +118,7 @@ class PolarRadar(Volume, ABC):
         return Finer(
             doppler=self.doppler,
             merging=self.merging,
-            odds=lambda snrs, _: (snrs.mean(axis=-1), self.pd(snrs)),
+            odds=lambda snrs, _: (mean_over_signals(snrs), self.pd(snrs)),
         )
 
     @property
@@ -129,15 +138,16 @@ class PolarRadar(Volume, ABC):
 
     def sigmas(self, snr: Floats) -> tuple[Floats, Floats, Floats]:
         """Standard deviations of range, azimuth and elevation at a detection's own SNR."""
+        noise = accuracy.noise_share(snr)
         return (
             accuracy.with_floor(
-                accuracy.sigma_range_m(snr, self.range_resolution_m), self.range_floor_m
+                accuracy.range_noise_m(noise, self.range_resolution_m), self.range_floor_m
             ),
             accuracy.with_floor(
-                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
+                accuracy.angle_noise_deg(noise, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
             ),
             accuracy.with_floor(
-                accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg),
+                accuracy.angle_noise_deg(noise, self.elevation_beamwidth_deg),
                 self.elevation_floor_deg,
             ),
         )
@@ -159,16 +169,16 @@ class PolarRadar(Volume, ABC):
             range_m=range_m[covered],
             azimuth_deg=azimuth_deg[covered],
             elevation_deg=elevation_deg[covered],
-            snr=snrs.mean(axis=-1),  # eq 18
+            snr=mean_over_signals(snrs),
             pd=pd,
             detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
         )
         if self._finer is not None:
             return self._observe_finer(self._finer, looks, snrs, targets, covered, rng)
-        if not looks.detected.any():
-            return looks, NO_PLOTS
         hits = rows_where(looks.detected)
-        seen = looks.rows(looks.detected)
+        if not looks.detected[hits].any():
+            return looks, NO_PLOTS
+        seen = looks.picked(hits, MEASURED_OF)
         truth = true_geometry(seen, targets, covered, hits)
         return looks, self._measure(seen, snrs[hits], truth, targets.readings, of_rows(rng, hits))
 
@@ -213,7 +223,7 @@ class PolarRadar(Volume, ABC):
             if rate_m_s is not None:
                 pd = pd * self.doppler.share_passed(rate_m_s, channel)
         return Prediction(
-            snr=snrs.mean(axis=-1),
+            snr=mean_over_signals(snrs),
             pd=pd,
             sigma_range_m=sigma_range_m,
             sigma_azimuth_deg=sigma_azimuth_deg,
@@ -236,15 +246,16 @@ class PolarRadar(Volume, ABC):
         `columns` are the true ones of the plots, and what else was found out.
         """
         snr, threshold = self.draw_detected(snrs, rng)
-        sigmas = sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(snr)
+        sigmas = self.sigmas(snr)
         errors = rng.standard_normal((3, len(hits)))
+        for i in range(3):
+            errors[i] *= sigmas[i]
         range_m, azimuth_deg = hits.range_m, hits.azimuth_deg
         if readings is not None:
             range_m = readings.range_m(range_m, hits.t_utc_ns)
             azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
-            azimuth_deg + errors[1] * sigma_azimuth_deg,
-            hits.elevation_deg + errors[2] * sigma_elevation_deg,
+            azimuth_deg + errors[1], hits.elevation_deg + errors[2]
         )
         if self.doppler is not None and "range_rate_m_s" in columns:
             columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
@@ -253,7 +264,7 @@ class PolarRadar(Volume, ABC):
             threshold,
             sigmas,
             t_utc_ns=hits.t_utc_ns,
-            range_m=range_m + errors[0] * sigma_range_m,
+            range_m=range_m + errors[0],
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             drone=hits.drone,

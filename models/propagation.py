@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
 NEAREST_M = 1.0
@@ -18,7 +19,7 @@ DIPOLE_GAIN_DBI = 2.15
 """What effective radiated power is stated over: a half-wave dipole."""
 
 
-@np.errstate(all="ignore")
+@quiet
 def beam_gain_dbi(
     azimuth_beamwidth_deg: ArrayLike,
     elevation_beamwidth_deg: ArrayLike,
@@ -29,13 +30,13 @@ def beam_gain_dbi(
     return 10 * np.log10(41253.0 * _floats(efficiency) / beam_deg2)
 
 
-@np.errstate(all="ignore")
+@quiet
 def noise_density_w_hz(noise_figure_db: ArrayLike) -> Floats:
     """Thermal noise power in one hertz, watts (eq 5)."""
     return BOLTZMANN_J_K * T0_K * _ratio(noise_figure_db)
 
 
-@np.errstate(all="ignore")
+@quiet
 def echo_power_w(
     *,
     power_w: ArrayLike,
@@ -52,7 +53,7 @@ def echo_power_w(
     return radiated_w * aperture_m4 / spread_m4
 
 
-@np.errstate(all="ignore")
+@quiet
 def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
     power_w: ArrayLike,
     gain_tx_dbi: ArrayLike,
@@ -81,7 +82,7 @@ def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
     return echo_w * _floats(integration_s) / noise_density_w_hz(noise_figure_db)
 
 
-@np.errstate(all="ignore")
+@quiet
 def two_ray_factor(
     antenna_height_m: ArrayLike,
     target_height_m: ArrayLike,
@@ -107,7 +108,7 @@ def two_ray_factor(
     return _floats((1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2)
 
 
-@np.errstate(all="ignore")
+@quiet
 def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Floats:
     """Path transmitter-target-receiver less the baseline, metres; (..., 3) in, (...) out.
 
@@ -126,7 +127,7 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
     return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
 
 
-@np.errstate(all="ignore")
+@quiet
 def range_from_bistatic(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
 ) -> Floats:
@@ -139,7 +140,7 @@ def range_from_bistatic(
     return excess * (excess + 2 * baseline) / (2 * (excess + baseline * _versine(angle_deg)))
 
 
-@np.errstate(all="ignore")
+@quiet
 def range_from_bistatic_slopes(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
 ) -> tuple[Floats, Floats]:
@@ -158,7 +159,7 @@ def range_from_bistatic_slopes(
     return np.where(singular, np.inf, by_range), np.where(singular, -np.inf, by_angle)
 
 
-@np.errstate(all="ignore")
+@quiet
 def passive_target_power_w(
     *,
     erp_w: ArrayLike,
@@ -181,7 +182,7 @@ def passive_target_power_w(
     )
 
 
-@np.errstate(all="ignore")
+@quiet
 def direct_signal_power_w(
     *,
     erp_w: ArrayLike,
@@ -197,7 +198,7 @@ def direct_signal_power_w(
     return _floats(erp_w) * _ratio(gains_db + _floats(cancellation_db)) * spread
 
 
-@np.errstate(all="ignore")
+@quiet
 def passive_noise_power_w(
     bandwidth_hz: ArrayLike,
     external_noise_db: ArrayLike,
@@ -211,7 +212,7 @@ def passive_noise_power_w(
     return BOLTZMANN_J_K * T0_K * _floats(bandwidth_hz) * factor
 
 
-@np.errstate(all="ignore")
+@quiet
 def correlated_snr(
     target_w: ArrayLike, disturbance_w: ArrayLike, time_bandwidth: ArrayLike
 ) -> Floats:
@@ -266,7 +267,7 @@ def passive_snr(
     return correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
 
 
-@np.errstate(all="ignore")
+@quiet
 def path_loss_db(
     range_m: ArrayLike,
     wavelength_m: ArrayLike,
@@ -285,13 +286,13 @@ def path_loss_db(
     return np.maximum(free_space_db + beyond_db, 0.0)
 
 
-@np.errstate(all="ignore")
+@quiet
 def speed_of_sound_m_s(temperature_c: ArrayLike) -> Floats:
     """In air (ISO 9613-1:1993, annex A)."""
     return _floats(343.2 * np.sqrt((_floats(temperature_c) + 273.15) / 293.15))
 
 
-@np.errstate(all="ignore")
+@quiet
 def sound_absorption_db_per_m(
     frequency_hz: ArrayLike,
     temperature_c: ArrayLike,
@@ -314,13 +315,13 @@ def sound_absorption_db_per_m(
     return 8.686 * frequency**2 * (classical + warmth**-2.5 * (oxygen + nitrogen))  # eq 5
 
 
-@np.errstate(all="ignore")
+@quiet
 def sound_divergence_db(range_m: ArrayLike) -> Floats:
     """Spreading over the sphere, from the sound *power* level (eq 40; ISO 9613-2, 7.1)."""
     return 20 * np.log10(_floats(range_m)) + 11
 
 
-@np.errstate(all="ignore")
+@quiet
 def ground_attenuation_db(mean_height_m: ArrayLike, range_m: ArrayLike) -> Floats:
     """Attenuation by the ground, never negative (eq 42; ISO 9613-2, 7.3.2).
 
@@ -331,7 +332,7 @@ def ground_attenuation_db(mean_height_m: ArrayLike, range_m: ArrayLike) -> Float
     return np.maximum(4.8 - lift, 0.0)
 
 
-@np.errstate(all="ignore")
+@quiet
 def solid_angle_index_db(
     ground_range_m: ArrayLike, source_height_m: ArrayLike, receiver_height_m: ArrayLike
 ) -> Floats:
@@ -345,7 +346,7 @@ def solid_angle_index_db(
     return 10 * np.log10(1 + direct_m2 / reflected_m2)
 
 
-@np.errstate(all="ignore")
+@quiet
 def sound_level_db(
     power_level_db: ArrayLike, directivity_db: ArrayLike, attenuation_db: ArrayLike
 ) -> Floats:

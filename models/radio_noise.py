@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
 
@@ -23,7 +24,7 @@ class NoiseLine:
     min_mhz: float
     max_mhz: float
 
-    @np.errstate(all="ignore")
+    @quiet
     def median_db(self, frequency_hz: ArrayLike) -> Floats:
         """F_am, dB; NaN outside the line's frequencies."""
         frequency_mhz = np.asarray(frequency_hz, dtype=np.float64) / 1e6
@@ -44,7 +45,7 @@ GALACTIC = NoiseLine(
 )  # P.372; below some 10 MHz the ionosphere keeps it out
 
 
-@np.errstate(all="ignore")
+@quiet
 def external_noise_db(environment: str, frequency_hz: ArrayLike) -> Floats:
     """F_a, dB: the powers of man-made noise and, where it is given, of galactic noise.
 

@@ -19,6 +19,7 @@ from plotfeed.models.cover import AzimuthCover
 from plotfeed.models.detect import true_geometry
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.multipath import Multipath
+from plotfeed.models.quiet import quiet
 from plotfeed.models.scan import Sector, beam_times_ns
 from plotfeed.models.sensor import NO_PLOTS, Prediction
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Targets, Texts
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from plotfeed.models.readings import Readings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Emissions(Columns):
     """All that targets emit: `target` is a row of theirs, `channel` the emitter on that drone."""
 
@@ -125,21 +126,21 @@ class RfSensor:
         """Their mean number (eq 9)."""
         return self.resolution_cells * self.pfa
 
-    @np.errstate(all="ignore")
+    @quiet
     def width_in_band_hz(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
         """How much of emissions lies in the sensor's band; negative for those beside it."""
         low_hz = np.maximum(frequency_hz - bandwidth_hz / 2, self.frequency_min_hz)
         high_hz = np.minimum(frequency_hz + bandwidth_hz / 2, self.frequency_max_hz)
         return high_hz - low_hz
 
-    @np.errstate(all="ignore")
+    @quiet
     def share_in_band(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
         """The share of emissions' power that lies in the sensor's band; a carrier's is 0 or 1."""
         width_hz = self.width_in_band_hz(frequency_hz, bandwidth_hz)
         carrier = np.where(width_hz >= 0, 1.0, 0.0)
         return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
 
-    @np.errstate(all="ignore")
+    @quiet
     def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
         """That one burst or more falls into the dwell, where the receiver is tuned: 1 - (1-p)^n.
 
@@ -150,7 +151,7 @@ class RfSensor:
         log_missed = self.bursts_per_dwell * np.log1p(-self.duty_cycle * tuned)
         return np.asarray(-np.expm1(log_missed))
 
-    @np.errstate(all="ignore")
+    @quiet
     def mean_snr(self, emissions: Emissions, range_m: Floats) -> Floats:
         """Signal-to-noise ratio of one sample, linear, of emissions at those ranges; (n,)."""
         loss_db = self.loss_db + propagation.path_loss_db(
@@ -179,7 +180,7 @@ class RfSensor:
         heard = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
         return np.where(heard, intercepted * crossed, 0.0)
 
-    @np.errstate(all="ignore")
+    @quiet
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
         """Standard deviation of an interferometer's azimuth, with the floor.
 
@@ -243,7 +244,7 @@ class RfSensor:
             sigma_elevation_deg=np.full(len(targets), np.nan),
         )
 
-    @np.errstate(all="ignore")
+    @quiet
     def _rms_azimuth_deg(
         self, emissions: Emissions, snr: Floats, pd: Floats, n_targets: int
     ) -> Floats:

@@ -6,10 +6,8 @@ int64 nanoseconds of UTC since 1970, drones an index into the session's list of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import MISSING, dataclass, fields
-from functools import cache
-from operator import attrgetter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -32,22 +30,23 @@ def rows_where(mask: Bools) -> Ints | slice:
     return slice(None) if mask.all() else np.flatnonzero(mask)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Columns:
     """Equally long columns, selected and joined by row; one that may be None is not there then."""
 
     def __len__(self) -> int:
-        return len(getattr(self, self._names()[0]))
+        return len(next(iter(vars(self).values())))
 
     @classmethod
-    @cache
-    def _names(cls) -> tuple[str, ...]:
-        return tuple(f.name for f in fields(cls))
+    def holding(cls, columns: Mapping[str, NDArray[Any] | None]) -> Self:
+        """With those columns, by name; at once, where a frozen class sets them one by one."""
+        made = object.__new__(cls)
+        vars(made).update(columns)
+        return made
 
-    @classmethod
-    @cache
-    def _values(cls) -> attrgetter[tuple[Any, ...]]:
-        return attrgetter(*cls._names())
+    def but(self, **columns: NDArray[Any] | None) -> Self:
+        """The same with other columns in the place of those that it has by these names."""
+        return self.holding({**vars(self), **columns})
 
     def rows(self, which: NDArray[Any]) -> Self:
         """Those rows: a boolean mask (n,), or distinct indices (m,)."""
@@ -56,21 +55,26 @@ class Columns:
                 return self
             which = np.flatnonzero(which)
         n = len(which)
-        columns = {}
-        for name in self._names():
-            column = getattr(self, name)
-            if column is not None:
+        return self.holding(
+            {
                 # What is the same throughout is not copied, value by value, to be the same again.
-                columns[name] = column[which] if column.strides[0] else column[:n]
-        return type(self)(**columns)
+                name: column[which] if column.strides[0] else column[:n]
+                for name, column in vars(self).items()
+                if column is not None
+            }
+        )
+
+    def picked(self, which: Ints | slice, names: Sequence[str]) -> Self:
+        """Those rows of those columns alone: the others may not be asked for."""
+        if isinstance(which, slice) and which == slice(None):
+            return self
+        held = vars(self)
+        return self.holding({name: held[name][which] for name in names})
 
     def between(self, first: int, end: int) -> Self:
         """Rows from `first` up to `end`, not copied."""
         part = slice(first, end)
-        names, values = self._names(), self._values()(self)
-        return type(self)(
-            **{n: v[part] for n, v in zip(names, values, strict=True) if v is not None}
-        )
+        return self.holding({n: v[part] for n, v in vars(self).items() if v is not None})
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -78,18 +82,27 @@ class Columns:
         parts = [p for p in parts if len(p)] or [parts[0]]
         if len(parts) == 1:
             return parts[0]
-        lengths = [len(p) for p in parts]
-        by_name = zip(cls._names(), zip(*map(cls._values(), parts), strict=True), strict=True)
-        return cls(**{name: _joined(name, columns, lengths) for name, columns in by_name})
+        held = [vars(part) for part in parts]
+        lengths = [len(part) for part in parts]
+        names = dict.fromkeys(name for columns in held for name in columns)
+        return cls.holding(
+            {name: _joined(name, [h.get(name) for h in held], lengths) for name in names}
+        )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TruthState(Columns):
-    """Where drones are: position and velocity in ECEF, (n, 3), each at its own time."""
+@dataclass(frozen=True, kw_only=True)
+class PlaceState(Columns):
+    """Where drones are: positions in ECEF, (n, 3), each at its own time."""
 
     drone: Ints
     t_utc_ns: Ints
     position_ecef_m: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthState(PlaceState):
+    """How drones fly: velocities in ECEF, (n, 3), beside the positions."""
+
     velocity_ecef_m_s: Floats
 
 
@@ -153,7 +166,7 @@ class Targets:
         return self.signatures.sound_power_db[self.drone[rows]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Looks(Columns):
     """Each drone that a sensor looked at: geometry as it was sensed, and the odds it had.
 
@@ -188,7 +201,7 @@ class Looks(Columns):
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Plots(Columns):
     """What was measured, and privately of whom: drones and true columns never go to a tracker.
 
@@ -235,12 +248,23 @@ class Plots(Columns):
     def of(cls, **columns: NDArray[Any]) -> Self:
         """Plots with those columns, of which `t_utc_ns` is one; the others say 'not measured'.
 
-        A plot of no stated drone is a false alarm.
+        A plot of no stated drone is a false alarm. Raises `TypeError` for what is no column.
         """
-        n = len(columns["t_utc_ns"])
-        for name in _ALWAYS - columns.keys():
-            columns[name] = _ABSENT.get(name, _UNMEASURED)[:n]
-        return cls(**columns)
+        if not columns.keys() <= _PLOT_COLUMNS:
+            raise TypeError(f"no columns of plots: {sorted(columns.keys() - _PLOT_COLUMNS)}")
+        return cls.holding(columns)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> NDArray[Any]:
+            """What stands in a column that was not given: it is made when somebody asks for it."""
+            if name not in _PLOT_COLUMNS:
+                raise AttributeError(f"plots have no column {name!r}")
+            return _ABSENT.get(name, _UNMEASURED)[: len(self)]
+
+    def measures(self, name: str) -> bool:
+        """Whether a column holds anything but 'not measured' throughout."""
+        return vars(self).get(name) is not None
 
     def in_order_of_time(self) -> Self:
         """The same plots, earliest first; ties keep their order."""
@@ -268,7 +292,7 @@ _ABSENT = {
     "merged_drones": _endless((), np.object_),
 }
 """What stands in the columns of plots that a sensor does not fill, where it is not NaN."""
-_ALWAYS = frozenset(f.name for f in fields(Plots) if f.default is MISSING)
+_PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))
 
 
 def _joined(
@@ -278,9 +302,7 @@ def _joined(
     there = [column for column in columns if column is not None]
     if not there:
         return None
-    absent = _ABSENT.get(name, _UNMEASURED)
     if len(there) < len(columns):
+        absent = _ABSENT.get(name, _UNMEASURED)
         there = [absent[:n] if c is None else c for n, c in zip(lengths, columns, strict=True)]
-    if there[0].base is absent.base and all(column.base is absent.base for column in there):
-        return absent[: sum(lengths)]
     return np.concatenate(there)

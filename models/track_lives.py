@@ -31,7 +31,7 @@ class TrackRule:
     patience_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LivingTracks(Columns):
     """Tracks that were hit or missed; `misses` are those in a row, `hit_utc_ns` the last hit's."""
 

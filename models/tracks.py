@@ -19,7 +19,7 @@ from plotfeed.models.track_lives import TrackLives, TrackRule
 NS = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackerLooks(Columns):
     """A look at each drone, by ascending index, and the error of the plot if there was one.
 
@@ -32,7 +32,7 @@ class TrackerLooks(Columns):
     covariance_m2: Floats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LocalStates(Columns):
     """Where drones are, east, north and up of one place, (n, 3), all at one time."""
 
@@ -41,7 +41,7 @@ class LocalStates(Columns):
     velocity_enu_m_s: Floats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackStates(Columns):
     """Tracks at one time, east, north and up of one place; vectors and sigmas are (n, 3).
 

@@ -11,12 +11,23 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Emitter, Floats, Ints, Signature, Signatures, TruthState
+from plotfeed.models.state import (
+    Emitter,
+    Floats,
+    Ints,
+    PlaceState,
+    Signature,
+    Signatures,
+    TruthState,
+)
+
+S = TypeVar("S", bound=PlaceState)
 
 NS = 1_000_000_000
 FOREVER_NS = (1 << 63) - 1
@@ -85,7 +96,7 @@ class Trajectories:
         self._start_ns: Ints = np.zeros(0, np.int64)
         self._end_ns: Ints = np.zeros(0, np.int64)
         self._alive: NDArray[np.bool_] = np.zeros(0, np.bool_)
-        self._coefficients: Floats = np.zeros((0, 4, 3))
+        self._coefficients: Floats = np.zeros((4, 3, 0))
         self._rcs_m2: Floats = np.zeros(0)
         self._sound_power_db: Floats = np.zeros(0)
         self._emitters: list[tuple[Emitter, ...]] = []
@@ -157,22 +168,30 @@ class Trajectories:
 
     def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
         """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
+        return self._at(t_utc_ns, drones, TruthState)
+
+    def places_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> PlaceState:
+        """`state_at` for who needs no velocities."""
+        return self._at(t_utc_ns, drones, PlaceState)
+
+    def _at(self, t_utc_ns: ArrayLike, drones: Ints | None, kind: type[S]) -> S:
         rows = np.arange(len(self.names)) if drones is None else drones
-        t = np.broadcast_to(np.asarray(t_utc_ns, dtype=np.int64), rows.shape)
+        t = np.full(rows.shape, t_utc_ns, np.int64)
         if self._bring_up_to(t, rows) and not self._holds(t, rows).all():
-            return self._state_by_parts(t, rows)
-        there = self._alive[rows]
+            # Some drone is asked for at times in several of its segments.
+            parts = [self._at(t[i : i + 1], rows[i : i + 1], kind) for i in range(len(rows))]
+            return kind.joined(parts)
+        which: Ints | slice = slice(len(rows)) if drones is None else rows
+        there = self._alive[which]
         if not there.all():
-            rows, t = rows[there], t[there]
-        coefficients = self._coefficients[rows]
-        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
-        tau_s = ((t - self._start_ns[rows]) / NS)[:, None]
-        return TruthState(
-            drone=rows,
-            t_utc_ns=t,
-            position_ecef_m=c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3)),
-            velocity_ecef_m_s=c1 + tau_s * (2 * c2 + 3 * tau_s * c3),
-        )
+            which = rows = rows[there]
+            t = t[there]
+        coefficients = self._coefficients[:, :, which]
+        tau_s = (t - self._start_ns[which]) / NS
+        columns = {"drone": rows, "t_utc_ns": t, "position_ecef_m": _cubic(coefficients, tau_s).T}
+        if issubclass(kind, TruthState):
+            columns["velocity_ecef_m_s"] = _slope(coefficients, tau_s).T
+        return kind.holding(columns)
 
     def position_at(self, t_utc_ns: Ints, drones: Ints) -> Floats:
         """ECEF positions of drones (m,) at times (m,), metres; (m, 3), NaN for one not there."""
@@ -181,10 +200,8 @@ class Trajectories:
                 self.position_at(t_utc_ns[i : i + 1], drones[i : i + 1]) for i in range(len(drones))
             ]
             return np.concatenate(parts)
-        coefficients = self._coefficients[drones]
-        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
-        tau_s = ((t_utc_ns - self._start_ns[drones]) / NS)[:, None]
-        position_m: Floats = c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3))
+        tau_s = (t_utc_ns - self._start_ns[drones]) / NS
+        position_m: Floats = _cubic(self._coefficients[:, :, drones], tau_s).T
         position_m[~self._alive[drones]] = np.nan
         return position_m
 
@@ -196,10 +213,11 @@ class Trajectories:
         rows = np.arange(len(self.names))
         self._bring_up_to(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
         one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
-        coefficients = np.where(self._alive[rows, None, None], self._coefficients[rows], np.nan)
-        c0, c1, c2, c3 = (coefficients[:, k] for k in range(4))
-        tau_s = ((t_utc_ns[:, None] - self._start_ns[rows]) / NS)[..., None]
-        positions_m: Floats = c0 + tau_s * (c1 + tau_s * (c2 + tau_s * c3))
+        alive, coefficients = self._alive[: len(rows)], self._coefficients[:, :, : len(rows)]
+        if not alive.all():
+            coefficients = np.where(alive, coefficients, np.nan)
+        tau_s = (t_utc_ns[:, None] - self._start_ns[: len(rows)]) / NS
+        positions_m: Floats = np.moveaxis(_cubic(coefficients[:, :, None], tau_s), 0, -1)
         others = np.flatnonzero(~one_piece)
         for i, t in enumerate(t_utc_ns if len(others) else ()):
             state = self.state_at(int(t), others)
@@ -224,7 +242,7 @@ class Trajectories:
         self._start_ns = np.concatenate([self._start_ns, np.zeros(more, np.int64)])
         self._end_ns = np.concatenate([self._end_ns, np.zeros(more, np.int64)])
         self._alive = np.concatenate([self._alive, np.zeros(more, np.bool_)])
-        self._coefficients = np.concatenate([self._coefficients, np.zeros((more, 4, 3))])
+        self._coefficients = np.concatenate([self._coefficients, np.zeros((4, 3, more))], axis=2)
         self._rcs_m2 = np.concatenate([self._rcs_m2, np.zeros(more)])
         self._sound_power_db = np.concatenate([self._sound_power_db, np.zeros(more)])
 
@@ -234,11 +252,6 @@ class Trajectories:
         self._emitters[row] = signature.emitters
         self._end_ns[row] = self._start_ns[row]  # an empty stretch: looked up when next asked for
         self.version += 1
-
-    def _state_by_parts(self, t_utc_ns: Ints, rows: Ints) -> TruthState:
-        """Of drones of which some are asked for at times in several of their segments."""
-        parts = [self.state_at(t_utc_ns[i : i + 1], rows[i : i + 1]) for i in range(len(rows))]
-        return TruthState.joined(parts)
 
     def _holds(self, t_utc_ns: Ints, rows: Ints) -> NDArray[np.bool_]:
         """Whether the segments at hand are those of that time; (m,)."""
@@ -252,8 +265,29 @@ class Trajectories:
             segment = _segment(self._tracks[row], int(t_utc_ns[i]))
             self._start_ns[row], self._end_ns[row] = segment.start_ns, segment.end_ns
             self._alive[row] = segment.alive
-            self._coefficients[row] = segment.coefficients
+            self._coefficients[:, :, row] = segment.coefficients
         return len(outside) > 0
+
+
+def _cubic(coefficients: Floats, tau_s: Floats) -> Floats:
+    """Positions by (4, 3, ...) coefficients, after (...) times; (3, ...), a row a component."""
+    c0, c1, c2, c3 = coefficients
+    position_m: Floats = c3 * tau_s
+    for lower in (c2, c1):
+        position_m += lower
+        position_m *= tau_s
+    position_m += c0
+    return position_m
+
+
+def _slope(coefficients: Floats, tau_s: Floats) -> Floats:
+    """Velocities by (4, 3, ...) coefficients, after (...) times; (3, ...)."""
+    _, c1, c2, c3 = coefficients
+    velocity_m_s: Floats = c3 * (1.5 * tau_s)
+    velocity_m_s += c2
+    velocity_m_s *= 2 * tau_s
+    velocity_m_s += c1
+    return velocity_m_s
 
 
 def _segment(track: _Track, t_utc_ns: int) -> _Segment:

@@ -32,7 +32,7 @@ FEWEST_IN_COVER = 50
 MIN_DRAWS, MAX_DRAWS = 8, 400
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Places(Columns):
     """Places of drones, as telemetry would tell them, and how they move; (n,) and (n, 3).
 
@@ -52,7 +52,7 @@ class Places(Columns):
 
     def drawn(self, which: Ints) -> Places:
         """Those rows, of which some may be there more than once."""
-        return Places(**{name: getattr(self, name)[which] for name in self._names()})
+        return self.holding({name: column[which] for name, column in vars(self).items()})
 
     def geodetic(self, row: int) -> tuple[float, float, float]:
         """Latitude, longitude and height of one of them."""

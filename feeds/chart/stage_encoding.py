@@ -79,7 +79,7 @@ def _parts(case: Case) -> Parts:
         t_ns = np.sort(rng.integers(start_ns, end_ns, len(plots)))
     else:
         t_ns = np.full(len(plots), end_ns, np.int64)  # a sensor that stares reports when it ends
-    plots = _with_heights(case, replace(plots, t_utc_ns=t_ns))
+    plots = _with_heights(case, plots.but(t_utc_ns=t_ns))
     index = np.searchsorted([s.end_ns for s in sectors[:-1]], t_ns, side="right")
     return [(sector, plots.rows(index == i)) for i, sector in enumerate(sectors)]
 
@@ -100,7 +100,7 @@ def _with_heights(case: Case, plots: Plots) -> Plots:
     if np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
         return plots
     enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    return replace(plots, height_m=case.frame.to_geodetic(enu_m)[2])
+    return plots.but(height_m=case.frame.to_geodetic(enu_m)[2])
 
 
 def _errors(case: Case, sent: Plots, read: Columns) -> dict[str, float]:

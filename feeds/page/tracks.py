@@ -29,7 +29,7 @@ CATEGORY = 62
 LATEST_UTC_NS = 2**63 - 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class TrackNews(Columns):
     """What a tracker says of its tracks; columns (n,), velocities NaN where it does not say."""
 

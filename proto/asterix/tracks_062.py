@@ -32,7 +32,7 @@ STATUS_OF_OTHERS = "SPI FPC AFF STP KOS AMA MD4 ME MI MD5 SSR MDS ADS SUC AAC"
 """Parts of I062/080 that say 0: of transponders, flight plans and other sensors."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Tracks(Columns):
     """Tracks of a sensor at their own times; columns (n,), NaN for what it does not estimate.
 

@@ -17,7 +17,7 @@ MAX_ERROR_DEG = 360.0
 JUST_BELOW_360 = 359.99999999999994  # the last float64 before it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Positions(Columns):
     """Where plots are on the Earth, with the errors of that; NaN for those without a place.
 

@@ -11,7 +11,7 @@ from road import Road, flown, fly, held, radar, rotating, scene, staring, waypoi
 from plotfeed.feeds import eyes
 from plotfeed.models import sweep
 from plotfeed.models.active_radar import ActiveRadar
-from plotfeed.models.frames import LocalFrame, ecef_height_m, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import Targets
 
 MICROPHONES = {
@@ -95,9 +95,9 @@ def test_heights_are_computed_for_formats_that_have_them(
     computed: list[int] = []
     plain = LocalFrame.heights_m
 
-    def heights_m(self: LocalFrame, enu_m: Any) -> Any:
-        computed.append(len(enu_m))
-        return plain(self, enu_m)
+    def heights_m(self: LocalFrame, *places: Any) -> Any:
+        computed.append(len(places[0]))
+        return plain(self, *places)
 
     monkeypatch.setattr(LocalFrame, "heights_m", heights_m)
     sensor = radar(report=report)
@@ -105,14 +105,20 @@ def test_heights_are_computed_for_formats_that_have_them(
     assert bool(computed) is told
 
 
-def test_heights_alone_are_those_of_the_whole_transformation() -> None:
+@pytest.mark.parametrize(("range_m", "within_m"), [(1e4, 2.5e-8), (1e5, 2e-6), (1e6, 2e-4)])
+def test_heights_alone_are_those_of_the_whole_transformation(
+    range_m: float, within_m: float
+) -> None:
     rng = np.random.default_rng(1)
-    n = 100_000
-    places = (rng.uniform(-90, 90, n), rng.uniform(-180, 180, n), rng.uniform(-1e3, 1e5, n))
-    ecef_m = geodetic_to_ecef(*places)
-    heights_m = ecef_height_m(ecef_m)
-    assert np.abs(heights_m - places[2]).max() < 1e-8
-    assert np.abs(heights_m - ecef_to_geodetic(ecef_m)[2]).max() < 1e-8
-    poles = geodetic_to_ecef([90.0, -90.0, 0.0], 0.0, [5.0, 6.0, 7.0])
-    np.testing.assert_allclose(ecef_height_m(poles), [5.0, 6.0, 7.0], atol=1e-8)
-    assert np.isnan(ecef_height_m(np.zeros(3)))
+    for latitude_deg in (-90.0, -33.0, 0.0, 40.0, 89.9, 90.0):
+        frame = LocalFrame(latitude_deg, 77.0, 600.0)
+        azimuth_deg, elevation_deg = rng.uniform(0, 360, 20_000), rng.uniform(-90, 90, 20_000)
+        slant_m = rng.uniform(0, range_m, 20_000)
+        whole_m = frame.to_geodetic(aer_to_enu(azimuth_deg, elevation_deg, slant_m))[2]
+        alone_m = frame.heights_m(azimuth_deg, elevation_deg, slant_m)
+        assert np.abs(alone_m - whole_m).max() < within_m
+
+
+def test_there_is_no_height_at_the_centre_of_the_earth() -> None:
+    frame = LocalFrame(0.0, 0.0, 0.0)
+    assert np.isnan(frame.heights_m(0.0, -90.0, frame.origin_ecef_m[0]))
