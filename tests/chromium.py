@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mqtt_client import PATIENCE_S
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, BrowserContext, Page
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = (
@@ -50,6 +52,44 @@ def chromium() -> Iterator[Browser]:
             yield browser
         finally:
             browser.close()
+
+
+def new_context(browser: Browser, **more: Any) -> BrowserContext:
+    """Of somebody who wants little motion, which leaves a busy machine to others."""
+    usual = {
+        "viewport": {"width": 1280, "height": 720},
+        "color_scheme": "dark",
+        "reduced_motion": "reduce",
+    }
+    context = browser.new_context(**(usual | more))
+    context.set_default_timeout(PATIENCE_S * 1000)
+    return context
+
+
+@contextmanager
+def looking(browser: Browser, url: str, **more: Any) -> Iterator[Page]:
+    """A page that has its first plots, and that nothing goes wrong on."""
+    context = new_context(browser, **more)
+    page = context.new_page()
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
+    page.goto(url)
+    until(page, "plotfeed.picture.plots.end > 0")
+    try:
+        yield page
+        # A connection that was lost on purpose is told on the console by the browser itself.
+        assert not [p for p in problems if "ERR_CONNECTION_REFUSED" not in p and "403" not in p]
+    finally:
+        context.close()
+
+
+def until(page: Page, expression: str, argument: Any = None) -> None:
+    """Wait until it holds; asked again and again, as the page's policy lets it evaluate nothing."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not page.evaluate(expression, argument):
+        assert time.monotonic() < deadline, f"it never was so that {expression}"
+        page.wait_for_timeout(20)
 
 
 def axe(page: Page) -> list[dict[str, Any]]:

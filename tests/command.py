@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from mqtt_client import PATIENCE_S
 
@@ -30,9 +31,10 @@ def plotfeed(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess
 class Running:
     """A session that has introduced itself."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, folder: Path | None = None) -> None:
         self.process = subprocess.Popen(
             [*PLOTFEED, *map(str, arguments)],
+            cwd=folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -47,7 +49,7 @@ class Running:
 
     def port(self, protocol: str) -> int:
         (line,) = (x for x in self.introduction if x.strip().startswith(protocol))
-        return int(line.split("://")[1].split(":")[1].split()[0])
+        return int(line.split("://")[1].split(":")[1].split()[0].rstrip("/"))
 
     def ports(self) -> list[tuple[int, int]]:
         """Ports and versions of the embedded broker."""
@@ -61,8 +63,9 @@ class Running:
 
 
 @contextmanager
-def running(*arguments: object) -> Iterator[Running]:
-    session = Running(*arguments)
+def running(*arguments: object, folder: Path | None = None) -> Iterator[Running]:
+    """In that folder, or where the tests run."""
+    session = Running(*arguments, folder=folder)
     try:
         yield session
     finally:

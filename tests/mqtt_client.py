@@ -27,6 +27,8 @@ class Heard:
     user_properties: dict[str, str] = field(default_factory=dict)
     expiry_s: int | None = None
     qos: int = 0
+    at_s: float = field(default=0.0, compare=False)
+    """When it came, by the monotonic clock."""
 
 
 class Client:
@@ -147,7 +149,7 @@ class Client:
         properties: dict[str, object] = {}
         if self.version == 5:
             properties, rest = _take_properties(rest)
-        properties["qos"] = kind >> 1 & 3
+        properties |= {"qos": kind >> 1 & 3, "at_s": time.monotonic()}
         message = Heard(topic, rest, bool(kind & 1), **properties)  # type: ignore[arg-type]
         with self._news:
             self.heard.append(message)

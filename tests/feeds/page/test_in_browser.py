@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import base64
 import json
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import page_stage
 import pytest
 import road
-from chromium import axe, chromium
+from chromium import axe, chromium, looking, new_context, until
 from mqtt_client import PATIENCE_S
 from page_frames import read_frame
 from page_server import Served, on_stage
@@ -26,14 +24,13 @@ from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, Page
 
 NS = road.NS
 SEA = np.array([0x0A, 0x16, 0x1F])
 SENSOR_COLOURS = np.array([[0x4F, 0xE0, 0xA6], [0xFF, 0xB1, 0x4A]])
 """Of the dark theme, as the style sheet has them: what is under plots, the first two sensors."""
 SIZES = ((1280, 720), (1440, 900), (1920, 1080), (2560, 1440))
-PATIENCE_MS = PATIENCE_S * 1000
 
 
 @pytest.fixture(scope="module")
@@ -60,44 +57,6 @@ def served(stage: Stage) -> Iterator[Served]:
 def page(browser: Browser, served: Served) -> Iterator[Page]:
     with looking(browser, served.url) as page:
         yield page
-
-
-def new_context(browser: Browser, **more: Any) -> BrowserContext:
-    """Of somebody who wants little motion, which leaves a busy machine to others."""
-    usual = {
-        "viewport": {"width": 1280, "height": 720},
-        "color_scheme": "dark",
-        "reduced_motion": "reduce",
-    }
-    context = browser.new_context(**(usual | more))
-    context.set_default_timeout(PATIENCE_MS)
-    return context
-
-
-@contextmanager
-def looking(browser: Browser, url: str, **more: Any) -> Iterator[Page]:
-    """A page that has its first plots, and that nothing goes wrong on."""
-    context = new_context(browser, **more)
-    page = context.new_page()
-    problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
-    page.goto(url)
-    until(page, "plotfeed.picture.plots.end > 0")
-    try:
-        yield page
-        # A connection that was lost on purpose is told on the console by the browser itself.
-        assert not [p for p in problems if "ERR_CONNECTION_REFUSED" not in p and "403" not in p]
-    finally:
-        context.close()
-
-
-def until(page: Page, expression: str, argument: Any = None) -> None:
-    """Wait until it holds; asked again and again, as the page's policy lets it evaluate nothing."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not page.evaluate(expression, argument):
-        assert time.monotonic() < deadline, f"it never was so that {expression}"
-        page.wait_for_timeout(20)
 
 
 def freeze(page: Page, stage: Stage) -> None:

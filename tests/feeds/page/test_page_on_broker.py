@@ -1,0 +1,244 @@
+"""What the controls of a sensor and of the clock do in a real run, measured on its broker."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from chromium import chromium
+from live_page import (
+    MS,
+    PFA,
+    Live,
+    S,
+    delivered,
+    end_ns,
+    live,
+    sectors_within,
+    told,
+)
+from scipy import stats
+from significance import assert_chance, assert_law, assert_sum
+
+from plotfeed.feeds.desk import AHEAD_NS
+from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+DEGRADED_PFA, DEGRADED_SNR_DB = 10, 6.0
+"""As docs/page.md says: times, and down."""
+SPEED_SEEN_S = 2.4
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def shared(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    with live(browser, tmp_path_factory.mktemp("shared")) as run:
+        yield run
+
+
+@pytest.fixture
+def run(shared: Live) -> Iterator[Live]:
+    """A run that several tests use; each leaves it as its scene says, at its pace."""
+    yield shared
+    shared.as_in_the_beginning()
+
+
+def test_latency_that_is_asked_for_is_that_of_every_message(run: Live) -> None:
+    run.ask(Latency="400")
+    link = {"latency_ms": 400.0}
+    run.wait(lambda: len(run.broker.sent(link)) >= 100)
+    for message in run.broker.sent(link):
+        assert message.link_due_utc_ns - message.due_utc_ns == 400 * MS
+        assert message.sent_utc_ns >= message.link_due_utc_ns
+    # With time at a stand, what has come of the radar ends 400 ms before what has of the gate.
+    now_ns = run.freeze("gate")
+    expected = sectors_within("radar", now_ns - S, now_ns - 400 * MS)
+    run.wait(lambda: expected[-1] in told(run.broker.batches()))
+    run.page.wait_for_timeout(300)
+    assert max(told(run.broker.batches())) == expected[-1]
+    assert max(told(run.broker.batches("gate"))) == sectors_within("gate", now_ns - S, now_ns)[-1]
+
+    since, _ = run.as_in_the_scene()
+    run.press("Go on")
+    run.wait(lambda: len(run.broker.sent({}, since)) >= 20)
+    assert {m.link_due_utc_ns - m.due_utc_ns for m in run.broker.sent({}, since)} == {0}
+
+
+def test_jitter_that_is_asked_for_is_the_spread_of_delays(run: Live) -> None:
+    run.ask(Latency="400", Jitter="50")
+    link, count = {"latency_ms": 400.0, "jitter_ms": 50.0}, 400
+    run.wait(lambda: len(run.broker.sent(link)) >= count)
+    delays_ns = [m.link_due_utc_ns - m.due_utc_ns for m in run.broker.sent(link)[:count]]
+    assert_law(np.array(delays_ns) / MS, stats.norm(400, 50).cdf, "delays")
+    ends_ns = [end_ns(batch) for batch in run.broker.batches()]
+    assert ends_ns != sorted(ends_ns)  # some overtook others on the way to the broker
+
+
+def test_loss_that_is_asked_for_is_what_the_broker_never_got(run: Live) -> None:
+    run.ask(Loss="20")
+    link, count = {"loss": {"kind": "random", "probability": 0.2}}, 800
+    run.wait(lambda: len(run.broker.sent(link)) >= count)
+    lost = [m.fate == pb.LOST for m in run.broker.sent(link)[:count]]
+    assert_chance(stats.binomtest(sum(lost), count, 0.2).pvalue, "lost")
+    run.freeze()
+    assert_ledger_is_what_came(run)
+
+
+def test_losses_that_are_asked_for_in_bursts_come_in_bursts(run: Live) -> None:
+    run.ask(Loss="40", Mean_burst="4")
+    link = {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.4, "mean_burst": 4.0}}
+    count = 100
+    run.wait(lambda: len(bursts(run, link)) > count)
+    # So many bursts, and not those of so many messages: long ones would be cut off.
+    lengths = bursts(run, link)[:count]
+    assert_sum(sum(lengths), count * 4.0, count * 4.0 * (4.0 - 1), "geometric lengths of bursts")
+    run.freeze()
+    assert_ledger_is_what_came(run)
+
+
+def bursts(run: Live, link: dict[str, object]) -> list[int]:
+    """Numbers of messages that were lost in a row, but for the last."""
+    fates = [message.fate for message in run.broker.sent(link)]
+    runs = [(fate, len(list(same))) for fate, same in itertools.groupby(fates)]
+    return [length for fate, length in runs[:-1] if fate == pb.LOST]
+
+
+def assert_ledger_is_what_came(run: Live) -> None:
+    """All that left has come, and nothing that was lost."""
+    ledger = run.broker.ledger()
+    first = min((x.scan, x.sector) for x in ledger)
+    came = {sector for sector in told(run.broker.batches()) if sector >= first}
+    assert came == delivered(ledger)
+    assert len(came) < len(ledger)
+
+
+def false_alarms(ledger: list[pb.Ledger]) -> int:
+    return sum(not plot.drone for entry in ledger for plot in entry.plots)
+
+
+def hovering_snr_db(ledger: list[pb.Ledger]) -> float:
+    looks = [look.snr_db for x in ledger for look in x.looks if look.drone == "hovering"]
+    return float(np.mean(looks))
+
+
+def turn_under(run: Live, settings: dict[str, Any]) -> list[pb.Ledger]:
+    """The ledger of all directions once, from when the radar was told to be so."""
+    since_ns = utc_ns(settings["time_utc"]) + AHEAD_NS
+
+    def found() -> list[pb.Ledger]:
+        return [entry for entry in run.broker.ledger() if end_ns(entry) > since_ns][:256]
+
+    run.wait(lambda: len(found()) == 256)
+    return found()
+
+
+def utc_ns(text: str) -> int:
+    return int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64))
+
+
+def assert_ratio(more: int, fewer: int, ratio: float, of: str) -> None:
+    """Two counts of Poisson have means in that ratio; exact, given their sum."""
+    p_value = stats.binomtest(more, more + fewer, ratio / (1 + ratio)).pvalue
+    assert_chance(p_value, f"{of}: {more} and {fewer}")
+
+
+def test_a_degraded_sensor_has_more_false_alarms_and_less_signal_until_it_is_on(run: Live) -> None:
+    usual = turn_under(run, run.as_in_the_scene()[1])
+    _, settings = run.choose("Degraded")
+    assert settings["in_force"]["pfa"] == pytest.approx(PFA * DEGRADED_PFA)
+    degraded = turn_under(run, settings)
+    _, settings = run.choose("On")
+    assert settings["in_force"]["pfa"] == PFA
+    again = turn_under(run, settings)
+    assert_ratio(false_alarms(degraded), false_alarms(usual), DEGRADED_PFA, "degraded")
+    assert_ratio(false_alarms(again), false_alarms(usual), 1.0, "on again")
+    snr_db = [hovering_snr_db(ledger) for ledger in (usual, degraded, again)]
+    assert snr_db[0] - snr_db[1] == pytest.approx(DEGRADED_SNR_DB, abs=0.01)
+    assert snr_db[2] == pytest.approx(snr_db[0], abs=0.01)
+
+
+def test_a_sensor_that_is_off_says_nothing_until_it_is_on(run: Live) -> None:
+    since, settings = run.choose("Off")
+    assert settings["in_force"]["enabled"] is False
+    run.wait(lambda: len(run.broker.batches("gate", since)) > 64)
+    off_ns = utc_ns(settings["time_utc"])
+    for messages in (run.broker.batches(), run.broker.ledger()):
+        assert max(map(end_ns, messages)) <= off_ns + AHEAD_NS
+    run.wait(lambda: run.broker.on("plotfeed/radar/status", since))
+    assert not run.broker.on("plotfeed/radar/status", since)[-1][1].get("enabled")
+    since, settings = run.choose("On")
+    assert settings["in_force"]["enabled"] is True
+    run.wait(lambda: len(run.broker.batches(since=since)) > 20)
+
+
+def test_a_pfa_that_is_asked_for_is_that_of_false_alarms_until_it_is_taken_back(run: Live) -> None:
+    usual = turn_under(run, run.as_in_the_scene()[1])
+    _, settings = run.ask(Pfa="5e-4")
+    assert settings["controlled"] == {"pfa": 5e-4}
+    more = turn_under(run, settings)
+    _, settings = run.as_in_the_scene()
+    assert settings["controlled"] == {}
+    assert settings["in_force"]["pfa"] == PFA
+    again = turn_under(run, settings)
+    assert_ratio(false_alarms(more), false_alarms(usual), 5.0, "more")
+    assert_ratio(false_alarms(again), false_alarms(usual), 1.0, "as in the scene")
+
+
+def test_nothing_comes_in_a_pause_and_a_step_is_all_that_lies_in_it(run: Live) -> None:
+    run.set_speed(1)  # so that no machine is so slow that it misses a scan
+    now_ns = run.freeze()
+    since = run.broker.count
+    run.page.wait_for_timeout(1000)
+    assert run.broker.count == since
+    for _ in range(2):
+        since, before_ns = run.broker.count, now_ns
+        now_ns = run.step()
+        assert now_ns - before_ns == pytest.approx(S, abs=1000)
+        for sensor in ("radar", "gate"):
+            expected = sectors_within(sensor, before_ns, now_ns)
+            for messages in (run.broker.batches, run.broker.ledger):
+                assert [(x.scan, x.sector) for x in messages(sensor, since)] == expected
+    since = run.broker.count
+    run.press("Go on")
+    run.wait(lambda: len(run.broker.batches(since=since)) >= 20)
+    went_on = [end_ns(batch) for batch in run.broker.batches(since=since)]
+    assert went_on[0] == end_ns(run.broker.batches()[-len(went_on) - 1]) + S // 64
+
+
+@pytest.mark.parametrize("speed", [2, 10])
+def test_the_speed_that_is_asked_for_is_that_of_the_scene(run: Live, speed: int) -> None:
+    run.set_speed(speed)
+    since = run.broker.count
+    run.page.wait_for_timeout(SPEED_SEEN_S * 1000)
+    # When messages came, by this clock, less when they left, by the session's: that grows where
+    # the session is faster or slower than asked. Where a machine stalls it leaps, but falls back.
+    came_s, behind_s = np.array(
+        [
+            (
+                heard.at_s,
+                heard.at_s
+                - pb.Ledger.FromString(heard.payload).messages[-1].sent_utc_ns / S / speed,
+            )
+            for heard in run.broker.client.heard[since:]
+            if heard.topic == "plotfeed/truth"
+        ]
+    ).T
+    third = (came_s[-1] - came_s[0]) / 3
+    early = behind_s[came_s < came_s[0] + third].min()
+    late = behind_s[came_s > came_s[-1] - third].min()
+    assert abs(late - early) < 0.15 * 2 * third
+
+
+def left_ns(entry: bytes) -> int:
+    """When the last message left that an entry of the ledger tells of."""
+    return pb.Ledger.FromString(entry).messages[-1].sent_utc_ns
