@@ -35,10 +35,13 @@ DEG, RAD = 180.0 / np.pi, np.pi / 180.0
 @quiet
 def wrap_180(angle_deg: ArrayLike) -> Floats:
     """The same angle in [-180, 180), degrees: what a difference of azimuths or longitudes needs."""
-    angle = np.asarray(angle_deg, dtype=np.float64)
-    wrapped = wrap_360(angle + 180.0) - 180.0
-    # An angle within the interval stays as it is: adding 180 would cost it its last digits.
-    return np.where((angle >= -180.0) & (angle < 180.0), angle, wrapped)
+    angle = np.array(angle_deg, dtype=np.float64)
+    # One turn more or less is exact; adding 180 would cost an angle its last digits.
+    angle += 360.0 * np.subtract(angle < -180.0, angle >= 180.0, dtype=np.float64)
+    beyond = ~((angle >= -180.0) & (angle < 180.0))
+    if beyond.any():
+        angle[beyond] = wrap_360(angle[beyond] + 180.0) - 180.0
+    return angle
 
 
 @quiet
@@ -149,6 +152,18 @@ class LocalFrame:
             enu_m[..., :2][vertical] = 0.0
         return enu_m
 
+    @quiet
+    def azimuths_deg(self, ecef_m: Floats) -> Floats:
+        """Azimuths alone of ECEF positions, to the last bit those of their ENU; (..., 3) to (...).
+
+        NaN straight above and below.
+        """
+        level_m = _rotate(self.rotation_from_ecef[:2], ecef_m - self.origin_ecef_m)
+        east, north = level_m[..., 0], level_m[..., 1]
+        azimuth_deg = _azimuth_deg(east, north)
+        vertical = east * east + north * north < RESOLUTION_M**2
+        return np.where(vertical, np.nan, azimuth_deg) if vertical.any() else azimuth_deg
+
     def has_within(self, ecef_m: Floats, distance_m: float) -> Bools:
         """Whether ECEF positions are that near, or a hair further; (..., 3) in, (...) out."""
         x, y, z = _components(ecef_m - self.origin_ecef_m)
@@ -214,12 +229,7 @@ def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     east, north, up = _components(_floats(enu_m))
     ground2 = east * east + north * north
     ground_m, range_m = np.sqrt(ground2), np.sqrt(ground2 + up * up)
-    azimuth_deg = np.arctan2(east, north) * DEG
-    azimuth_deg = azimuth_deg + 360.0 * (azimuth_deg < 0)
-    elevation_deg = np.arctan2(up, ground_m) * DEG
-    whole = azimuth_deg == 360.0  # what -1e-17 is rounded to
-    if whole.any():
-        azimuth_deg = np.where(whole, 0.0, azimuth_deg)
+    azimuth_deg, elevation_deg = _azimuth_deg(east, north), np.arctan2(up, ground_m) * DEG
     vertical = ground_m == 0
     if vertical.any():
         azimuth_deg = np.where(vertical, np.nan, azimuth_deg)
@@ -260,10 +270,10 @@ def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
 
 @quiet
 def _rotate(matrix: Floats, vector: Floats) -> Floats:
-    """Matrix times each vector; (3, 3) and (..., 3) in, (..., 3) out.
+    """Matrix times each vector; (k, 3) and (..., 3) in, (..., k) out.
 
     Spelt out, because a matrix product may round differently with the number of rows, and the
-    same drone must give the same bytes in whatever company: all three components at once of few
+    same drone must give the same bytes in whatever company: all k components at once of few
     vectors, one after the other of many, each as one piece of memory.
     """
     if vector.size < FEW:
@@ -271,12 +281,21 @@ def _rotate(matrix: Floats, vector: Floats) -> Floats:
         together: Floats = x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2]
         return together
     x, y, z = _components(vector)
-    rotated = np.empty((3, *x.shape))
+    rotated = np.empty((len(matrix), *x.shape))
     for i, (a, b, c) in enumerate(matrix.tolist()):
-        component = x * a
+        component = rotated[i, ...]
+        np.multiply(x, a, out=component)
         component += y * b
-        np.add(component, z * c, out=rotated[i, ...])
+        component += z * c
     return np.moveaxis(rotated, 0, -1)
+
+
+def _azimuth_deg(east: Floats, north: Floats) -> Floats:
+    """In [0, 360); of none, what the arc tangent makes of two zeros."""
+    azimuth_deg = np.arctan2(east, north) * DEG
+    azimuth_deg = azimuth_deg + 360.0 * (azimuth_deg < 0)
+    whole = azimuth_deg == 360.0  # what -1e-17 is rounded to
+    return np.where(whole, 0.0, azimuth_deg) if whole.any() else azimuth_deg
 
 
 def _unit(sine_part: Floats, cosine_part: Floats) -> tuple[Floats, Floats]:

@@ -60,15 +60,6 @@ class Sectors:
             self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
         )
 
-    def as_rows(self) -> Sectors:
-        """Columns (m, 1), against the targets of each."""
-        return Sectors(
-            self.start_ns[:, None],
-            self.end_ns[:, None],
-            self.start_deg[:, None],
-            self.end_deg[:, None],
-        )
-
 
 def sector_at(t_utc_ns: int, period_ns: int, sectors: int) -> Sector:
     """The sector that is being scanned at a time; the first of a scan starts at true north."""
@@ -98,7 +89,7 @@ def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
 
 
 def beam_passes(
-    sector: Sector | Sectors, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
+    sector: Sector, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
 ) -> tuple[Bools, Floats]:
     """Which targets a clockwise beam passes within a sector, and after what share of it.
 
@@ -107,8 +98,19 @@ def beam_passes(
     so that nobody falls between two of them and nobody is seen in both. NaN azimuths, at the
     zenith, are never passed.
     """
-    ahead_deg = wrap_180(azimuth_at_start_deg - sector.start_deg)
-    still_ahead_deg = wrap_180(azimuth_at_end_deg - sector.end_deg % 360.0)
+    return passes_between(
+        ahead_of_beam_deg(azimuth_at_start_deg, sector.start_deg),
+        ahead_of_beam_deg(azimuth_at_end_deg, sector.end_deg % 360.0),
+    )
+
+
+def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:
+    """By how much targets are ahead of a beam, in [-180, 180): negative behind it."""
+    return wrap_180(azimuth_deg - beam_deg)
+
+
+def passes_between(ahead_deg: Floats, still_ahead_deg: Floats) -> tuple[Bools, Floats]:
+    """`beam_passes` by how far ahead of the beam targets are when it begins, and when it ends."""
     passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = ahead_deg / (ahead_deg - still_ahead_deg)

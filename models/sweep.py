@@ -7,9 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.models.frames import LocalFrame, enu_to_aer
-from plotfeed.models.scan import Sector, Sectors, beam_meets, beam_passes, time_after_share_ns
-from plotfeed.models.state import Floats, TruthState
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.scan import (
+    Sector,
+    Sectors,
+    ahead_of_beam_deg,
+    beam_meets,
+    passes_between,
+    time_after_share_ns,
+)
+from plotfeed.models.state import Floats, TruthState, rows_where
 from plotfeed.models.truth import NS, Trajectories
 
 CULLED_FROM = 32
@@ -53,34 +60,32 @@ def meetings(
     edges_ns = np.array([sectors[0].start_ns, *(s.end_ns for s in sectors)], np.int64)
     positions_ecef_m = trajectories.positions_at(edges_ns)
     if positions_ecef_m.shape[1] < CULLED_FROM:
-        azimuth_deg = _azimuths(frame, positions_ecef_m)
+        azimuth_deg = frame.azimuths_deg(positions_ecef_m)
     else:
         between_s = float(np.diff(edges_ns).max()) / NS
-        near = frame.has_within(positions_ecef_m, reach_m + FASTEST_M_S * between_s).any(axis=0)
+        reached = frame.has_within(positions_ecef_m, reach_m + FASTEST_M_S * between_s)
+        near = rows_where(reached.any(axis=0))
         azimuth_deg = np.full(positions_ecef_m.shape[:2], np.nan)
-        azimuth_deg[:, near] = _azimuths(frame, positions_ecef_m[:, near])
+        azimuth_deg[:, near] = frame.azimuths_deg(positions_ecef_m[:, near])
     if before is not None and before.t_utc_ns == edges_ns[0]:
         taken = before.azimuth_deg
         known = azimuth_deg[0, : len(taken)]
         azimuth_deg[0, : len(taken)] = np.where(np.isnan(taken), known, taken)
     borders = [Border(s.end_ns, azimuth_deg[i + 1]) for i, s in enumerate(sectors)]
-    columns = Sectors.of(sectors)
-    passed, share = beam_passes(columns.as_rows(), azimuth_deg[:-1], azimuth_deg[1:])
+    borders_deg = np.array([sectors[0].start_deg, *(s.end_deg % 360.0 for s in sectors)])
+    ahead_deg = ahead_of_beam_deg(azimuth_deg, borders_deg[:, None])
+    passed, share = passes_between(ahead_deg[:-1], ahead_deg[1:])
     which, drones = np.nonzero(passed)
     if not len(drones):
         return Meetings(trajectories.state_at(sectors[0].end_ns, drones), borders)
-    of_each = columns.rows(which)
+    of_each = Sectors.of(sectors).rows(which)
 
     def azimuth_at(share: Floats) -> Floats:
         t_utc_ns = time_after_share_ns(of_each, share)
-        return _azimuths(frame, trajectories.position_at(t_utc_ns, drones))
+        return frame.azimuths_deg(trajectories.position_at(t_utc_ns, drones))
 
     met_share = beam_meets(of_each, share[passed], azimuth_at)
     met = ~np.isnan(met_share)
     t_utc_ns = time_after_share_ns(of_each.rows(met), met_share[met])
     state = trajectories.state_at(t_utc_ns, drones[met])
     return Meetings(state.rows(np.argsort(state.t_utc_ns, kind="stable")), borders)
-
-
-def _azimuths(frame: LocalFrame, position_ecef_m: Floats) -> Floats:
-    return enu_to_aer(frame.from_ecef(position_ecef_m))[0]
