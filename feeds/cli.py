@@ -49,12 +49,18 @@ def cli() -> None:
 
 @cli.command()
 @session_options
-def demo(**options: Any) -> int:
-    """Run the paper's section 4: a drone comes straight at four sensors."""
+@click.option("--no-page", is_flag=True, help="Without the live page, which a demo has by itself.")
+def demo(*, no_page: bool, **options: Any) -> int:
+    """Run the paper's section 4: a drone comes straight at four sensors.
+
+    Its live page is on port 8590 of this machine, or another where that is taken.
+    """
     from plotfeed.feeds.live import run_in_terminal
     from plotfeed.feeds.scene import example
 
-    return run_in_terminal(example("section-4"), telemetry=None, **options)
+    if no_page and options["page"] is not None:
+        raise click.UsageError("--no-page contradicts --page")
+    return run_in_terminal(example("section-4"), telemetry=None, shows_page=not no_page, **options)
 
 
 @cli.command()

@@ -32,12 +32,14 @@ from plotfeed.feeds.session_record import (
     attachments_of,
 )
 from plotfeed.feeds.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.terminal_page import asked_page, with_page
 from plotfeed.feeds.times import NS
 from plotfeed.feeds.totals import Totals, lateness_us
-from plotfeed.proto.errors import PlotfeedError
 
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
+FASTEST = "max"
+"""In place of a speed."""
 FAILED = 1
 
 
@@ -54,8 +56,15 @@ def run_in_terminal(
     metrics: int | None,
     page: str | None,
     as_json: bool,
+    shows_page: bool = False,
 ) -> int:
-    """Run until it ends or is stopped; the exit code."""
+    """Run until it ends or is stopped; the exit code.
+
+    `page` is where to serve it. With `shows_page` it is served even if nobody said where, but not
+    where nobody would be told, nor where time leaps.
+    """
+    or_usual = shows_page and not as_json and speed != FASTEST
+    serves_page, note = asked_page(page, or_usual=or_usual)
     again = Record.open(telemetry) if telemetry else None
     clock = _clock(scene.scene.start_utc_ns if again is None else again.start_utc_ns, speed)
     if again is not None and duration is None and scene.scene.duration_s is None:
@@ -72,12 +81,13 @@ def run_in_terminal(
             metrics_port=metrics,
         )
         run_so: Callable[..., Coroutine[None, None, Totals]] = _plainly
-        if page is not None:
-            run_so = partial(_with_page, page=page, speed=speed)
+        if serves_page:
+            another_clock = partial(_clock_of, speed=speed)
+            run_so = partial(with_page, page=page, another_clock=another_clock)
         how = partial(
             run_so, scene=scene, clock=clock, broker=broker, duration_s=duration, extras=extras
         )
-        code, totals = asyncio.run(_run(scene, how, quiet=as_json))
+        code, totals = asyncio.run(_run(scene, how, note, quiet=as_json))
     if as_json:
         click.echo(json.dumps(_summary(totals)))
     else:
@@ -105,7 +115,7 @@ def _recorder(scene: Scene, path: Path, clock: Clock, force: bool) -> Recorder:
 
 
 def _clock(start_utc_ns: int | None, speed: str) -> Clock:
-    if speed == "max":
+    if speed == FASTEST:
         return InstantClock(start_utc_ns)
     try:
         factor = float(speed)
@@ -114,6 +124,10 @@ def _clock(start_utc_ns: int | None, speed: str) -> Clock:
     if not 0.001 <= factor <= 10_000:
         raise click.BadParameter("expected 0.001 to 10000, or max", param_hint="--speed")
     return WallClock(start_utc_ns, speed=factor)
+
+
+def _clock_of(scene: Scene, speed: str) -> Clock:
+    return _clock(scene.scene.start_utc_ns, speed)
 
 
 OnReady = Callable[[dict[str, str], Totals], None]
@@ -143,38 +157,7 @@ async def _plainly(
     )
 
 
-async def _with_page(
-    stop: asyncio.Event,
-    on_ready: OnReady,
-    *,
-    page: str,
-    speed: str,
-    scene: Scene,
-    clock: Clock,
-    broker: str | None,
-    duration_s: float | None,
-    extras: Extras,
-) -> Totals:
-    """Sessions as the page's viewers want them; raises `PlotfeedError`."""
-    try:
-        from plotfeed.feeds.page.access import PageAddress  # noqa: PLC0415 - an extra
-        from plotfeed.feeds.page.show import run_with_page  # noqa: PLC0415
-    except ImportError:
-        raise PlotfeedError("the page needs more: pip install 'plotfeed[page]'") from None
-    return await run_with_page(
-        PageAddress.parse(page),
-        scene,
-        clock=clock,
-        another_clock=lambda other: _clock(other.scene.start_utc_ns, speed),
-        broker=broker,
-        duration_s=duration_s,
-        stop=stop,
-        extras=extras,
-        on_ready=on_ready,
-    )
-
-
-async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
+async def _run(scene: Scene, how: How, note: str, *, quiet: bool) -> tuple[int, Totals]:
     stop = asyncio.Event()
     collect_seldom()
     keep_freed()
@@ -184,7 +167,7 @@ async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
     def ready(urls: dict[str, str], totals: Totals) -> None:
         nonlocal teller
         if not quiet:
-            _introduce(scene, urls)
+            _introduce(scene, urls, note)
             teller = asyncio.create_task(_tell(totals), name="tell")
 
     with stopped_by_signals(stop.set) as signals:
@@ -194,11 +177,14 @@ async def _run(scene: Scene, how: How, *, quiet: bool) -> tuple[int, Totals]:
     return (INTERRUPTED if signal.SIGINT in signals else 0), totals
 
 
-def _introduce(scene: Scene, urls: dict[str, str]) -> None:
+def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
+    """Where everything is; `note` is why there is no page."""
     prefix = scene.mqtt.prefix
     click.echo(f"scene {scene.scene.name}")
     for protocol, url in urls.items():
         click.echo(f"  {protocol:<12}{url}")
+    if note:
+        click.echo(f"  {'page':<12}{note}")
     for sensor in scene.sensor:
         for topics in _topics(sensor):
             click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
@@ -211,9 +197,10 @@ def _introduce(scene: Scene, urls: dict[str, str]) -> None:
         whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
         how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
         click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
-    if urls:
-        example = next(iter(urls.values()))
-        click.echo(f"look at it: plotfeed show {example}; stop: Ctrl-C")
+    ways = [f"in a browser {urls['page']}"] if "page" in urls else []
+    ways += [f"plotfeed show {url}" for name, url in urls.items() if name != "page"][:1]
+    if ways:
+        click.echo(f"look at it: {', or '.join(ways)}; stop: Ctrl-C")
     sys.stdout.flush()
 
 

@@ -18,7 +18,7 @@ from page_stage import Stage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
-from plotfeed.feeds.page import server as server_module
+from plotfeed.feeds.page import application
 from plotfeed.feeds.page.access import PageAddress
 from plotfeed.feeds.page.controls import MAX_COMMAND_OCTETS, NoControls
 from plotfeed.feeds.page.frames import Kind
@@ -220,7 +220,7 @@ def test_who_says_too_much_or_octets_is_cut_off_and_others_are_not(page: Served)
 def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server_module, "STALLED_S", 0.3)
+    monkeypatch.setattr(application, "STALLED_S", 0.3)
     stalled = socket.socket()
     stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     stalled.settimeout(PATIENCE_S)
@@ -260,7 +260,7 @@ def wait_until(holds: Any) -> None:
 def test_viewers_are_as_many_as_there_is_room_for(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server_module, "MAX_VIEWERS", 2)
+    monkeypatch.setattr(application, "MAX_VIEWERS", 2)
     with page.feed() as one, page.feed() as other:
         assert next_frame(one)
         assert next_frame(other)
