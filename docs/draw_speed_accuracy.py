@@ -16,6 +16,7 @@ from plotfeed.feeds.chart.charted import as_values, charted
 from plotfeed.feeds.chart.pictures import draw
 from plotfeed.feeds.chart.stage import Effort
 from plotfeed.feeds.chart.words import errors_text, ns_text, share_text, verdict
+from plotfeed.feeds.process_memory import keep_freed
 from plotfeed.feeds.scene import example
 
 HERE = Path(__file__).parent
@@ -58,6 +59,7 @@ def _rows(sensor: Values) -> list[str]:
 
 def main() -> None:
     """Measure once, draw, and write."""
+    keep_freed()
     chart = charted(example("section-4"), Effort.usual(TARGETS))
     draw(chart, PICTURES, "png")
     between(PAGE, "charted", tables(as_values(chart)))

@@ -24,24 +24,14 @@ def noise_share(snr: ArrayLike) -> Floats:
     return 1.0 / np.sqrt(2 * _floats(snr))
 
 
-def range_noise_m(noise: Floats, resolution_m: ArrayLike) -> Floats:
-    """Standard deviation of the range, metres, at a `noise_share` (eq 13)."""
-    return noise * (_floats(resolution_m) / RANGE_CONSTANT)
-
-
-def angle_noise_deg(noise: Floats, beamwidth_deg: ArrayLike) -> Floats:
-    """Standard deviation of an angle, degrees, at a `noise_share`, by a beam of that 3 dB width."""
-    return noise * (_floats(beamwidth_deg) / ANGLE_CONSTANT)
-
-
 def sigma_range_m(snr: ArrayLike, resolution_m: ArrayLike) -> Floats:
     """Standard deviation of the range, metres (eq 13); NaN for a negative ratio."""
-    return range_noise_m(noise_share(snr), resolution_m)
+    return noise_share(snr) * (_floats(resolution_m) / RANGE_CONSTANT)
 
 
 def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
     """Standard deviation of an angle, degrees, by a beam of that 3 dB width (Barton)."""
-    return angle_noise_deg(noise_share(snr), beamwidth_deg)
+    return noise_share(snr) * (_floats(beamwidth_deg) / ANGLE_CONSTANT)
 
 
 def sigma_rate_m_s(snr: ArrayLike, resolution_m_s: ArrayLike) -> Floats:

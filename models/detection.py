@@ -193,9 +193,9 @@ def draw_detected_snr_swerling1(
     """
     mean = 1 + _power(snr)
     alpha = cfar_multiplier(pfa, n_reference)
-    shape = np.broadcast_shapes(mean.shape, alpha.shape)
-    n = np.asarray(n_reference, dtype=np.float64)
-    reference_sum = rng.standard_gamma(n, shape) / (1 + alpha / mean)
+    shape = np.broadcast(mean, alpha).shape
+    order = n_reference if isinstance(n_reference, int) else _floats(n_reference)
+    reference_sum = rng.standard_gamma(order, shape) / (1 + alpha / mean)
     threshold = alpha * reference_sum
     return _floats(threshold + mean * rng.standard_exponential(shape)), _floats(threshold)
 

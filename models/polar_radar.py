@@ -136,21 +136,24 @@ class PolarRadar(Volume, ABC):
         bandwidth_hz = C_M_S / (2 * self.range_resolution_m)
         return float(10 * np.log10(density_w_hz * bandwidth_hz) + 30)
 
-    def sigmas(self, snr: Floats) -> tuple[Floats, Floats, Floats]:
-        """Standard deviations of range, azimuth and elevation at a detection's own SNR."""
-        noise = accuracy.noise_share(snr)
-        return (
-            accuracy.with_floor(
-                accuracy.range_noise_m(noise, self.range_resolution_m), self.range_floor_m
-            ),
-            accuracy.with_floor(
-                accuracy.angle_noise_deg(noise, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
-            ),
-            accuracy.with_floor(
-                accuracy.angle_noise_deg(noise, self.elevation_beamwidth_deg),
-                self.elevation_floor_deg,
-            ),
-        )
+    def sigmas(self, snr: Floats) -> Floats:
+        """Standard deviations of range, azimuth and elevation, rows, at a detection's own SNR.
+
+        (n,) in, (3, n) out: eqs 13 to 15, and floors in quadrature.
+        """
+        widths, floors = self._widths_and_floors
+        return accuracy.with_floor(accuracy.noise_share(snr) * widths, floors)
+
+    @cached_property
+    def _widths_and_floors(self) -> tuple[Floats, Floats]:
+        """Of range, azimuth and elevation: what noise leaves of them, and what stays; (3, 1)."""
+        widths = [
+            accuracy.sigma_range_m(0.5, self.range_resolution_m),
+            accuracy.sigma_angle_deg(0.5, self.azimuth_beamwidth_deg),
+            accuracy.sigma_angle_deg(0.5, self.elevation_beamwidth_deg),
+        ]
+        floors = [self.range_floor_m, self.azimuth_floor_deg, self.elevation_floor_deg]
+        return np.array(widths)[:, None], np.array(floors)[:, None]
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look at each target: those within cover, and the plots of those detected.
@@ -247,9 +250,7 @@ class PolarRadar(Volume, ABC):
         """
         snr, threshold = self.draw_detected(snrs, rng)
         sigmas = self.sigmas(snr)
-        errors = rng.standard_normal((3, len(hits)))
-        for i in range(3):
-            errors[i] *= sigmas[i]
+        errors = rng.standard_normal((3, len(hits))) * sigmas
         range_m, azimuth_deg = hits.range_m, hits.azimuth_deg
         if readings is not None:
             range_m = readings.range_m(range_m, hits.t_utc_ns)
@@ -305,7 +306,7 @@ class PolarRadar(Volume, ABC):
         self,
         snr: Floats,
         threshold: Floats,
-        sigmas: tuple[Floats, Floats, Floats],
+        sigmas: Floats,
         **columns: NDArray[Any],
     ) -> Plots:
         """With what follows from a detection's power alone: amplitude, run length, stated sigmas.

@@ -64,7 +64,7 @@ def meetings(
     else:
         between_s = float(np.diff(edges_ns).max()) / NS
         reached = frame.has_within(positions_ecef_m, reach_m + FASTEST_M_S * between_s)
-        near = rows_where(reached.any(axis=0))
+        near = rows_where(np.any(reached, axis=0))
         azimuth_deg = np.full(positions_ecef_m.shape[:2], np.nan)
         azimuth_deg[:, near] = frame.azimuths_deg(positions_ecef_m[:, near])
     if before is not None and before.t_utc_ns == edges_ns[0]:

@@ -11,6 +11,7 @@ from plotfeed.feeds.chart.charted import as_values, charted
 from plotfeed.feeds.chart.pictures import draw, need_matplotlib
 from plotfeed.feeds.chart.stage import Effort
 from plotfeed.feeds.chart.words import lines
+from plotfeed.feeds.process_memory import keep_freed
 from plotfeed.feeds.scene import Scene
 
 
@@ -26,6 +27,7 @@ def print_chart(
     """Measure and print, as a table or as JSON; with `out`, a folder, draw too."""
     if out is not None:
         need_matplotlib()  # before anything is measured in vain
+    keep_freed()  # as a session does
     chart = charted(scene, Effort.quick(targets) if quick else Effort.usual(targets))
     values = as_values(chart)
     drawn = draw(chart, out, picture) if out is not None else []

@@ -119,7 +119,7 @@ class PolarRadarSensor(TrackingSensorPart, VolumePart):
 
     def _coarse_format(self, site: Site) -> list[str]:
         strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
-        best_m = float(self.model(site).sigmas(np.array(strongest_snr))[0])
+        best_m = float(self.model(site).sigmas(np.array([strongest_snr]))[0, 0])
         added_m = RHO_LSB_M / 12**0.5
         if "asterix-048" not in self.report or added_m <= best_m:
             return []

@@ -26,6 +26,7 @@ from instructions import text_of
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.fleet import launch
+from plotfeed.feeds.process_memory import keep_freed
 from plotfeed.feeds.scene import Scene, from_tree
 from plotfeed.feeds.station import Station
 from plotfeed.models.truth import NS, Trajectories
@@ -98,6 +99,7 @@ def ns_per_drone(station: Station, n: int) -> float:
 
 def main() -> None:
     """Measures in turns and prints two tables."""
+    keep_freed()
     found: dict[tuple[str, int], list[float]] = defaultdict(list)
     for n in SIZES:
         stations = {name: station_of(n, named) for name, named in EFFECTS.items()}

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.eyes import Place
+from plotfeed.feeds.eyes import Place, StaringEye
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.process_memory import keep_freed
 from plotfeed.feeds.scene import Scene, from_tree
@@ -48,6 +48,7 @@ PATH = {
 DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
 CHANCE = Chance(1, "random numbers")
 REFERENCES = {
+    "reported": "a whole look, false alarms too, with its plots encoded before the next",
     "random": "beside them: the random numbers of a plot alone",
     "addition": "beside them: one addition of three numbers, not divided by the targets",
 }
@@ -109,16 +110,27 @@ def measure(n: int) -> dict[str, list[float]]:
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = Station(scene, scene.sensor[0], trajectories)
+    eye = StaringEye(
+        scene.sensor[0].model(scene.scene.site),
+        Place.of(scene.sensor[0], station.frame, trajectories, Chance(1, "staring")),
+    )
     sector = station.sector_at(START_NS + NS)
     found: dict[str, list[float]] = defaultdict(list)
     for _ in range(3):
         sector = station.next_sector(sector)
         station.report(sector)
     for _ in range(REPEATS):
-        watches = Stopwatches(PATH | DETAIL)
+        in_between = Stopwatches({"look": (StaringEye, "")})
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
             station.report(sector)
+            reports += 1
+        in_between.take_off()
+        found["reported"].append(in_between.spent_ns["look"] / reports / n)
+        watches = Stopwatches(PATH | DETAIL)
+        reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
+        while time.perf_counter() < end_s:
+            eye.look(sector)
             reports += 1
         watches.take_off()
         found["random"].append(_timed_ns(lambda: _random_numbers(n), 10) / n)

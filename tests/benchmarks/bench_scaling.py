@@ -294,6 +294,9 @@ def draw(found: dict[str, list[dict[str, float]]]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["point"]:
+        from plotfeed.feeds.process_memory import keep_freed
+
+        keep_freed()
         print(json.dumps(point(sys.argv[2], int(sys.argv[3]))))
     else:
         main()

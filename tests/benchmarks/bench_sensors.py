@@ -195,6 +195,9 @@ def main() -> None:
     """Measures in turns and prints a table."""
     import numpy as np  # noqa: PLC0415
 
+    from plotfeed.feeds.process_memory import keep_freed  # noqa: PLC0415
+
+    keep_freed()
     sensors = models()
     seen = {name: {n: targets(n, *CASES[name][1]) for n in SIZES} for name in CASES}
     shares = {
