@@ -49,6 +49,11 @@ def changed(sensor: Sensor, *changes: Mapping[str, Any]) -> Sensor:
         raise ChangeError(problems) from None
 
 
+def sensor_in(text: str) -> Sensor:
+    """A sensor from its keys as JSON; raises pydantic's `ValidationError`."""
+    return _SENSOR.validate_json(text)
+
+
 def merged(tree: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """`tree` with the keys of `change`; tables within tables likewise."""
     result = dict(tree)

@@ -188,9 +188,13 @@ class Desk:
         self.outbox.send_past_link(*messages)
 
     def _tell_settings(self) -> None:
+        self.outbox.send_past_link(self.settings)
+
+    @property
+    def settings(self) -> Message:
+        """The sensor's keys as they are now, as whoever comes later is told."""
         now_ns = self._office.clock.now_ns()
-        message = settings_message(self._office.prefix, self.sensor, self._controlled, now_ns)
-        self.outbox.send_past_link(message)
+        return settings_message(self._office.prefix, self.sensor, self._controlled, now_ns)
 
     @property
     def health(self) -> pb.SensorStatus:

@@ -249,6 +249,11 @@ def load(path: str | Path) -> Scene:
         raise SceneError(path, [("", why or f"cannot be read: {error}")]) from None
     if len(data) > MAX_SCENE_OCTETS:
         raise SceneError(path, [("", f"larger than {MAX_SCENE_OCTETS} octets: not a scene")])
+    return parsed(data, path)
+
+
+def parsed(data: bytes, path: Path) -> Scene:
+    """The same from what a file holds; `path` is for messages and for finding files beside it."""
     try:
         text = data.decode()
         tree = tomllib.loads(text)

@@ -234,8 +234,10 @@ class Stage:
             state = {"on": "start" in change, "file": "stage.mcap", "seconds": 0.0}
         elif key == "replay" and "stop" in change:
             state = {}
-        elif key == "replay" and "file" in change:
-            state = {"file": change["file"], "position_s": 0.0, "duration_s": 90.0, "paused": False}
+        elif key == "replay" and "load" in change:
+            state = {"file": change["load"], "position_s": 0.0, "duration_s": 90.0, "paused": False}
+        elif "skip_s" in change:
+            state["position_s"] += change["skip_s"]
         elif "step_s" in change:
             state["paused"] = True
             self.advance(self.now_ns + round(change["step_s"] * NS))

@@ -17,8 +17,8 @@ from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.controls import Controls, NoControls, refused
-from plotfeed.feeds.page.tracks import decode_tracks
+from plotfeed.feeds.page.controls import Controls, NoControls
+from plotfeed.feeds.page.tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.places import site_frame
 from plotfeed.feeds.scene import Scene
@@ -39,7 +39,7 @@ class PageObserver(Observer):
     """Follows one session after the other, and controls the one that runs."""
 
     def __init__(self, view: View, others: Controls | None = None) -> None:
-        """`others` take commands that are not for a sensor or the clock."""
+        """`others` take commands that are not for a session's sensor or clock."""
         self._view = view
         self._others = others or NoControls()
         self._session: Session | None = None
@@ -81,7 +81,7 @@ class PageObserver(Observer):
         """The sensor is so from now on."""
         before = next((s for s in self._before if s.id == sensor.id), None)
         self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
-        self._tell_settings(sensor, new_model=before is None or _model_differs(before, sensor))
+        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
 
     # What the page asks.
 
@@ -91,10 +91,8 @@ class PageObserver(Observer):
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
         """Do as a viewer asks."""
-        if "sensor" not in command and "clock" not in command:
+        if self._session is None or ("sensor" not in command and "clock" not in command):
             return await self._others.apply(command)
-        if self._session is None:
-            return refused("no session runs")
         in_force = self._session.control(command_of(command))
         self._tell_clock()
         return {"ok": True, "in_force": in_force}
@@ -122,14 +120,19 @@ class PageObserver(Observer):
             self._view.session(clock_state(self._session))
 
     def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
-        law = DelayLaw.of(sensor.link or Link())
-        self._view.settings(
-            sensor.id,
-            sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
-            asked_latency_ms=law.quantile_ms(PROBABILITIES),
-            since_utc_ns=self.now_utc_ns(),
-            new_model=new_model,
-        )
+        tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)
+
+
+def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
+    """Show a sensor as it is since then, and the delays that its link is to make."""
+    law = DelayLaw.of(sensor.link or Link())
+    view.settings(
+        sensor.id,
+        sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
+        asked_latency_ms=law.quantile_ms(PROBABILITIES),
+        since_utc_ns=since_utc_ns,
+        new_model=new_model,
+    )
 
 
 def clock_state(session: Session) -> dict[str, Any]:
@@ -160,14 +163,23 @@ async def following(observer: PageObserver) -> AsyncIterator[None]:
 
 @contextlib.asynccontextmanager
 async def hearing_tracks(
-    view: View, scene: Scene, address: BrokerAddress, topic: str, now_utc_ns: Callable[[], int]
+    view: View,
+    scene: Scene,
+    address: BrokerAddress,
+    topic: str,
+    now_utc_ns: Callable[[], int],
+    *,
+    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
 ) -> AsyncIterator[None]:
-    """Show the tracks that come on a topic; what cannot be read is said on the page."""
+    """Show the tracks that come on a topic; what cannot be read is said on the page.
+
+    `now_utc_ns` is the tracker's time; `shown` are its tracks at the times that the page shows.
+    """
     site = site_frame(scene.scene.site)
 
     def heard(_topic: str, payload: bytes, _content_type: str | None) -> None:
         try:
-            view.tracks(decode_tracks(payload, now_utc_ns(), site))
+            view.tracks(shown(decode_tracks(payload, now_utc_ns(), site)))
         except PlotfeedError as error:
             view.track_problem(str(error))
 
@@ -185,7 +197,7 @@ async def _cancelled(task: asyncio.Task[None]) -> None:
         await task
 
 
-def _model_differs(before: Sensor, now: Sensor) -> bool:
+def model_differs(before: Sensor, now: Sensor) -> bool:
     """Whether anything but the link is different."""
     link = {"link", "event"}
     return before.model_dump(exclude=link) != now.model_dump(exclude=link)

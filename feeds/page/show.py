@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
@@ -12,8 +13,10 @@ from plotfeed.feeds.observers import Extras
 from plotfeed.feeds.page.access import PageAddress
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
+from plotfeed.feeds.page.recording import Recording
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.stage import Stage
+from plotfeed.feeds.page.tracks import TrackNews
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.session import run_over
@@ -33,14 +36,14 @@ async def run_with_page(
     extras: Extras,
     on_ready: Callable[[dict[str, str], Totals], None],
 ) -> Totals:
-    """Sessions one after the other, as the page's viewers want it; the totals of the last one.
+    """Sessions and replays, as the page's viewers want it; the totals of the last session.
 
     Raises `PlotfeedError`. The brokers and the page outlast a session.
     """
     view = View()
     stage = Stage(scene, view, Path.cwd())
     observer = PageObserver(view, stage)
-    server = PageServer(address, view, observer, observer.now_utc_ns)
+    server = PageServer(address, view, observer, lambda: _shown_utc_ns(stage, observer))
     stopping = asyncio.create_task(_pass_on(stop, stage.ending), name="page-stop")
     observed = Extras(
         tap=extras.tap,
@@ -48,7 +51,7 @@ async def run_with_page(
         recorded=extras.recorded,
         metrics_port=extras.metrics_port,
     )
-    told = False
+    told, totals = False, Totals()
 
     def ready(urls: dict[str, str], totals: Totals) -> None:
         nonlocal told
@@ -59,26 +62,44 @@ async def run_with_page(
     try:
         async with brokers_of(scene, broker) as brokers, serving(server), following(observer):
             while True:
-                stage.begin()
+                recording = stage.begin()
                 if stop.is_set():
                     stage.ending.set()
-                observer.scene(_basemap_of(stage.scene))
-                async with _tracks_of(stage.scene, view, brokers, observer):
-                    totals = await run_over(
-                        brokers,
-                        stage.scene,
-                        clock=clock,
-                        duration_s=duration_s,
-                        stop=stage.ending,
-                        extras=observed,
-                        on_ready=ready,
-                    )
+                if recording is not None:
+                    await _replay(stage, recording, view, brokers)
+                else:
+                    observer.scene(_basemap_of(stage.scene))
+                    async with _tracks_of(stage.scene, view, brokers, observer.now_utc_ns):
+                        totals = await run_over(
+                            brokers,
+                            stage.scene,
+                            clock=clock,
+                            duration_s=duration_s,
+                            stop=stage.ending,
+                            extras=observed,
+                            on_ready=ready,
+                        )
                 if stop.is_set() or not stage.goes_on:
                     return totals
                 clock = another_clock(stage.scene)
     finally:
         stopping.cancel()
         server.close()
+
+
+async def _replay(stage: Stage, recording: Recording, view: View, brokers: Brokers) -> None:
+    """In place of a session; its map is known where its scene is that of the session before."""
+
+    def shown(tracks: TrackNews) -> TrackNews:
+        return tracks if stage.show is None else stage.show.shown_tracks(tracks)
+
+    basemap = _basemap_of(stage.scene) if recording.scene.text == stage.scene.text else None
+    async with _tracks_of(recording.scene, view, brokers, time.time_ns, shown):
+        await stage.replay(recording, brokers[0], basemap)
+
+
+def _shown_utc_ns(stage: Stage, observer: PageObserver) -> int:
+    return observer.now_utc_ns() if stage.show is None else stage.show.now_utc_ns
 
 
 async def _pass_on(stop: asyncio.Event, ending: asyncio.Event) -> None:
@@ -94,13 +115,17 @@ def _basemap_of(scene: Scene) -> Basemap | None:
 
 @contextlib.asynccontextmanager
 async def _tracks_of(
-    scene: Scene, view: View, brokers: Brokers, observer: PageObserver
+    scene: Scene,
+    view: View,
+    brokers: Brokers,
+    now_utc_ns: Callable[[], int],
+    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
 ) -> AsyncIterator[None]:
     """Tracks of the tracker under test, from every broker of the session."""
     async with contextlib.AsyncExitStack() as hearing:
         topic, (addresses, _) = scene.page.tracks_topic, brokers
         if topic is not None:
             for address in addresses:
-                tracks = hearing_tracks(view, scene, address, topic, observer.now_utc_ns)
+                tracks = hearing_tracks(view, scene, address, topic, now_utc_ns, shown=shown)
                 await hearing.enter_async_context(tracks)
         yield

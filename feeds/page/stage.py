@@ -1,4 +1,4 @@
-"""One session after the other under one page: restarted, of another scene, recorded for a while."""
+"""One session after the other under one page: restarted, of another scene, recorded, replayed."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.observers import Observer
+from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import refused
+from plotfeed.feeds.page.recording import Recording
+from plotfeed.feeds.page.recordings import recordings_in
+from plotfeed.feeds.page.replay_show import EXPECTED, REFUSES, WISHES, ReplayShow
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import Scene, example, load
@@ -22,15 +27,17 @@ if TYPE_CHECKING:
 
 TELL_EVERY_S = 0.5
 EXAMPLES = ("section-4",)
-REPLAYED_BY_COMMAND = "Recordings are replayed by the command: plotfeed replay FILE URL."
 
 
 class Stage(Observer):
     """Takes a viewer's wishes that concern whole sessions, and records the one that runs."""
 
     def __init__(self, scene: Scene, view: View, folder: Path) -> None:
-        """Recordings go to `folder`; scenes to choose from are those beside this one."""
+        """Recordings are those in `folder`; scenes to choose from are those beside this one."""
         self.scene = scene
+        """Of the session that runs, or ran before the replay that does."""
+        self.show: ReplayShow | None = None
+        """The replay that runs in place of a session."""
         self.ending = asyncio.Event()
         """Set when the session that runs shall end."""
         self.goes_on = True
@@ -38,30 +45,52 @@ class Stage(Observer):
         self._view = view
         self._folder = folder
         self._scenes = _scenes_beside(scene)
+        self._asked: Recording | None = None
+        self._notes: list[str] = []
         self._session: Session | None = None
         self._recorder: SessionRecorder | None = None
         self._telling: asyncio.Task[None] | None = None
 
-    def begin(self) -> None:
-        """A session is about to run; it is the last one, unless somebody wants another."""
+    def begin(self) -> Recording | None:
+        """A session, or that replay, is about to run: the last one, unless another is wanted."""
         self.ending.clear()
         self.goes_on = False
+        asked, self._asked = self._asked, None
+        return asked
+
+    async def replay(
+        self, recording: Recording, addresses: Sequence[BrokerAddress], basemap: Basemap | None
+    ) -> None:
+        """Replay it until something else is wanted; if it fails, a session is."""
+        self.show = ReplayShow(recording, self._view)
+        self._tell_choice()
+        try:
+            await self.show.run(addresses, basemap, self.ending)
+        except (PlotfeedError, OSError) as error:
+            self._notes = [f"The replay has ended: {one_line(error)}"]
+            self.goes_on = True
+        finally:
+            self.show = None
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
-        """Do as a viewer asks."""
+        """Do as a viewer asks; commands for a session's sensor or clock come without a session."""
         if "session" in command:
             return self._another(command["session"])
+        if "replay" in command:
+            return await self._replay(command["replay"])
+        if self.show is not None:
+            return self._in_replay(self.show, command)
         if "record" in command:
             return await self._record(command["record"])
-        return refused(REPLAYED_BY_COMMAND)
+        return refused("no session runs")
 
     # What the session tells.
 
     def begun(self, session: Session) -> None:
         """It stands, and its time begins."""
         self._session = session
-        self._view.session({"scenes": list(self._scenes), "recordings": []})
-        self._view.session({"replay": {}, "record": {"on": False}})
+        self._tell_choice()
+        self._view.session({"replay": {}, "record": {"on": False}, "notes": self._notes})
         self._telling = asyncio.create_task(self._tell(), name="page-record")
 
     def ended(self) -> None:
@@ -105,10 +134,56 @@ class Stage(Observer):
                     return refused(f"session.scene: there is no {name!r}")
                 self.scene = self._scenes[name]()
         except (PlotfeedError, OSError) as error:
-            return refused(str(error).partition("\n")[0])
+            return refused(one_line(error))
+        self._end_for(None)
+        return {"ok": True, "in_force": {"scene": self.scene.scene.name}}
+
+    async def _replay(self, wish: object) -> Mapping[str, Any]:
+        """Replay a recording, or do something with the replay that runs."""
+        if isinstance(wish, dict) and "load" in wish:
+            return await self._load(wish["load"])
+        if self.show is None:
+            known = isinstance(wish, dict) and not wish.keys().isdisjoint({*WISHES, "stop"})
+            return refused("replay: none runs" if known else EXPECTED)
+        if isinstance(wish, dict) and wish.get("stop"):
+            return self._another({"restart": True})
+        return self.show.apply(wish)
+
+    async def _load(self, name: object) -> Mapping[str, Any]:
+        """End what runs for that recording, once it is known that it can be shown."""
+        recordings = self._tell_choice()
+        if not isinstance(name, str) or name not in recordings:
+            return refused(f"replay.load: there is no recording {str(name)[:80]!r}")
+        try:
+            recording = await asyncio.to_thread(Recording.open, recordings[name])
+        except PlotfeedError as error:
+            return refused(one_line(error))
+        self._end_for(recording)
+        return {"ok": True, "in_force": {"file": name}}
+
+    def _in_replay(self, show: ReplayShow, command: dict[str, Any]) -> Mapping[str, Any]:
+        """What is meant for a session: its clock is that of the replay."""
+        subject = next(key for key in ("sensor", "clock", "record") if key in command)
+        if subject != "clock":
+            return refused(REFUSES[subject])
+        wish = command["clock"]
+        if isinstance(wish, dict) and "step_s" in wish:
+            return refused(REFUSES["step"])
+        return show.apply(wish)
+
+    def _end_for(self, recording: Recording | None) -> None:
+        """End what runs for a replay of that one, or for a session."""
+        self._asked, self._notes = recording, []
         self.goes_on = True
         self.ending.set()
-        return {"ok": True, "in_force": {"scene": self.scene.scene.name}}
+
+    def _tell_choice(self) -> Mapping[str, Path]:
+        """Scenes and recordings to choose from, as they are now; the latter."""
+        recordings = recordings_in(self._folder)
+        if self._recorder is not None:
+            recordings.pop(self._recorder.recorder.path.name, None)
+        self._view.session({"scenes": list(self._scenes), "recordings": list(recordings)})
+        return recordings
 
     async def _record(self, wish: object) -> Mapping[str, Any]:
         if not isinstance(wish, dict) or not ({"start", "stop"} & wish.keys()):
@@ -126,6 +201,8 @@ class Stage(Observer):
             return refused(f"record: {error}")
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
         observer.begun(self._session)
+        for desk in self._session.desks.values():
+            observer.after(desk.settings, self._session.clock.now_ns())
         self._recorder = observer
         return {"ok": True, "in_force": {"file": path.name}}
 
@@ -136,6 +213,7 @@ class Stage(Observer):
         observer.ended()
         await observer.recorder.stop()
         self._view.session({"record": {"on": False, "file": observer.recorder.path.name}})
+        self._tell_choice()
         if observer.recorder.failure:
             return refused(observer.recorder.failure)
         return {"ok": True, "in_force": {"file": observer.recorder.path.name}}
@@ -157,6 +235,11 @@ class Stage(Observer):
                 "seconds": round(loop.time() - began_s),
             }
             self._view.session({"record": told})
+
+
+def one_line(error: Exception) -> str:
+    """The first line of what went wrong."""
+    return str(error).partition("\n")[0]
 
 
 def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:

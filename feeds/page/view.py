@@ -26,8 +26,7 @@ from plotfeed.feeds.page.tracks import TrackNews
 from plotfeed.feeds.page.truth import Drones
 from plotfeed.feeds.parts import Site
 from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.station import SectorReport
-from plotfeed.models.state import TruthState
+from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 PLOT_CARRIERS = frozenset({"015", "048", "062", "205", "plots", "sapient"})
@@ -44,6 +43,22 @@ class Update(NamedTuple):
     public: bytes
     truth: bytes
     is_snapshot: bool
+
+
+class Reported(Protocol):
+    """A sector: what its sensor looked at, and what it measured."""
+
+    @property
+    def sensor(self) -> str:
+        """Its id."""
+
+    @property
+    def looks(self) -> Looks:
+        """At whom."""
+
+    @property
+    def plots(self) -> Plots:
+        """In the order of time."""
 
 
 class Counts(Protocol):
@@ -84,17 +99,22 @@ class View:
 
     def clear(self) -> None:
         """The same scene at another time, as after a leap within a recording."""
-        self.generation += 1
         self._begin(self._placements, list(self._sensors))
-        self._tell("generation", self.generation)
 
-    def report(self, report: SectorReport) -> None:
+    def report(self, report: Reported) -> None:
         """A sector was worked out: what its sensor looked at."""
         number = self._sensors.get(report.sensor)
         if number is not None:
             self._detections.add(number, report.looks)
 
-    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+    def recall(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
+        """Plots of before a leap, which fade; nothing of them is counted."""
+        number = self._sensors.get(report.sensor)
+        if number is not None:
+            carried = (m.sent_utc_ns for m in sent if m.delivered and _carries_plots(m.topic))
+            self._plots.take(number, report.plots, min(carried, default=None))
+
+    def account(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
         """That became of the messages of a sector: if one that brings plots left, so did they."""
         number = self._sensors.get(report.sensor)
         if number is None:
@@ -145,8 +165,9 @@ class View:
         """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.
 
         `clock`: kind, paused, speed. `refuses`: why controls do not work, by name (pause, step,
-        speed, restart, record, scene, replay). `record`: on, file, seconds. `replay`: file,
-        position_s, duration_s, paused. `scenes`, `recordings`: names to choose from.
+        speed, restart, record, scene, replay, sensor). `record`: on, file, seconds. `replay`: file,
+        position_s, duration_s, paused; empty if none runs. `scenes`, `recordings`: names to choose
+        from. `notes`: sentences on what is shown.
         """
         before = self._news["session"]
         if any(before.get(key) != value for key, value in state.items()):

@@ -97,6 +97,11 @@ export class Display {
     this.onSelect();
   }
 
+  /** The plot of that row, or with -1 none. */
+  selectPlot(row) {
+    this.select(row < 0 ? null : { kind: "plot", row, at: this.picture.plots.at(row) });
+  }
+
   /** The next newer plot that is shown, or with -1 the next older one. */
   selectNext(step) {
     const { plots } = this.picture, nowMs = this.picture.nowMs(performance.now());
@@ -104,7 +109,7 @@ export class Display {
     for (; plots.holds(row); row += step) {
       const at = plots.at(row), sensor = this.picture.news.scene.sensors[plots.sensor[at]];
       if (nowMs - plots.shown_ms[at] < this.glowMs && sensor && !this.hidden.has(sensor.id)) {
-        this.select({ kind: "plot", row, at });
+        this.selectPlot(row);
         return;
       }
     }

@@ -23,8 +23,10 @@ const strips = new Strips();
 let generation = null;
 
 function takeFrame(buffer) {
-  const frame = reader.read(buffer), changed = picture.take(frame, performance.now());
+  const frame = reader.read(buffer), plot = display.selected?.kind === "plot" ? picture.plots.told(display.selected.at) : null;
+  const changed = picture.take(frame, performance.now());
   const all = changed.has("snapshot");
+  if (all && plot) display.selectPlot(picture.plots.find(plot)); // rows begin anew
   if (changed.has("scene") && picture.news.generation !== generation) {
     generation = picture.news.generation;
     sensors.newScene();
@@ -33,7 +35,7 @@ function takeFrame(buffer) {
     display.newScene();
   }
   if (all || changed.has("session") || changed.has("scene")) session.show();
-  if (all || changed.has("settings")) sensors.showSettings();
+  if (all || changed.has("settings") || changed.has("session")) sensors.showSettings();
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); }
   if (all || changed.has("seconds") || changed.has("details")) strips.draw(picture, sensors.chosen);

@@ -11,6 +11,7 @@ export const UNKNOWN = -2; // whose plot it is, while that is not told
 
 const FLOATS = ["east_m", "north_m", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "latency_ms",
   "true_east_m", "true_north_m", "true_range_m", "true_azimuth_deg", "true_elevation_deg"];
+const TELLING = ["t_utc_ms", "sensor", "range_m", "azimuth_deg"];
 
 /** Plots in the order in which they came; the oldest give way. Row i lies at i & MASK. */
 export class Plots {
@@ -75,6 +76,19 @@ export class Plots {
 
   holds(row) {
     return row >= this.begin && row < this.end;
+  }
+
+  /** What tells a plot from others, wherever it lies. */
+  told(at) {
+    return TELLING.map((name) => this[name][at]);
+  }
+
+  /** The row of such a plot; -1 if it is not there. */
+  find(told) {
+    for (let row = this.begin; row < this.end; row++) {
+      if (TELLING.every((name, i) => Object.is(this[name][row & MASK], told[i]))) return row;
+    }
+    return -1;
   }
 
   isBearing(at) {
@@ -164,6 +178,7 @@ export class Picture {
     this.tracks.clear();
     this.news = {};
     this.seconds = [];
+    this.#shownMs = 0;
   }
 
   forgetTruth() {

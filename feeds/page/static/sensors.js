@@ -76,7 +76,7 @@ export class Sensors {
     }
     const sensor = this.#sensor();
     byId("sensor-title").textContent = sensor ? `${sensor.id}: settings` : "Sensor";
-    byId("sensor-form").inert = !sensor;
+    byId("sensor-form").inert = !sensor || "sensor" in (this.picture.news.session?.refuses ?? {});
     if (!sensor) return;
     const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
     if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);

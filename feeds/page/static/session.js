@@ -5,6 +5,7 @@ const TOTALS = [
   ["drones", "Drones"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
   ["lost", "Lost"], ["duplicated", "Duplicated"], ["undelivered", "Undelivered"], ["missed_scans", "Missed scans"], ["telemetry", "Telemetry"], ["refused", "Refused"], ["stale", "Too late"],
 ];
+const SKIP_S = 10;
 const whole = new Intl.NumberFormat("en");
 const clockText = (seconds) => `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(1).padStart(4, "0")}`;
 
@@ -20,8 +21,10 @@ export class Session {
     this.#hear("restart", () => ({ session: { restart: true } }));
     this.#hear("record", () => ({ record: this.#state.record?.on ? { stop: true } : { start: true } }));
     this.#hear("load-scene", () => ({ session: { scene: byId("scene").value } }));
-    this.#hear("load-recording", () => ({ replay: { file: byId("recording").value } }));
+    this.#hear("load-recording", () => ({ replay: { load: byId("recording").value } }));
     this.#hear("replay-pause", () => ({ replay: { paused: !this.#state.replay?.paused } }));
+    this.#hear("replay-back", () => ({ replay: { skip_s: -SKIP_S } }));
+    this.#hear("replay-ahead", () => ({ replay: { skip_s: SKIP_S } }));
     this.#hear("replay-stop", () => ({ replay: { stop: true } }));
     byId("speed").addEventListener("change", () => this.#send({ clock: { speed: Number(byId("speed").value) } }));
     this.#hearScrubbing();
@@ -57,7 +60,9 @@ export class Session {
   }
 
   async #send(command) {
-    const answer = await this.ask(command), words = byId("session-answer");
+    const words = byId("session-answer");
+    if (command.replay?.load) words.textContent = "Looking through the recording";
+    const answer = await this.ask(command);
     words.textContent = answer.ok ? "" : answer.error;
     words.toggleAttribute("data-failed", !answer.ok);
     if (!answer.ok) this.show();
@@ -72,7 +77,7 @@ export class Session {
   }
 
   show() {
-    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], refuses = {} } = this.#state;
+    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], refuses = {}, notes = [] } = this.#state;
     byId("scene-name").textContent = news.scene?.name ?? "";
     document.title = news.scene ? `${news.scene.name} · plotfeed` : "plotfeed";
     for (const element of document.querySelectorAll("[data-needs]")) {
@@ -89,13 +94,13 @@ export class Session {
     fill("scene", scenes, news.scene?.name);
     fill("recording", recordings, replay.file);
     this.#showReplay(replay);
-    const reasons = new Set(Object.values(refuses));
-    byId("not-allowed").textContent = [...reasons].join(" ");
+    const sentences = new Set([...notes, ...Object.values(refuses)]);
+    byId("not-allowed").textContent = byId("not-allowed").title = [...sentences].join(" ");
   }
 
   #showReplay(replay) {
     const position = byId("position"), on = Boolean(replay.file);
-    for (const id of ["position", "replay-pause", "replay-stop"]) byId(id).disabled = !on;
+    for (const id of ["position", "replay-pause", "replay-back", "replay-ahead", "replay-stop"]) byId(id).disabled = !on;
     byId("replay-pause").textContent = replay.paused ? "Play" : "Pause";
     byId("replay-pause").setAttribute("aria-pressed", String(Boolean(replay.paused)));
     position.max = replay.duration_s ?? 1;

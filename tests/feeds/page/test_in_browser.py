@@ -218,7 +218,7 @@ def test_each_button_says_what_it_says(page: Page, stage: Stage) -> None:
         ("Record", {"record": {"start": True}}),
         ("Stop 0:00.0", {"record": {"stop": True}}),
         ("Load", {"session": {"scene": "road"}}),
-        ("Replay", {"replay": {"file": "morning.mcap"}}),
+        ("Replay", {"replay": {"load": "morning.mcap"}}),
         ("As in the scene", {"sensor": "radar", "reset": True}),
     ]:
         page.get_by_role("button", name=name, exact=True).first.click()
@@ -267,9 +267,47 @@ def test_a_recording_is_scrubbed(page: Page, stage: Stage) -> None:
     page.locator("#replay-pause").click()
     wait_for_command(page, stage, {"replay": {"paused": True}})
     page.get_by_text("0:12.5 / 1:30.0").wait_for()
+    page.get_by_role("button", name="10 s ahead").click()
+    page.get_by_text("0:22.5 / 1:30.0").wait_for()
+    page.get_by_role("button", name="10 s back").click()
+    page.get_by_text("0:12.5 / 1:30.0").wait_for()
     page.locator("#replay-stop").click()
     wait_for_command(page, stage, {"replay": {"stop": True}})
     page.get_by_text("no replay").wait_for()
+
+
+def test_a_leap_shows_another_time_and_leaves_the_display_where_it_is(
+    page: Page, stage: Stage, served: Served
+) -> None:
+    page.get_by_role("application").press("+")
+    page.get_by_role("application").press("n")
+    page.get_by_text("Plot of").wait_for()
+    view = page.evaluate("({ ...plotfeed.display.view })")
+    freeze(page, stage)
+    before_ms = page.evaluate("plotfeed.picture.nowMs(0)")
+
+    def leap() -> None:
+        assert stage.view is not None
+        stage.view.clear()
+        stage.now_ns -= NS // 2
+
+    served.call(leap)
+    until(page, "ms => plotfeed.picture.nowMs(0) < ms - 400", before_ms)
+    assert page.evaluate("plotfeed.picture.plots.end") == 0
+    assert page.evaluate("({ ...plotfeed.display.view })") == view
+    page.get_by_text("Nothing selected").wait_for()
+
+
+def test_a_replay_lets_no_sensor_be_changed_and_says_why(page: Page, served: Served) -> None:
+    view, why = served.server._view, "A replay is not changed."
+    refuses = dict.fromkeys(("sensor", "record", "step"), why)
+    served.call(lambda: view.session({"refuses": refuses, "notes": ["Times are recorded."]}))
+    page.get_by_text(f"Times are recorded. {why}").wait_for()
+    assert page.evaluate("document.getElementById('sensor-form').inert")
+    assert page.get_by_role("button", name="Record").is_disabled()
+    assert page.get_by_role("button", name="Pause").first.is_enabled()
+    served.call(lambda: view.session({"refuses": {}, "notes": []}))
+    until(page, "!document.getElementById('sensor-form').inert")
 
 
 def test_what_is_refused_says_why(page: Page) -> None:

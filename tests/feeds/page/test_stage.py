@@ -8,29 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mqtt_client import PATIENCE_S
+from page_sessions import Begun, with_page
 from scene_files import scene_file, scene_text
 
-from plotfeed.feeds.clock import WallClock
-from plotfeed.feeds.observers import Extras, Observer
-from plotfeed.feeds.page.access import PageAddress
-from plotfeed.feeds.page.show import run_with_page
 from plotfeed.feeds.scene import Scene, load
-from plotfeed.feeds.session import Session
 from plotfeed.replay.log_reader import LogReader
-
-websockets = pytest.importorskip("websockets")
-
-PATIENCE_S = 30.0
-
-
-class Begun(Observer):
-    def __init__(self) -> None:
-        self.names: list[str] = []
-        self.waiting: asyncio.Event = asyncio.Event()
-
-    def begun(self, session: Session) -> None:
-        self.names.append(session.scene.scene.name)
-        self.waiting.set()
 
 
 async def ask(feed: Any, **command: Any) -> dict[str, Any]:
@@ -46,42 +29,9 @@ async def ask(feed: Any, **command: Any) -> dict[str, Any]:
 
 async def staged(scene: Scene, play: Any) -> list[str]:
     """The names of the scenes that ran while `play(feed, begun)` did."""
-    begun, stop, ready = Begun(), asyncio.Event(), asyncio.Event()
-    urls: dict[str, str] = {}
-
-    def on_ready(found: dict[str, str], _totals: Any) -> None:
-        urls.update(found)
-        ready.set()
-
-    running = asyncio.create_task(
-        run_with_page(
-            PageAddress("127.0.0.1", 0),
-            scene,
-            clock=WallClock(),
-            another_clock=lambda _scene: WallClock(),
-            broker="none",
-            duration_s=None,
-            stop=stop,
-            extras=Extras(observers=[begun]),
-            on_ready=on_ready,
-        )
-    )
-    async with asyncio.timeout(PATIENCE_S):
-        await ready.wait()
-    address = urls["page"].removeprefix("http://").rstrip("/")
-    async with websockets.connect(f"ws://{address}/feed", origin=f"http://{address}") as feed:
-        async with asyncio.timeout(PATIENCE_S):
-            await begun.waiting.wait()
+    async with with_page(scene) as (feed, begun):
         await play(feed, begun)
-        stop.set()
-        async with asyncio.timeout(PATIENCE_S):
-            await running
     return begun.names
-
-
-async def next_session(begun: Begun) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        await begun.waiting.wait()
 
 
 @pytest.fixture
@@ -95,7 +45,7 @@ def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
         for wish in ({"restart": True}, {"scene": "section-4"}):
             begun.waiting.clear()
             assert (await ask(feed, session=wish))["ok"]
-            await next_session(begun)
+            await begun.wait()
 
     names = asyncio.run(staged(scene, play))
     assert names == [scene.scene.name, scene.scene.name, "section-4"]
@@ -125,7 +75,9 @@ def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Pat
         ({"session": 5}, "expected restart or scene"),
         ({"record": {"stop": True}}, "none runs"),
         ({"record": {}}, "expected start or stop"),
-        ({"replay": {"file": "x.mcap"}}, "plotfeed replay"),
+        ({"replay": {"file": "x.mcap"}}, "expected one of load"),
+        ({"replay": {"load": "x.mcap"}}, "there is no recording 'x.mcap'"),
+        ({"replay": {"paused": True}}, "none runs"),
         ({"clock": {"paused": True}}, "real time cannot be held"),
         ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
     ],
