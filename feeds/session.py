@@ -12,35 +12,26 @@ from plotfeed.feeds import metrics
 from plotfeed.feeds.account import Settled, told
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.broker_address import BrokerAddress
-from plotfeed.feeds.changes import ChangeError
 from plotfeed.feeds.clock import Clock, WallClock
-from plotfeed.feeds.control import ClockCommand, Command, ControlError, parsed
-from plotfeed.feeds.cooperation import COOPERATIVE
+from plotfeed.feeds.control import Command
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
-from plotfeed.feeds.desk import Desk, Herald, Office
+from plotfeed.feeds.desk import Desk, Office
 from plotfeed.feeds.engine import Engine
 from plotfeed.feeds.fleet import launch
-from plotfeed.feeds.health import session_message, status_message
-from plotfeed.feeds.impairment.settings import Link as LinkSettings
-from plotfeed.feeds.impairment.stage import Impairment
+from plotfeed.feeds.health import session_message
 from plotfeed.feeds.inbox import Inbox
-from plotfeed.feeds.intake import Intake
 from plotfeed.feeds.ledger import ledger_message
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.mqtt import MqttLink
 from plotfeed.feeds.observers import Extras, cares
-from plotfeed.feeds.outbox import Outbox, Tap, Ways
-from plotfeed.feeds.parcel import Connection, Link, Parcel
-from plotfeed.feeds.report import Reason, Refused
-from plotfeed.feeds.sapient import extra as sapient_extra
+from plotfeed.feeds.outbox import Tap, Ways
+from plotfeed.feeds.reception import Reception
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.session_brokers import Brokers, brokers_of
 from plotfeed.feeds.station import SectorReport, Station
 from plotfeed.feeds.totals import Totals
-from plotfeed.feeds.udp import UdpLink
+from plotfeed.feeds.wiring import Wiring
 from plotfeed.models.truth import NS, Trajectories
-from plotfeed.proto import plotfeed_pb2 as pb
 
 FIRST_CONNECTION_S = 5.0
 FLUSH_S = 0.5
@@ -132,11 +123,18 @@ class Session:
         self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
         self._observers = extras.observers
         self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in self._observers)
-        self._intake = Intake(scene, self.trajectories)
         self._entries: list[Message] = []
         launch(scene, self.trajectories, self.start_ns)
-        self._links: list[Connection] = []
-        self._udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
+        self.desks: dict[str, Desk] = {}
+        self._reception = Reception(
+            scene,
+            self.trajectories,
+            clock=clock,
+            totals=totals,
+            observers=self._observers,
+            desks=self.desks,
+            tell=self._say,
+        )
         self.inbox = Inbox(self.take)
         self._engine = Engine(
             clock,
@@ -145,12 +143,13 @@ class Session:
             after_later=self._send_ledger,
             recorded=extras.recorded(self) if extras.recorded else None,
         )
-        self._ways = Ways(
-            before=[o.before for o in extras.observers if cares(o, "before")],
-            after=[
-                *([extras.tap] if extras.tap else []),
-                *(o.after for o in extras.observers if cares(o, "after")),
-            ],
+        self._wiring = Wiring(
+            scene,
+            addresses,
+            clock=clock,
+            agenda=self._engine.agenda,
+            totals=totals,
+            ways=_ways_of(extras),
         )
         self._office = Office(
             prefix=scene.mqtt.prefix,
@@ -160,19 +159,18 @@ class Session:
             keep_ledger=self._keep_ledger,
             watchers=extras.observers,
         )
-        office_links = self._office_links(addresses)
-        self._front = Outbox(clock, office_links, ways=Ways(after=self._ways.after))
-        self.desks = {sensor.id: self._desk(sensor, addresses) for sensor in scene.sensor}
-        self._cooperative = self._cooperative_desk(office_links)
+        self._front = self._wiring.front(self._reception.topics, self._heard)
+        self.desks.update((sensor.id, self._desk(sensor)) for sensor in scene.sensor)
+        self._cooperative = self._cooperative_desk()
         if scene.mqtt.queue.policy == "wait":
-            self._engine.be_patient([link for link in self._links if isinstance(link, MqttLink)])
+            self._engine.be_patient(self._wiring.brokers)
 
     async def run(
         self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
     ) -> None:
         """Connect, work until the end, say goodbye."""
         with contextlib.ExitStack() as sockets:
-            for udp_link in self._udp:
+            for udp_link in self._wiring.udp:
                 sockets.callback(udp_link.close)
                 udp_link.open()
             await self._run(duration_s, stop or asyncio.Event(), on_ready)
@@ -181,7 +179,8 @@ class Session:
         self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
     ) -> None:
         async with asyncio.TaskGroup() as tasks:
-            running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in self._links]
+            links = self._wiring.links
+            running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in links]
             try:
                 await _first_of(self._connected(), stop)
                 if stop.is_set():
@@ -196,143 +195,40 @@ class Session:
                     task.cancel()
 
     async def _connected(self) -> None:
-        for link in self._links:
+        for link in self._wiring.links:
             await link.wait_until_up(FIRST_CONNECTION_S)
 
     def take(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Take in telemetry or a command, as of that time."""
-        for observer in self._observers:
-            observer.took(topic, payload, content_type, t_utc_ns)
-        if topic == self._control_topic:
-            self._obey(payload, t_utc_ns)
-            return
-        refusal = self._intake.take(topic, payload, content_type, t_utc_ns)
-        self.totals.telemetry = self._intake.taken
-        self._note_refusals()
-        self.totals.drones = len(self.trajectories.names)
-        if refusal is not None:
-            self._front.send_past_link(refusal)
+        self._reception.take(topic, payload, content_type, t_utc_ns)
 
-    def control(self, command: Command, at_utc_ns: int | None = None) -> dict[str, Any]:
-        """Do as asked, as of that time or now, and say what is in force; raises `PlotfeedError`."""
-        if command.clock is not None:
-            return self._control_clock(command.clock)
-        desk = self.desks.get(command.sensor or "")
-        if desk is None:
-            known = ", ".join(self.desks)
-            raise ControlError(f"sensor: there is no {command.sensor!r}; expected one of {known}")
-        at_utc_ns = self.clock.now_ns() if at_utc_ns is None else at_utc_ns
-        desk.control(None if command.reset else command.set, at_utc_ns)
-        self.totals.controls += 1
-        return {"sensor": desk.sensor.id, **desk.sensor.model_dump(mode="json", exclude_unset=True)}
+    def control(self, command: Command) -> dict[str, Any]:
+        """Do as asked, now, and say what is in force; raises `PlotfeedError`."""
+        return self._reception.control(command)
 
-    def _control_clock(self, command: ClockCommand) -> dict[str, Any]:
-        clock = self.clock
-        if not isinstance(clock, WallClock) or clock.is_real:
-            raise ControlError("clock: real time cannot be held or hurried; run a simulated clock")
-        if command.speed is not None:
-            clock.set_speed(command.speed)
-        if command.paused is not None:
-            (clock.pause if command.paused else clock.resume)()
-        if command.step_s is not None:
-            clock.step(round(command.step_s * NS))
-        self.totals.controls += 1
-        return {"paused": clock.is_paused, "speed": clock.speed}
-
-    @property
-    def _control_topic(self) -> str:
-        return f"{self.scene.mqtt.prefix}/control"
-
-    def _obey(self, payload: bytes, at_utc_ns: int) -> None:
-        """A command from the wire: done, or refused in a line."""
-        try:
-            self.control(parsed(payload), at_utc_ns)
-        except (ControlError, ChangeError) as error:
-            refused = Refused(Reason.CONTROL, str(error))
-            message = self._intake.refuse(self._control_topic, refused, self.clock.now_ns())
-            self._note_refusals()
-            if message is not None:
-                self._front.send_past_link(message)
-
-    def _note_refusals(self) -> None:
-        self.totals.refused = self._intake.refused
-        self.totals.last_refusal = self._intake.last_refusal
+    def _say(self, message: Message) -> None:
+        self._front.send_past_link(message)
 
     def _heard(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if not self._engine.heard(topic, payload, content_type):
-            refused = Refused(Reason.FLOOD, "more than can be taken has come at once")
-            message = self._intake.refuse(topic, refused, self.clock.now_ns())
-            self._note_refusals()
-            if message is not None:
-                self._front.send_past_link(message)
+            self._reception.overflowed(topic)
 
-    def _office_links(self, addresses: Sequence[BrokerAddress]) -> list[MqttLink]:
-        links = [
-            MqttLink(
-                address,
-                "plotfeed-session",
-                subscribe=[self._intake.topic, self._control_topic],
-                on_message=self._heard,
-                queue=self.scene.mqtt.queue,
-            )
-            for address in addresses
-        ]
-        self._links.extend(links)
-        return links
+    def _desk(self, sensor: Sensor) -> Desk:
+        station = Station(self.scene, sensor, self.trajectories)
+        outbox, herald = self._wiring.of_sensor(sensor, self.start_ns)
+        return Desk(station, outbox, self._office, herald)
 
-    def _desk(self, sensor: Sensor, addresses: Sequence[BrokerAddress]) -> Desk:
-        """A sensor is a client of its own: its last will is that it is offline."""
-        prefix = self.scene.mqtt.prefix
-        offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
-        will = status_message(prefix, offline, self.start_ns)
-        herald = sapient_extra.herald(self.scene, sensor)
-        greet = None if herald is None else partial(self._greet_again, herald)
-        links: list[Connection] = [
-            MqttLink(
-                address,
-                f"plotfeed-{sensor.id}",
-                will=will,
-                on_connect=greet,
-                queue=self.scene.mqtt.queue,
-            )
-            for address in addresses
-        ]
-        links += sapient_extra.middleware_links(self.scene, herald, self.clock)
-        self._links.extend(links)
-        udp_links = [link for link in self._udp if link.settings.takes(sensor.id)]
-        outbox = self._outbox(sensor.id, [*links, *udp_links], sensor.link)
-        return Desk(Station(self.scene, sensor, self.trajectories), outbox, self._office, herald)
-
-    def _outbox(self, name: str, links: Sequence[Link], link: LinkSettings | None) -> Outbox:
-        in_time = sapient_extra.in_time(self.scene)
-        return Outbox(
-            self.clock,
-            links,
-            agenda=self._engine.agenda,
-            totals=self.totals,
-            ways=Ways(before=self._ways.before, after=self._ways.after, in_time=in_time),
-            link=link,
-            impair=partial(_impairment, self.scene.scene.seed, name),
-        )
-
-    def _cooperative_desk(self, office_links: Sequence[Link]) -> CooperativeDesk | None:
+    def _cooperative_desk(self) -> CooperativeDesk | None:
         """Drones of the scene that report themselves, if it has any."""
         settings = self.scene.cooperative
         if settings is None:
             return None
-        udp_links = [link for link in self._udp if link.settings.takes(COOPERATIVE)]
         return CooperativeDesk(
             CooperativeDrones(self.scene, settings, self.trajectories),
-            self._outbox(COOPERATIVE, [*office_links, *udp_links], settings.link),
+            self._wiring.of_cooperative_drones(settings.link),
             self._office,
             settings.link,
         )
-
-    def _greet_again(self, herald: Herald, link: MqttLink) -> None:
-        """A connection that was lost hears anew who the sensor is; the first one is told anyway."""
-        if link.connections > 1:
-            for message in herald.opening(self.clock.now_ns()):
-                link.publish(Parcel(message, self.clock, 1))
 
     def _keep_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
@@ -399,8 +295,13 @@ class Session:
         await asyncio.gather(*(box.drain(FAREWELL_S) for box in boxes))
 
 
-def _impairment(seed: int, name: str, link: LinkSettings) -> Impairment:
-    return Impairment(link, seed, name)
+def _ways_of(extras: Extras) -> Ways:
+    """Whom of them messages pass before and after their link."""
+    taps = [] if extras.tap is None else [extras.tap]
+    return Ways(
+        before=[o.before for o in extras.observers if cares(o, "before")],
+        after=[*taps, *(o.after for o in extras.observers if cares(o, "after"))],
+    )
 
 
 async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:
