@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 from plotfeed.feeds.desk import json_of
 from plotfeed.feeds.impairment.settings import Link
@@ -17,7 +17,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.sensors import Sensor
 from plotfeed.feeds.times import NS
 from plotfeed.feeds.totals import Totals
-from plotfeed.models.state import FALSE_ALARM, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Looks, Plots, TruthState
 from plotfeed.replay.log_reader import LogReader
 
 MOST_READ_NS = 60 * NS
@@ -46,19 +46,29 @@ class RecordedView:
     async def go_to(self, t_ns: int, thread: ThreadPoolExecutor, *, leap: bool) -> None:
         """Show what there is then; after a leap, with what has not faded from before it."""
         loop = asyncio.get_running_loop()
-        if leap or t_ns - self._sectors.read_ns > MOST_READ_NS:
-            self._sectors = self._from(t_ns - self._glow_ns)
-        found = await loop.run_in_executor(thread, self._sectors.until, t_ns)
+        found, drones = await loop.run_in_executor(thread, partial(self._read, t_ns, leap=leap))
         if leap:
             self._view.clear()
             self._begin(t_ns)
         self._tell_changes(t_ns)
-        self._see(found)
         for sector in found:
             self._tell(sector, leap=leap)
         self._totals.drones = len(self._drones.names)
-        self._view.truth(t_ns, self._seen.state_at(t_ns), tuple(self._drones.names))
+        self._view.truth(t_ns, drones, tuple(self._drones.names))
         self._view.totals(self._totals)
+
+    def _read(self, t_ns: int, *, leap: bool) -> tuple[list[RecordedSector], TruthState]:
+        """What is new then, and where the drones are; in a thread, as it takes a while."""
+        if leap:
+            self._seen = SeenDrones(self._recording.scene)
+        if leap or t_ns - self._sectors.read_ns > MOST_READ_NS:
+            self._sectors = self._from(t_ns - self._glow_ns)
+        found = self._sectors.until(t_ns)
+        for sensor in {sector.sensor for sector in found}:
+            of_sensor = [sector for sector in found if sector.sensor == sensor]
+            looks, plots = ([getattr(s, name) for s in of_sensor] for name in ("looks", "plots"))
+            self._seen.take(sensor, Looks.joined(looks), Plots.joined(plots))
+        return found, self._seen.state_at(t_ns)
 
     def _from(self, from_ns: int) -> RecordedSectors:
         first_ns = max(from_ns, self._recording.start_ns)
@@ -66,19 +76,11 @@ class RecordedView:
 
     def _begin(self, t_ns: int) -> None:
         """Count anew from then on."""
-        self._seen = SeenDrones(self._recording.scene)
         self._totals = Totals()
         self._told_ns = t_ns
         self._sensors = dict(self._recording.settings.at(t_ns))
         for sensor in self._sensors.values():
             tell_settings(self._view, sensor, t_ns, new_model=True)
-
-    def _see(self, found: Sequence[RecordedSector]) -> None:
-        """Where drones were, by all sectors of a sensor at once."""
-        for sensor in {sector.sensor for sector in found}:
-            of_sensor = [sector for sector in found if sector.sensor == sensor]
-            looks, plots = ([getattr(s, name) for s in of_sensor] for name in ("looks", "plots"))
-            self._seen.take(sensor, Looks.joined(looks), Plots.joined(plots))
 
     def _tell(self, sector: RecordedSector, *, leap: bool) -> None:
         if leap:

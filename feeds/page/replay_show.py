@@ -27,7 +27,7 @@ LOOK_EVERY_S = 0.1
 MOST_S = 1e9
 WISHES = ("paused", "speed", "position_s", "skip_s")
 EXPECTED = "replay: expected one of load, paused, speed, position_s, skip_s and stop"
-NOT_NOW = "A replay is not changed, stepped or recorded: Stop or Restart goes back to a session."
+NOT_NOW = "A replay is not changed, stepped or recorded: Stop or Restart ends it."
 REFUSES = dict.fromkeys(("sensor", "step", "record"), NOT_NOW)
 """Controls that do not work meanwhile, and why."""
 WHOSE_TIME = "Times are those of the recording; its messages leave with those of now."
