@@ -112,13 +112,15 @@ class ReplayControl:
         """Go on so much later, or earlier, than it is."""
         self.seek(self.position[1] + round(seconds * NS))
 
-    def stand(self) -> None:
-        """Stand still at the end, which has been reached."""
-        if self.pace is not None and not self.pace.paused:
-            laps, reached_ns = self._laps(), self.pace.position(self._now_ns())
-            if laps is not None:  # else, in time, it would be in the lap after this one
-                reached_ns = min(reached_ns, laps.begin_ns + laps.period_ns - 1)
-            self._set(replace(self.pace.pause(self._now_ns()), recorded_ns=reached_ns))
+    def stand(self, end_ns: int) -> int | None:
+        """Stand still at that recorded time, the end; when that will be, None if it stands."""
+        if self.pace is None or self.pace.paused:
+            return None
+        now_ns, due_ns = self._now_ns(), self.pace.due(end_ns)
+        if now_ns < due_ns:
+            return due_ns
+        self._set(replace(self.pace, recorded_ns=end_ns, due_ns=now_ns, paused=True))
+        return None
 
     def stop(self) -> None:
         """End it."""

@@ -137,8 +137,9 @@ class ReplaySettings:
     """Messages of this time and later are left out."""
     laps: int | None = 1
     """None: again and again."""
-    stays: bool = False
-    """At the end it stands still and can be sought, until it is stopped."""
+    stands_at_ns: int | None = None
+    """Recorded time, not before the last message, at which it stands until it is sought or stopped;
+    None, and without deadlines: it ends with its last message."""
     stamps: Stamps = Stamps()
     topics: tuple[TopicRule, ...] = ()
     """The first that is for a topic counts."""

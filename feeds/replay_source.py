@@ -141,4 +141,7 @@ class Reader:
     def _period_ns(self, begin_ns: int, first_ns: int) -> int:
         period_ns = lap_period_ns(begin_ns, first_ns, self._last_ns, self._count)
         _, end_ns = self._part()
+        stands_at_ns = self._settings.stands_at_ns
+        if stands_at_ns is not None:
+            return max(period_ns, stands_at_ns + 1 - begin_ns)
         return period_ns if end_ns is None else min(period_ns, end_ns - begin_ns)

@@ -136,14 +136,14 @@ class Replayer:
             if self._control.pace is None:
                 self._begin()
             next_ns = self._work() if rush is None else self._rush(rush)
-            if next_ns is not None:
-                await (self._sleep(next_ns) if rush is None else self._breathe())
-                continue
-            if self._ahead.finished and self._ahead.peek() is None:
-                if not self._settings.stays:
+            if next_ns is None and self._ahead.finished and self._ahead.peek() is None:
+                if self._settings.stands_at_ns is None or rush is not None:
                     return
-                self._control.stand()
-            await self._news.wait()
+                next_ns = self._control.stand(self._settings.stands_at_ns)
+            if next_ns is None:
+                await self._news.wait()
+            else:
+                await (self._sleep(next_ns) if rush is None else self._breathe())
 
     async def _sleep(self, until_ns: int) -> None:
         """Until then, or until there is news; more exactly where something is to be sent."""

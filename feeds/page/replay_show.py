@@ -54,7 +54,9 @@ class ReplayShow:
         """Replay it until told to end; raises `PlotfeedError` and `OSError`."""
         self._view.scene(self.recording.scene, basemap)
         settings = ReplaySettings(
-            start=Moment(utc_ns=self.recording.start_ns), stamps=Stamps(to_now=True), stays=True
+            start=Moment(utc_ns=self.recording.start_ns),
+            stands_at_ns=self.recording.end_ns,
+            stamps=Stamps(to_now=True),
         )
         to = Destinations(brokers=tuple(addresses))
         path = self.recording.path

@@ -223,8 +223,9 @@ def test_a_pause_before_a_seek_lasts() -> None:
     assert ears.payloads() == [r.payload for r in [*REGULAR[:2], *REGULAR[5:]]]
 
 
-def test_one_that_stays_stands_at_its_end_until_it_is_sought_or_stopped() -> None:
-    control = ReplayControl()
+@pytest.mark.parametrize("silence_ms", [0, 20, 5000])
+def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: int) -> None:
+    control, end_ns = ReplayControl(), RECORDED + (900 + silence_ms) * MS
     stood: list[tuple[int, int]] = []
 
     def go_on() -> None:
@@ -232,15 +233,15 @@ def test_one_that_stays_stands_at_its_end_until_it_is_sought_or_stopped() -> Non
         control.seek(RECORDED + (7000 if len(stood) == 2 else 700) * MS)
 
     def changed() -> None:
-        if control.is_paused:
+        if control.is_paused and not control.stopped:
             stood.append(control.position)
             asyncio.get_running_loop().call_soon(control.stop if len(stood) == 4 else go_on)
 
     control.on_change = changed
-    ears, totals = simulated(REGULAR, ReplaySettings(stays=True), control=control)
+    settings = ReplaySettings(stands_at_ns=end_ns)
+    ears, totals = simulated(REGULAR, settings, control=control)
     assert ears.payloads() == [r.payload for r in [*REGULAR, *REGULAR[7:], *REGULAR[7:]]]
-    assert {lap for lap, _ in stood} == {0}
-    assert all(900 * MS <= t_ns - RECORDED <= S for _, t_ns in stood)
+    assert stood == [(0, end_ns)] * 4
     assert totals.laps == 1
 
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from plotfeed.feeds.replay_settings import Moment, Selection
 from plotfeed.feeds.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.log_writer import LogWriter
 from plotfeed.replay.recorded import Recorded
 
 NS = 1_000_000_000
@@ -269,6 +271,32 @@ def test_a_pause_holds_everything_until_it_goes_on(
 
     def has_id_of(message: Heard) -> bool:
         return message.topic.startswith("lab/") and "id" in message.user_properties
+
+    play(act)
+
+
+def test_a_recording_lasts_as_long_as_anything_in_it(
+    play: Callable[[Act], Any], folder: Path, record: Path
+) -> None:
+    """Its last message need not be one that is sent again, as the ledger is not."""
+    with LogReader(record) as log:
+        attachment, first = log.attachment("scene.toml"), list(log.messages())[:40]
+    assert attachment is not None
+    last = replace(
+        first[-1], topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
+    )
+    with (folder / "silent.mcap").open("wb") as file:
+        log_writer = LogWriter(file, attachments=[attachment], library="plotfeed test")
+        for message in (*first, last):
+            log_writer.write(message)
+        log_writer.close()
+
+    async def act(viewer: Viewer, _client: Client, _begun: Begun) -> None:
+        await viewer.load("silent.mcap")
+        await viewer.until(lambda: viewer.is_at_end)
+        assert viewer.replay["duration_s"] > 1.0
+        await viewer.done(replay={"paused": False})
+        await viewer.until(lambda: 0 < viewer.replay["position_s"] < 0.9)
 
     play(act)
 
