@@ -18,6 +18,9 @@ class Clock(Protocol):
     def now_ns(self) -> int:
         """The session's UTC."""
 
+    def stands_before(self, t_utc_ns: int) -> bool:
+        """Whether it stands still before that time comes, until somebody lets it go on."""
+
     async def sleep_until(self, t_utc_ns: int) -> None:
         """Return when it is that time, at once if it is past, or when somebody wakes it."""
 
@@ -91,13 +94,17 @@ class WallClock:
         self._speed = speed
         self.wake()
 
+    def stands_before(self, t_utc_ns: int) -> bool:
+        """Whether a pause, or the end of a step, comes first."""
+        return self._stands_from_ns is not None and t_utc_ns > self._stands_from_ns
+
     async def sleep_until(self, t_utc_ns: int) -> None:
         """Return when it is that time; late by some tens of microseconds on Linux."""
         if not self._begun:
             self.start()
         if self._timer is None:
             self._timer = PreciseTimer()
-        if self._stands_from_ns is not None and t_utc_ns > self._stands_from_ns:
+        if self.stands_before(t_utc_ns):
             await self._timer.wait_for_wake()
             return
         until_ns = t_utc_ns - self._zero_utc_ns
@@ -136,6 +143,10 @@ class InstantClock:
     def now_ns(self) -> int:
         """The session's UTC."""
         return self._now_ns
+
+    def stands_before(self, _t_utc_ns: int) -> bool:
+        """Always: time passes only for who waits."""
+        return True
 
     async def sleep_until(self, t_utc_ns: int) -> None:
         """Be there; whatever else waits in the loop has its turn first."""

@@ -79,6 +79,9 @@ class Engine:
         self._later.append(action)
         if len(self._later) > MAX_LATER:
             self._do_later(1)
+        due_ns = self.agenda.next_due_ns()
+        if due_ns is not None and self._clock.stands_before(due_ns):
+            self._clock.wake()  # nothing else would
 
     def heard(self, topic: str, payload: bytes, content_type: str | None) -> bool:
         """Something has come in; False if there is no room for it to wait."""
@@ -151,7 +154,8 @@ class Engine:
         await self._clock.sleep_until(due_ns)
 
     def _has_time_before(self, due_ns: int) -> bool:
-        return isinstance(self._clock, InstantClock) or due_ns - self._clock.now_ns() > SPARE_NS
+        clock = self._clock
+        return clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS
 
     def _take_in(self, most: int) -> bool:
         """Take in what came, as of a time after all that is done and before all that is not.

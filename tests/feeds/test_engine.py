@@ -3,6 +3,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from sessions import until
+
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.engine import AT_ONCE, MAX_LATER, Engine
@@ -217,3 +219,36 @@ def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
         return [name for name, _ in case.done]
 
     assert asyncio.run(check()) == ["due"]
+
+
+def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_done() -> None:
+    async def play() -> None:
+        clock = WallClock(0)
+        case = Case(clock)
+
+        def five() -> None:
+            case.engine.later(case.note("ledger"))
+            case.note("five")()
+
+        case.engine.agenda.put(5 * MS, five)
+        clock.start()
+        stands_ns = clock.now_ns() + 6 * MS
+        clock.step(6 * MS)
+        case.at(stands_ns + MS // 2, "next")
+        working = asyncio.create_task(case.engine.work(None))
+        await until(lambda: "ledger" in names(case))
+        await until(lambda: clock.is_paused)
+        case.hear("in")
+        case.engine.later(case.note("later"))  # as when a broker acknowledges
+        await until(lambda: {"in", "later"} <= names(case))
+        assert "next" not in names(case)
+        clock.resume()
+        await working
+        assert "next" in names(case)
+        clock.close()
+
+    asyncio.run(play())
+
+
+def names(case: Case) -> set[str]:
+    return {name for name, _ in case.done}
