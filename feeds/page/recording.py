@@ -10,6 +10,7 @@ from typing import Self
 from plotfeed.feeds.page.recorded_settings import RecordedSettings
 from plotfeed.feeds.recorder import SCENE_NAME
 from plotfeed.feeds.replay_settings import Selection
+from plotfeed.feeds.report import LATEST_UTC_NS
 from plotfeed.feeds.scene import Scene, parsed
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.log_channels import Series
@@ -59,6 +60,8 @@ class Recording:
         series = summary.counts.keys()
         if summary.start_ns is None or summary.end_ns is None or not any(map(_is_sent, series)):
             raise PlotfeedError("expected messages that sensors sent; it holds none")
+        if summary.end_ns > LATEST_UTC_NS:
+            raise PlotfeedError("expected times before the year 2262")
         ledger = f"{scene.mqtt.prefix}/truth"
         has_ledger = any(s.topic == ledger and s.stage in LEFT for s in series)
         carried = (Stage.BEFORE,) if has_ledger and _has_before(summary) else LEFT

@@ -239,7 +239,8 @@ class Stage(Observer):
 
 def one_line(error: Exception) -> str:
     """The first line of what went wrong."""
-    return str(error).partition("\n")[0]
+    why = error.strerror if isinstance(error, OSError) else None
+    return (why or str(error)).partition("\n")[0]
 
 
 def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:

@@ -310,6 +310,7 @@ def scene_of(path: Path) -> bytes:
 
 SCENE = scene_text(port=1883).encode()
 SENT = Recorded(topic="plotfeed/radar/status", payload=b"{}", log_time_ns=NS, publish_time_ns=NS)
+LATE = Recorded(topic="plotfeed/truth", payload=b"", log_time_ns=1 << 63, publish_time_ns=NS)
 
 
 @pytest.mark.parametrize(
@@ -318,6 +319,7 @@ SENT = Recorded(topic="plotfeed/radar/status", payload=b"{}", log_time_ns=NS, pu
         ([SENT], None, "holds no scene"),
         ([], SCENE, "it holds none"),
         ([SENT], SCENE, "no plots to show"),
+        ([SENT, LATE], SCENE, "2262"),
         ([SENT], b"[scene]\nname = 5", "scene.name"),
         ([SENT], b"\xff", "UTF-8"),
     ],

@@ -20,6 +20,7 @@ from page_sessions import Begun, with_page
 from scene_files import radar, scene_text
 
 from plotfeed.feeds.clock import WallClock
+from plotfeed.feeds.page import replay_show
 from plotfeed.feeds.page.frames import Kind
 from plotfeed.feeds.page.replay_show import NOT_NOW
 from plotfeed.feeds.replay_settings import Moment, Selection
@@ -445,6 +446,25 @@ def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
         assert not viewer.replay
 
     assert play(act) == ["test"]
+
+
+def test_after_a_replay_that_fails_a_session_says_so(
+    play: Callable[[Act], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def torn(_path: Path) -> LogReader:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(replay_show, "LogReader", torn)
+
+    async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
+        begun.waiting.clear()
+        await viewer.done(replay={"load": "session.mcap"})
+        await begun.wait()
+        await viewer.until(lambda: viewer.session.get("notes"))
+        assert viewer.session["notes"] == ["The replay has ended: Input/output error"]
+        assert viewer.session["replay"] == {}
+
+    assert play(act) == ["test", "test"]
 
 
 def test_tracks_that_are_published_now_are_shown_in_recorded_time(
