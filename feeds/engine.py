@@ -91,6 +91,11 @@ class Engine:
             self._take_in(AT_ONCE)
         return there_was_room
 
+    def as_of_ns(self) -> int:
+        """The time of what comes in now: no later than it is, and before all that is not done."""
+        now_ns, next_ns = self._clock.now_ns(), self.agenda.next_due_ns()
+        return now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+
     async def work(self, end_ns: int | None) -> None:
         """Do everything that is due until then, each thing at its time."""
         drain_ns = self._clock.now_ns()
@@ -162,8 +167,7 @@ class Engine:
 
         False if there is no such time before more is done.
         """
-        now_ns, next_ns = self._clock.now_ns(), self.agenda.next_due_ns()
-        as_of_ns = now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        as_of_ns = self.as_of_ns()
         if as_of_ns < self._done_ns:
             return False
         self._inbox.take(most, as_of_ns)

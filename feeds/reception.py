@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from plotfeed.feeds.changes import ChangeError
 from plotfeed.feeds.clock import Clock, WallClock
-from plotfeed.feeds.control import ClockCommand, Command, ControlError, parsed
+from plotfeed.feeds.control import ClockCommand, Command, ControlError, command_of, parsed
 from plotfeed.feeds.desk import Desk
 from plotfeed.feeds.intake import Intake
-from plotfeed.feeds.message import Message
+from plotfeed.feeds.message import JSON, Message
 from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.report import Reason, Refused
 from plotfeed.feeds.scene import Scene
@@ -63,15 +64,23 @@ class Reception:
         """A message could not even wait to be taken in."""
         self._refuse(topic, Refused(Reason.FLOOD, "more than can be taken has come at once"))
 
-    def control(self, command: Command, at_utc_ns: int | None = None) -> dict[str, Any]:
-        """Do as asked, as of that time or now, and say what is in force; raises `PlotfeedError`."""
+    def ask(self, command: dict[str, Any], t_utc_ns: int) -> dict[str, Any]:
+        """Do as asked, as of that time, and say what is in force; raises `PlotfeedError`.
+
+        To whoever records the session it is a command like those that come in.
+        """
+        payload = json.dumps(command).encode()
+        for observer in self._observers:
+            observer.took(self._control_topic, payload, JSON, t_utc_ns)
+        return self._control(command_of(command), t_utc_ns)
+
+    def _control(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
         if command.clock is not None:
             return self._control_clock(command.clock)
         desk = self._desks.get(command.sensor or "")
         if desk is None:
             known = ", ".join(self._desks)
             raise ControlError(f"sensor: there is no {command.sensor!r}; expected one of {known}")
-        at_utc_ns = self._clock.now_ns() if at_utc_ns is None else at_utc_ns
         desk.control(None if command.reset else command.set, at_utc_ns)
         self._totals.controls += 1
         return {"sensor": desk.sensor.id, **desk.sensor.model_dump(mode="json", exclude_unset=True)}
@@ -92,7 +101,7 @@ class Reception:
     def _obey(self, payload: bytes, at_utc_ns: int) -> None:
         """A command from the wire: done, or refused in a line."""
         try:
-            self.control(parsed(payload), at_utc_ns)
+            self._control(parsed(payload), at_utc_ns)
         except (ControlError, ChangeError) as error:
             self._refuse(self._control_topic, Refused(Reason.CONTROL, str(error)))
 

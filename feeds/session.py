@@ -13,7 +13,6 @@ from plotfeed.feeds.account import Settled, told
 from plotfeed.feeds.agenda import Kind
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import Clock, WallClock
-from plotfeed.feeds.control import Command
 from plotfeed.feeds.cooperative_drones import CooperativeDesk, CooperativeDrones
 from plotfeed.feeds.desk import Desk, Office
 from plotfeed.feeds.engine import Engine
@@ -202,9 +201,12 @@ class Session:
         """Take in telemetry or a command, as of that time."""
         self._reception.take(topic, payload, content_type, t_utc_ns)
 
-    def control(self, command: Command) -> dict[str, Any]:
-        """Do as asked, now, and say what is in force; raises `PlotfeedError`."""
-        return self._reception.control(command)
+    def ask(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Do now what might have come in as a command, and say what is in force.
+
+        Raises `PlotfeedError`.
+        """
+        return self._reception.ask(command, self._engine.as_of_ns())
 
     def _say(self, message: Message) -> None:
         self._front.send_past_link(message)

@@ -127,12 +127,14 @@ class RecordedTelemetry:
         self._session = session
         self._log = LogReader(path)
         self._messages = self._log.messages(stages=[Stage.TELEMETRY])
-        self._next: Recorded | None = next(self._messages, None)
+        self._next: Recorded | None = None
+        self._turn()
 
     def take_before(self, t_utc_ns: int) -> None:
         """All that had been taken in before that time; commands to the clock are left out."""
         while self._next is not None and self._next.log_time_ns < t_utc_ns:
-            message, self._next = self._next, next(self._messages, None)
+            message = self._next
+            self._turn()
             if not _is_of_clock(message):
                 self._session.take(
                     message.topic,
@@ -140,6 +142,12 @@ class RecordedTelemetry:
                     message.content_type or None,
                     message.log_time_ns,
                 )
+
+    def _turn(self) -> None:
+        """To the next message; after the last one the file is needed no more."""
+        self._next = next(self._messages, None)
+        if self._next is None:
+            self._log.close()
 
 
 def _is_of_clock(message: Recorded) -> bool:

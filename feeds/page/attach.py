@@ -11,7 +11,6 @@ import numpy as np
 
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import WallClock
-from plotfeed.feeds.control import command_of
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.impairment.settings import Link
 from plotfeed.feeds.mqtt import MqttLink
@@ -93,7 +92,7 @@ class PageObserver(Observer):
         """Do as a viewer asks."""
         if self._session is None or ("sensor" not in command and "clock" not in command):
             return await self._others.apply(command)
-        in_force = self._session.control(command_of(command))
+        in_force = self._session.ask(command)
         self._tell_clock()
         return {"ok": True, "in_force": in_force}
 

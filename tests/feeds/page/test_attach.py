@@ -3,6 +3,8 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,14 +17,18 @@ from page_frames import Frame, read_frame
 from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.message import Message
-from plotfeed.feeds.observers import Extras
+from plotfeed.feeds.observers import Extras, Observer
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
 from plotfeed.feeds.page.frames import Kind
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recorder import Recorder
 from plotfeed.feeds.scene import Scene
 from plotfeed.feeds.session import run
+from plotfeed.feeds.session_record import RecordedTelemetry, SessionRecorder
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.recorded import Stage
 
 SCENE = road.scene(
     [
@@ -42,6 +48,7 @@ class Show:
         self.observer = PageObserver(self.view)
         self.messages: list[tuple[Message, int]] = []
         self.frames: list[Frame] = []
+        self.others: list[Observer] = []
         self._clock = clock
         self._scene = scene
 
@@ -50,7 +57,7 @@ class Show:
 
     async def _play(self, duration_s: float, act: Callable[[Show], Any] | None) -> None:
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
-        extras = Extras(tap=tap, observers=[self.observer])
+        extras = Extras(tap=tap, observers=[self.observer, *self.others])
         async with following(self.observer):
             session = asyncio.create_task(
                 run(
@@ -234,3 +241,48 @@ def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> Non
 
     with mosquitto(tmp_path, port):
         asyncio.run(hear())
+
+
+def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "changed.mcap"
+    asked: list[dict[str, Any]] = [
+        {"sensor": "radar", "set": {"pfa": 1e-4, "link": {"latency_ms": 70.0}}},
+        {"clock": {"speed": 3.0}},
+        {"sensor": "other", "set": {"enabled": False}},
+        {"sensor": "radar", "reset": True},
+        {"sensor": "other", "reset": True},
+    ]
+
+    async def act(show: Show) -> None:
+        for command in asked:
+            enough = len(show.messages) + 30
+            await show.until(partial(has_sent, show, enough))
+            assert (await show.observer.apply(command))["ok"]
+
+    show = Show(WallClock(road.START_NS, speed=2.0))
+    with Recorder(path) as recorder:
+        show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
+        show.play(8.0, act)
+    with LogReader(path) as log:
+        taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
+    assert taken == asked
+    again: list[Message] = []
+    extras = Extras(
+        tap=lambda message, _t_utc_ns: again.append(message),
+        recorded=partial(RecordedTelemetry, path),
+    )
+    clock = InstantClock(road.START_NS)
+    asyncio.run(run(SCENE, clock=clock, broker="none", duration_s=8.0, extras=extras))
+    for topic in ("radar/plots", "radar/asterix/048", "other/plots"):
+        first, second = (
+            sorted((m.due_utc_ns, m.payload) for m in messages if m.topic == f"plotfeed/{topic}")
+            for messages in ([m for m, _ in show.messages], again)
+        )
+        assert first == second
+        assert len(first) > 2
+
+
+def has_sent(show: Show, count: int) -> bool:
+    return len(show.messages) >= count
