@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -25,8 +25,7 @@ from plotfeed.replay.pacing import speed_of
 
 LOOK_EVERY_S = 0.1
 MOST_S = 1e9
-WISHES = ("paused", "speed", "position_s", "skip_s")
-EXPECTED = "replay: expected one of load, paused, speed, position_s, skip_s and stop"
+EXPECTED = "replay: expected load, stop, or some of paused, speed, position_s and skip_s"
 NOT_NOW = "A replay is not changed, stepped or recorded: Stop or Restart ends it."
 REFUSES = dict.fromkeys(("sensor", "step", "record"), NOT_NOW)
 """Controls that do not work meanwhile, and why."""
@@ -102,28 +101,30 @@ class ReplayShow:
 
     def apply(self, wish: object) -> Mapping[str, Any]:
         """Pause, go on, hurry, or go elsewhere."""
-        if not isinstance(wish, dict) or len(wish) != 1 or not wish.keys() & set(WISHES):
+        if not isinstance(wish, dict) or not wish or not wish.keys() <= WISHES.keys():
             return refused(EXPECTED)
         if self._control.pace is None:
             return refused("replay: it has not begun yet")
-        ((name, value),) = wish.items()
-        try:
-            self._obey(name, value)
-        except ValueError as error:
-            return refused(f"replay.{name}: {error}")
+        wanted = {}
+        for name, value in wish.items():
+            try:
+                wanted[name] = WISHES[name](value)
+            except ValueError as error:
+                return refused(f"replay.{name}: {error}")
+        self._obey(wanted)
         self._tell()
         return {"ok": True, "in_force": self._state()}
 
-    def _obey(self, name: str, value: object) -> None:
-        """Raises `ValueError`."""
-        if name == "paused":
-            self._pause(_truth_in(value))
-        elif name == "speed":
-            self._control.set_speed(speed_of(_number_in(value)))
-        elif name == "position_s":
-            self._seek(self.recording.start_ns + round(_number_in(value) * NS))
-        else:
-            self._seek(self._reached_ns + round(_number_in(value) * NS))
+    def _obey(self, wanted: Mapping[str, Any]) -> None:
+        """A position comes before a pause, so that it is there that it ends."""
+        if "speed" in wanted:
+            self._control.set_speed(wanted["speed"])
+        if "position_s" in wanted:
+            self._seek(self.recording.start_ns + round(wanted["position_s"] * NS))
+        if "skip_s" in wanted:
+            self._seek(self._reached_ns + round(wanted["skip_s"] * NS))
+        if "paused" in wanted:
+            self._pause(wanted["paused"])
 
     def _pause(self, paused: bool) -> None:
         if paused:
@@ -182,3 +183,12 @@ def _number_in(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_S:
         raise ValueError(f"expected a number, not {str(value)[:40]!r}")
     return float(value)
+
+
+WISHES: Mapping[str, Callable[[object], Any]] = {
+    "paused": _truth_in,
+    "speed": lambda value: speed_of(_number_in(value)),
+    "position_s": _number_in,
+    "skip_s": _number_in,
+}
+"""What may be asked of a replay, and how it is read; raises `ValueError`."""

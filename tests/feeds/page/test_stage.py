@@ -75,7 +75,7 @@ def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Pat
         ({"session": 5}, "expected restart or scene"),
         ({"record": {"stop": True}}, "none runs"),
         ({"record": {}}, "expected start or stop"),
-        ({"replay": {"file": "x.mcap"}}, "expected one of load"),
+        ({"replay": {"file": "x.mcap"}}, "expected load"),
         ({"replay": {"load": "x.mcap"}}, "there is no recording 'x.mcap'"),
         ({"replay": {"paused": True}}, "none runs"),
         ({"clock": {"paused": True}}, "real time cannot be held"),
