@@ -6,6 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -86,3 +87,20 @@ def test_what_is_not_measured_takes_no_memory_and_says_so() -> None:
     both = Plots.joined([found, found])
     assert both.range_m.strides == (0,)
     assert len(both) == len(both.range_m) == 2_000_000
+
+
+def test_what_is_no_column_is_refused() -> None:
+    with pytest.raises(TypeError, match="azimut_deg"):
+        Plots.of(t_utc_ns=np.zeros(1, np.int64), azimut_deg=np.zeros(1))
+    with pytest.raises(AttributeError, match="azimut_deg"):
+        _ = Plots.of(t_utc_ns=np.zeros(1, np.int64)).azimut_deg  # type: ignore[attr-defined]
+
+
+def test_a_column_is_measured_if_it_was_given() -> None:
+    one = Plots.of(t_utc_ns=np.zeros(1, np.int64), range_m=np.ones(1))
+    other = Plots.of(t_utc_ns=np.ones(1, np.int64))
+    assert one.measures("range_m")
+    assert not other.measures("range_m")
+    assert Plots.joined([other, one]).measures("range_m")
+    assert one.but(height_m=np.ones(1)).measures("height_m")
+    assert not one.measures("height_m")
