@@ -20,6 +20,8 @@ from plotfeed.feeds.totals import Totals
 from plotfeed.models.state import FALSE_ALARM, Looks, Plots, TruthState
 from plotfeed.replay.log_reader import LogReader
 
+LEAD_NS = 2 * NS
+"""Plots are read from so long before those that are to be shown: the ledger tells of them later."""
 MOST_READ_NS = 60 * NS
 """Of recorded time between two looks; of more, what has not faded is shown and the rest is not."""
 
@@ -62,7 +64,7 @@ class RecordedView:
         if leap:
             self._seen = SeenDrones(self._recording.scene)
         if leap or t_ns - self._sectors.read_ns > MOST_READ_NS:
-            self._sectors = self._from(t_ns - self._glow_ns)
+            self._sectors = self._from(t_ns - self._glow_ns - LEAD_NS)
         found = self._sectors.until(t_ns)
         for sensor in {sector.sensor for sector in found}:
             of_sensor = [sector for sector in found if sector.sensor == sensor]

@@ -187,8 +187,7 @@ def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
     leapt, after = shown.frames[-2:]
     assert leapt.is_snapshot
     assert leapt.news["generation"] == 1  # it is the same scene, and nobody's zoom is lost
-    # What was measured before it began to read is told of by entries alone.
-    glow_ns = round((shown.recording.scene.page.afterglow_s - 1.0) * NS)
+    glow_ns = round(shown.recording.scene.page.afterglow_s * NS)
     wanted = expected(session, at_ns - glow_ns, at_ns)["shown"]
     times_ms = leapt.column(Kind.PLOTS, "t_utc_ms")
     wanted_ms = sorted(row[1] / 1e6 for row in wanted if row[1] >= at_ns - glow_ns)
