@@ -1,22 +1,34 @@
 """Half an hour of the page with two viewers: memory of server and browser, minute by minute.
 
-python tests/benchmarks/soak_page.py [MINUTES]; nothing is asserted.
+python tests/benchmarks/soak_page.py [MINUTES]; nothing is asserted. It prints as it goes, and
+writes every fifth minute into docs/page.md, between its marks.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 from bench_page import WINDOW, child
 from chromium import OPTIONS, program
+from marks import between
 from playwright.sync_api import CDPSession, Page, sync_playwright
+from write_benchmarks import processor
 
+PAGE = Path(__file__).parents[2] / "docs" / "page.md"
 MINUTES = 30
 DRONES = 200
+EVERY = 5
+HEAD = (
+    "| minute | server, MiB | browser's heap, MiB | plots | drones | seconds |\n"
+    "|--:|--:|--:|--:|--:|--:|"
+)
 
 
 def rss_mib(pid: int) -> float:
@@ -43,7 +55,7 @@ def rows(page: Page) -> str:
 
 
 def main() -> None:
-    """Print a table as it goes."""
+    """Measure, print and write."""
     minutes = int(sys.argv[1]) if sys.argv[1:] else MINUTES
     with child(DRONES, with_page=True) as process, sync_playwright() as playwright:
         assert process.stdout
@@ -54,14 +66,29 @@ def main() -> None:
             page.goto(url)
             page.get_by_role("button", name="Truth").dispatch_event("click")
         session = pages[0].context.new_cdp_session(pages[0])
-        print("| minute | server, MiB | browser's heap, MiB | plots | drones | seconds |")
-        print("|--:|--:|--:|--:|--:|--:|")
+        print(HEAD)
+        lines: list[str] = []
         began_s = time.monotonic()
         for minute in range(minutes + 1):
             pages[0].wait_for_timeout(max(0.0, began_s + 60 * minute + 10 - time.monotonic()) * 1e3)
-            print(f"| {minute} | {rss_mib(process.pid):.1f} | {heap_mib(session):.2f} | "
-                  f"{rows(pages[0])} |", flush=True)  # fmt: skip
+            lines.append(
+                f"| {minute} | {rss_mib(process.pid):.1f} | {heap_mib(session):.2f} "
+                f"| {rows(pages[0])} |"
+            )
+            print(lines[-1], flush=True)
         browser.close()
+    write(lines)
+
+
+def write(lines: list[str]) -> None:
+    """Into the documentation, with the machine."""
+    words = (
+        f"{DRONES} drones, two browsers that see the truth, {len(lines) - 1} minutes, on "
+        f"{os.cpu_count()} cores ({processor()}), {datetime.now(UTC):%Y-%m-%d}. The server is the "
+        "whole process, session included; the heap is what the page's script holds after a "
+        "collection; plots, drones and seconds of the strips are those that it keeps."
+    )
+    between(PAGE, "soak", "\n".join([words, "", HEAD, *lines[::EVERY]]))
 
 
 if __name__ == "__main__":
