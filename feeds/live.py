@@ -161,7 +161,7 @@ async def _run(scene: Scene, how: How, note: str, *, quiet: bool) -> tuple[int, 
     stop = asyncio.Event()
     collect_seldom()
     keep_freed()
-    asyncio.get_running_loop().set_exception_handler(_stray_error)
+    asyncio.get_running_loop().set_exception_handler(partial(_stray_error, stop))
     teller: asyncio.Task[None] | None = None
 
     def ready(urls: dict[str, str], totals: Totals) -> None:
@@ -259,8 +259,13 @@ def _summary(totals: Totals) -> dict[str, float | int | str]:
     return {**counts, "lateness_p50_us": p50, "lateness_p99_us": p99, "lateness_p999_us": p999}
 
 
-def _stray_error(_loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-    """What a library's own task died of: a line, not a traceback."""
-    logging.getLogger("plotfeed").warning(
-        "%s: %s", context.get("message"), context.get("exception", "no more is known")
+def _stray_error(
+    stop: asyncio.Event, _loop: asyncio.AbstractEventLoop, context: dict[str, object]
+) -> None:
+    """What a library's own task died of: a line, not a traceback; of the end, no news."""
+    logging.getLogger("plotfeed").log(
+        logging.DEBUG if stop.is_set() else logging.WARNING,
+        "%s: %s",
+        context.get("message"),
+        context.get("exception", "no more is known"),
     )
