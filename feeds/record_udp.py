@@ -30,6 +30,11 @@ LARGEST_OCTETS = 1 << 16
 EXTRA_OCTETS = 256
 AT_ONCE = 256
 """Datagrams, until something else has its turn."""
+SETTLING_S = 1.0
+"""At first the kernel may give a datagram the time at which it is read, as it has no other yet.
+
+Those after it, which it stamped as they came, would then be earlier; a socket hands on in order.
+"""
 LAST_TURNS = 1000
 """At the end, should they never cease to come."""
 NS = 1_000_000_000
@@ -53,6 +58,8 @@ class UdpSource:
         self._socket: socket.socket | None = None
         self._hear: Callable[[Recorded], None] = _forget
         self._lost: int | None = None
+        self._latest_ns = 0
+        self._settled_s = 0.0
 
     @property
     def lost(self) -> int | None:
@@ -78,6 +85,7 @@ class UdpSource:
             opened.close()
             raise UdpError(f"{self.shown}: {error.strerror or error}") from None
         self._socket = opened
+        self._settled_s = time.monotonic() + SETTLING_S
         asyncio.get_running_loop().add_reader(opened, self._take, opened)
 
     async def close(self) -> None:
@@ -94,12 +102,15 @@ class UdpSource:
 
     def _take(self, opened: socket.socket) -> int:
         """What has come, up to a number that takes no long time; how many."""
+        is_settling = time.monotonic() < self._settled_s
         for n in range(AT_ONCE):
             try:
                 payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
             except OSError:  # there is nothing, or only word of an error
                 return n
             topic, at_ns = self._told(extras)
+            if is_settling:
+                at_ns = self._latest_ns = max(at_ns, self._latest_ns)
             self._hear(
                 Recorded(
                     topic=topic,

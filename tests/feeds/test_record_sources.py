@@ -152,6 +152,23 @@ def test_times_are_those_at_which_the_kernel_took_them() -> None:
     asyncio.run(listen())
 
 
+def test_at_first_no_datagram_is_older_than_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stamps = iter([5, 3, 9, 7])
+    monkeypatch.setattr(UdpSource, "_told", lambda *_: ("udp", next(stamps)))
+
+    async def listen() -> list[int]:
+        port = free_port()
+        async with Listener(UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))) as listener:
+            with sender("127.0.0.1") as out:
+                for _ in range(4):
+                    out.sendto(BLOCK, ("127.0.0.1", port))
+            return [recorded.log_time_ns for recorded in await listener.wait_for(4)]
+
+    assert asyncio.run(listen()) == [5, 5, 9, 9]
+
+
 @on_linux
 def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("plotfeed.feeds.record_udp.BUFFER_OCTETS", 100_000)
