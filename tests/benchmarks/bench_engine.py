@@ -36,8 +36,10 @@ from road import flown, radar, rotating, staring, waypoint  # noqa: E402
 from plotfeed.feeds.clock import InstantClock, WallClock  # noqa: E402
 from plotfeed.feeds.engine import Engine  # noqa: E402
 from plotfeed.feeds.inbox import Inbox  # noqa: E402
+from plotfeed.feeds.observers import Extras, Observer  # noqa: E402
+from plotfeed.feeds.process_memory import collect_seldom, keep_freed  # noqa: E402
 from plotfeed.feeds.scene import Scene, from_tree  # noqa: E402
-from plotfeed.feeds.session import run  # noqa: E402
+from plotfeed.feeds.session import Session, run  # noqa: E402
 
 SECONDS = 30.0
 RADARS, SECTORS, DRONES = 200, 32, 50
@@ -270,18 +272,25 @@ def plots_a_second() -> None:
 def rate(scene: Scene, scans: int) -> float:
     """Plots a second of processor time; median of three."""
 
-    def once(duration_s: float) -> tuple[int, float]:
-        clock = InstantClock(scene.scene.start_utc_ns)
-        begin_s = time.process_time()
-        totals = asyncio.run(run(scene, clock=clock, broker="none", duration_s=duration_s))
-        return totals.plots, time.process_time() - begin_s
+    def once() -> float:
+        at_work, clock = AtWork(), InstantClock(scene.scene.start_utc_ns)
+        extras = Extras(observers=[at_work])
+        totals = asyncio.run(
+            run(scene, clock=clock, broker="none", duration_s=float(scans), extras=extras)
+        )
+        return totals.plots / at_work.took_s
 
-    rates = []
-    for _ in range(3):
-        few, overhead_s = once(1.0)
-        many, took_s = once(scans + 1.0)
-        rates.append((many - few) / (took_s - overhead_s))
-    return float(np.median(rates))
+    return float(np.median([once() for _ in range(3)]))
+
+
+class AtWork(Observer):
+    """Processor time of a session from its beginning to its end, without what it takes to start."""
+
+    def begun(self, _session: Session) -> None:
+        self._begin_s = time.process_time()
+
+    def ended(self) -> None:
+        self.took_s = time.process_time() - self._begin_s
 
 
 def main() -> None:
@@ -289,6 +298,8 @@ def main() -> None:
     seconds = float(sys.argv[1]) if sys.argv[1:] else SECONDS
     under_load(seconds)
     beside_nanosleep(seconds)
+    collect_seldom()
+    keep_freed()
     plots_a_second()
 
 

@@ -49,12 +49,11 @@ def head() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return f"""# Benchmarks
 
-Written by `make bench`, which takes a quarter of an hour. These are figures of one machine, which
+Written by `make bench`, which takes half an hour. These are figures of one machine, which
 may have done other work at the same time: trust the ratios more than the numbers. No test depends
 on them.
 
 - Machine: {os.cpu_count()} cores, {platform.system()}; the processor is named in each section.
-  Those that name none were measured on 2026-11-21 on an AMD EPYC, at a load average of 0.4.
 - Python {platform.python_version()}, {libraries}
 """
 
@@ -66,7 +65,8 @@ def section(file: str, title: str) -> str:
     out = subprocess.run(
         [sys.executable, HERE / file], check=True, stdout=subprocess.PIPE, text=True
     ).stdout
-    summary = (HERE / file).read_text().partition('"""')[2].partition("\n")[0]
+    words = (HERE / file).read_text().split('"""')[1]
+    summary = words.partition("\n")[0]
     when = f"{datetime.now(UTC):%Y-%m-%d}; {processor()}; load average before it {load:.1f}"
     return f"\n## {title}\n\n{summary} (`tests/benchmarks/{file}`; {when})\n\n{out}"
 
