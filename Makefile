@@ -87,4 +87,4 @@ constraints: .venv/.ready-test
 	mv constraints.new constraints.txt
 
 clean:
-	rm -rf .venv .venv-libasterix .venv-stonesoup .typing .node
+	rm -rf .venv .venv-ast-tool .venv-libasterix .venv-stonesoup .typing .node

@@ -14,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import os
 import resource
 import statistics
 import subprocess
@@ -21,6 +22,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -232,9 +234,11 @@ def main() -> None:
     """Measures, writes the table and draws the picture."""
     sys.path.insert(0, str(PROJECT / "docs"))
     from marks import between  # noqa: PLC0415 - beside the pages
+    from write_benchmarks import processor  # noqa: PLC0415
 
     found = measured()
-    head = f"CPU of a second of the scene, median of {TURNS} turns:"
+    when = f"{os.cpu_count()} cores, {processor()}; {datetime.now(UTC):%Y-%m-%d}"
+    head = f"CPU of a second of the scene, median of {TURNS} turns; {when}:"
     text = "\n".join([head, "", *table(found)])
     print(text)
     between(PAGE, "scaling", text)
