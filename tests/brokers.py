@@ -6,23 +6,32 @@ import base64
 import contextlib
 import hashlib
 import os
+import random
 import shutil
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 import pytest
 from mqtt_client import PATIENCE_S
 
+PORTS = range(20_000, 32_000)
+"""Below those that systems give to whoever connects, who may take one before we listen on it."""
+_turns = count(random.SystemRandom().randrange(len(PORTS)))
+
 
 def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
+    """One that is free, and that nobody else in this process was given."""
+    while True:
+        port = PORTS[next(_turns) % len(PORTS)]
+        with socket.socket() as listener, suppress(OSError):
+            listener.bind(("127.0.0.1", port))
+            return port
 
 
 @contextmanager
