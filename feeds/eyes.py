@@ -160,12 +160,15 @@ class Place:
 
     def with_heights(self, plots: Plots) -> Plots:
         """Heights of plots that have a place in three dimensions, if any format tells them."""
-        if not self.tells_heights or not len(plots):
-            return plots
-        if not (plots.measures("elevation_deg") and plots.measures("range_m")):
-            return plots
-        height_m = self.frame.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-        return plots.but(height_m=height_m)
+        return with_heights(plots, self.frame) if self.tells_heights and len(plots) else plots
+
+
+def with_heights(plots: Plots, frame: LocalFrame) -> Plots:
+    """Heights of plots of a sensor in that frame, if they have a place in three dimensions."""
+    if not (plots.measures("elevation_deg") and plots.measures("range_m")):
+        return plots
+    height_m = frame.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    return plots.but(height_m=height_m)
 
 
 class StaringEye:

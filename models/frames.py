@@ -146,8 +146,7 @@ class LocalFrame:
         Straight above and below the place, east and north are exactly zero.
         """
         enu_m = _rotate(self.rotation_from_ecef, _floats(ecef_m) - self.origin_ecef_m)
-        east, north = enu_m[..., 0], enu_m[..., 1]
-        vertical = east * east + north * north < RESOLUTION_M**2
+        vertical = _is_vertical(enu_m[..., 0], enu_m[..., 1])
         if vertical.any():
             enu_m[..., :2][vertical] = 0.0
         return enu_m
@@ -161,7 +160,7 @@ class LocalFrame:
         level_m = _rotate(self.rotation_from_ecef[:2], ecef_m - self.origin_ecef_m)
         east, north = level_m[..., 0], level_m[..., 1]
         azimuth_deg = _azimuth_deg(east, north)
-        vertical = east * east + north * north < RESOLUTION_M**2
+        vertical = _is_vertical(east, north)
         return np.where(vertical, np.nan, azimuth_deg) if vertical.any() else azimuth_deg
 
     def has_within(self, ecef_m: Floats, distance_m: float) -> Bools:
@@ -288,6 +287,11 @@ def _rotate(matrix: Floats, vector: Floats) -> Floats:
         component += y * b
         component += z * c
     return np.moveaxis(rotated, 0, -1)
+
+
+def _is_vertical(east: Floats, north: Floats) -> Bools:
+    """Whether there is nothing across the vertical but rounding."""
+    return east * east + north * north < RESOLUTION_M**2
 
 
 def _azimuth_deg(east: Floats, north: Floats) -> Floats:

@@ -178,9 +178,9 @@ class PolarRadar(Volume, ABC):
         )
         if self._finer is not None:
             return self._observe_finer(self._finer, looks, snrs, targets, covered, rng)
-        hits = rows_where(looks.detected)
-        if not looks.detected[hits].any():
+        if not looks.detected.any():
             return looks, NO_PLOTS
+        hits = rows_where(looks.detected)
         seen = looks.picked(hits, MEASURED_OF)
         truth = true_geometry(seen, targets, covered, hits)
         return looks, self._measure(seen, snrs[hits], truth, targets.readings, of_rows(rng, hits))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
+from plotfeed.models.frames import distance_m
 from plotfeed.models.quiet import quiet
 from plotfeed.models.state import Floats
 
@@ -116,12 +117,12 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
     sum loses every digit.
     """
     target, transmitter = _floats(target_enu_m), _floats(transmitter_enu_m)
-    range_tx, range_rx = _norm(target - transmitter), _norm(target)
-    baseline = _norm(transmitter)
+    range_tx, range_rx = distance_m(target - transmitter), distance_m(target)
+    baseline = distance_m(transmitter)
     sides = np.maximum(range_rx + baseline, np.finfo(np.float64).tiny)
     surplus = _dot(target - transmitter, target + transmitter) / sides  # range_rx - baseline
     # Law of cosines, with range_rx baseline (1 - cos beta) from the cross product ahead.
-    along, across = _dot(target, transmitter), _norm(_cross(target, transmitter))
+    along, across = _dot(target, transmitter), distance_m(_cross(target, transmitter))
     sides_product = range_rx * baseline
     versine = np.where(along > 0, across**2 / (sides_product + along), sides_product - along)
     return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
@@ -369,10 +370,6 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 def _cross(a: Floats, b: Floats) -> Floats:
     return _floats(np.cross(a, b))
-
-
-def _norm(vector: Floats) -> Floats:
-    return _floats(np.sqrt(_dot(vector, vector)))
 
 
 def _floats(value: ArrayLike) -> Floats:

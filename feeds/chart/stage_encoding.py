@@ -10,12 +10,13 @@ import numpy as np
 from plotfeed.feeds.chart.case import Case
 from plotfeed.feeds.chart.readers import HEIGHT, READERS, TIME, Columns
 from plotfeed.feeds.chart.stage import Alternative, Stage, rms
+from plotfeed.feeds.eyes import with_heights
 from plotfeed.feeds.formats import MAKERS
 from plotfeed.feeds.formats.base import Format
 from plotfeed.feeds.message import Message
 from plotfeed.feeds.sapient.groups import Groups
 from plotfeed.feeds.sensors.base import RotatingScan
-from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.frames import wrap_180
 from plotfeed.models.scan import Sector, next_sector, nth_sector
 from plotfeed.models.state import Floats, Plots
 from plotfeed.models.truth import NS
@@ -78,7 +79,7 @@ def _parts(case: Case) -> Parts:
         t_ns = np.sort(rng.integers(start_ns, end_ns, len(plots)))
     else:
         t_ns = np.full(len(plots), end_ns, np.int64)  # a sensor that stares reports when it ends
-    plots = _with_heights(case, plots.but(t_utc_ns=t_ns))
+    plots = with_heights(plots.but(t_utc_ns=t_ns), case.frame)
     index = np.searchsorted([s.end_ns for s in sectors[:-1]], t_ns, side="right")
     return [(sector, plots.rows(index == i)) for i, sector in enumerate(sectors)]
 
@@ -93,13 +94,6 @@ def _group(case: Case) -> list[Sector]:
     while len(sectors) < size:
         sectors.append(next_sector(sectors[-1], period_ns, n))
     return sectors
-
-
-def _with_heights(case: Case, plots: Plots) -> Plots:
-    if np.isnan(plots.elevation_deg).all() or np.isnan(plots.range_m).all():
-        return plots
-    enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    return plots.but(height_m=case.frame.to_geodetic(enu_m)[2])
 
 
 def _errors(case: Case, sent: Plots, read: Columns) -> dict[str, float]:
