@@ -12,7 +12,8 @@ const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPr
 export class Sensors {
   chosen = null;
   #rows = new Map();
-  #dirty = new Set(); // fields that are being filled in
+  #dirty = new Set(); // fields that were filled in and not asked for yet
+  #entered = null; // the field that somebody is in: what he has selected there is not taken from him
   #asking = 0; // commands without an answer yet
 
   /** ask(command) gives the session's answer; onChoose() and onHide() tell of changes here. */
@@ -20,6 +21,8 @@ export class Sensors {
     Object.assign(this, { picture, hidden, ask, onChoose, onHide });
     const form = byId("sensor-form");
     form.addEventListener("input", (event) => { if (event.target.type !== "radio") this.#dirty.add(event.target.id); });
+    form.addEventListener("focusin", (event) => { this.#entered = event.target.id; });
+    form.addEventListener("focusout", () => { this.#entered = null; this.showSettings(); });
     form.addEventListener("change", (event) => { if (event.target.name === "state") this.#setState(event.target.value); });
     form.addEventListener("submit", (event) => { event.preventDefault(); this.#apply(); });
     byId("reset").addEventListener("click", () => { this.#dirty.clear(); this.#send({ sensor: this.chosen, reset: true }); });
@@ -52,6 +55,7 @@ export class Sensors {
   choose(id) {
     this.chosen = id;
     this.#dirty.clear();
+    this.#entered = null;
     for (const [key, { row, button }] of this.#rows) {
       row.classList.toggle("chosen", key === id);
       button.setAttribute("aria-pressed", String(key === id));
@@ -90,7 +94,7 @@ export class Sensors {
   }
 
   #show(id, value, words) {
-    if (!this.#dirty.has(id)) byId(id).value = value;
+    if (!this.#dirty.has(id) && this.#entered !== id) byId(id).value = value;
     byId(`${id}-now`).textContent = words;
   }
 
@@ -124,22 +128,24 @@ export class Sensors {
     if (dirty.has("pfa")) set.pfa = number("pfa");
     if (dirty.has("latency")) link.latency_ms = number("latency");
     if (dirty.has("jitter")) link.jitter_ms = number("jitter");
-    if (dirty.has("loss") || dirty.has("burst")) link.loss = lossOf(number("loss"), number("burst"));
+    const bursty = dirty.has("burst") || this.#inForce(this.#sensor()).link?.loss?.kind === "gilbert-elliott"; // else it is shown, not asked for
+    if (dirty.has("loss") || dirty.has("burst")) link.loss = lossOf(number("loss"), bursty ? number("burst") : null);
     if (Object.keys(link).length) set.link = link;
     if (!Object.keys(set).length) {
       this.#say("Nothing was changed.");
       return;
     }
-    this.#send({ sensor: this.chosen, set });
+    this.#send({ sensor: this.chosen, set }, new Map([...dirty].map((id) => [id, byId(id).value])));
   }
 
-  async #send(command) {
+  async #send(command, filled = new Map()) {
     this.#asking++;
     const answer = await this.ask(command);
     this.#asking--;
     if (answer.in_force) this.picture.news.settings = { ...this.picture.news.settings, [command.sensor]: answer.in_force };
     if (command.sensor !== this.chosen) return;
-    if (answer.ok) this.#dirty.clear();
+    // What was filled in while the answer was on its way has not been asked for yet.
+    if (answer.ok) for (const [id, value] of filled) if (byId(id).value === value) this.#dirty.delete(id);
     this.#say(answer.ok ? "In force." : answer.error, !answer.ok);
     this.showSettings();
   }
@@ -151,9 +157,9 @@ export class Sensors {
   }
 }
 
-/** The keys of a link's loss, for a percentage and a mean burst. */
-export function lossOf(percent, burst) {
+/** The keys of a link's loss, for a percentage and a mean burst; each message by itself where that loses them in bursts as long. */
+function lossOf(percent, burst) {
   if (!percent) return null;
   const share = +(percent / 100).toPrecision(12);
-  return burst > 1 ? { kind: "gilbert-elliott", mean_loss: share, mean_burst: burst } : { kind: "random", probability: share };
+  return burst > 1 / (1 - share) ? { kind: "gilbert-elliott", mean_loss: share, mean_burst: burst } : { kind: "random", probability: share };
 }

@@ -205,8 +205,58 @@ def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
         if "Latency" in fields:
             page.locator("#latency-now").get_by_text(f"{fields['Latency']} ms").wait_for()
         page.get_by_role("button", name="As in the scene").click()
+        wait_for_command(page, stage, {"sensor": "radar", "reset": True})
         page.locator("#latency-now").get_by_text("120 ms").wait_for()
-        assert stage.commands[-1] == {"sensor": "radar", "reset": True}
+        stage.commands.clear()
+
+
+def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(page: Page, stage: Stage) -> None:
+    page.evaluate(
+        """() => {
+          const { feed } = plotfeed, ask = feed.ask.bind(feed), held = [];
+          globalThis.held = held;
+          feed.ask = async (command) => {
+            const answer = await ask(command);
+            await new Promise((arrives) => held.push(arrives));
+            return answer;
+          };
+        }"""
+    )
+    answer = page.locator("#answer")
+    latency, loss = (page.get_by_label(name, exact=True) for name in ("Latency", "Loss"))
+
+    def press(name: str) -> None:
+        page.get_by_role("button", name=name).click()
+        until(page, "held.length === 1")
+
+    def let_the_answer_arrive() -> None:
+        answer.evaluate("(element) => { element.textContent = ''; }")
+        page.evaluate("held.pop()()")
+        answer.get_by_text("In force.").wait_for()
+
+    latency.fill("250")
+    loss.fill("1")
+    press("Apply")
+    loss.fill("2")
+    let_the_answer_arrive()
+    press("Apply")
+    let_the_answer_arrive()
+    of_loss = {"link": {"loss": {"kind": "random", "probability": 0.02}}}
+    assert stage.commands[-1] == {"sensor": "radar", "set": of_loss}
+    press("As in the scene")
+    loss.fill("3")
+    let_the_answer_arrive()
+    assert (latency.input_value(), loss.input_value()) == ("120", "3")
+
+
+def test_a_field_that_somebody_is_in_changes_when_he_leaves_it(page: Page) -> None:
+    latency = page.get_by_label("Latency", exact=True)
+    latency.focus()
+    page.evaluate("plotfeed.feed.ask({ sensor: 'radar', set: { link: { latency_ms: 77 } } })")
+    page.locator("#latency-now").get_by_text("77 ms").wait_for()
+    assert latency.input_value() == "120"
+    latency.blur()
+    assert latency.input_value() == "77"
 
 
 def test_each_button_says_what_it_says(page: Page, stage: Stage) -> None:
