@@ -4,26 +4,16 @@ BIN := .venv/bin
 SOURCES := pyproject.toml Makefile constraints.txt
 CHROMIUM ?= chromium
 AXE := 4.14.1
-PURE := tests/models tests/proto tests/replay tests/statistics
+JOBS ?= $(shell getconf _NPROCESSORS_ONLN)
 
-.PHONY: demo test test-pure test-whole lint bench proto pictures constraints clean
+.PHONY: demo test lint bench proto pictures constraints clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
-# Two halves side by side: what needs no sockets, and the rest. With ARGS, one run of what they name.
+# As many processes as there are processors, a file in one of them; with ARGS, one run of what they name.
 test: .venv/.ready-test
-ifdef ARGS
-	$(BIN)/python -m pytest $(ARGS)
-else
-	$(MAKE) --no-print-directory --jobs 2 --output-sync=target test-pure test-whole
-endif
-
-test-pure: .venv/.ready-test
-	$(BIN)/python -m pytest $(PURE)
-
-test-whole: .venv/.ready-test
-	$(BIN)/python -m pytest tests $(PURE:%=--ignore=%)
+	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile)
 
 lint: .venv/.ready-test
 	$(BIN)/ruff check .

@@ -92,6 +92,16 @@ def until(page: Page, expression: str, argument: Any = None) -> None:
         page.wait_for_timeout(20)
 
 
+def requests(context: BrowserContext, page: Page) -> list[str]:
+    """Addresses that the page asks for from now on, WebSockets among them; grows as it does."""
+    asked: list[str] = []
+    network = context.new_cdp_session(page)
+    network.on("Network.requestWillBeSent", lambda event: asked.append(event["request"]["url"]))
+    network.on("Network.webSocketCreated", lambda event: asked.append(event["url"]))
+    network.send("Network.enable")
+    return asked
+
+
 def axe(page: Page) -> list[dict[str, Any]]:
     """Rules of accessibility that the page breaks, by axe-core; skips where that is missing."""
     if not AXE.exists():

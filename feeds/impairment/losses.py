@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, Loss, RandomLoss
+from plotfeed.feeds.impairment.passages import until_left
+from plotfeed.models.quiet import quiet
 
 Floats = NDArray[np.float64]
 BELOW_ONE = math.nextafter(1.0, 0.0)
@@ -88,9 +90,9 @@ class LossChain:
         begins = self._begins()
         if not begins.any():
             return math.inf if self.mean_loss else math.nan
-        lost = self._p * self._e
-        lengths = np.linalg.solve(np.eye(len(lost)) - lost, np.ones(len(lost)))
-        return float(begins @ lengths / begins.sum())
+        lengths = until_left(self._p * self._e, self._p @ (1 - self._e), np.ones(len(begins)))
+        first = begins > 0
+        return float(begins[first] @ lengths[first] / begins.sum())
 
     def burst_survival(self, longest: int) -> Floats:
         """Probability that a burst has 1, 2, ... or more messages, up to `longest`; (longest,)."""
@@ -114,16 +116,24 @@ class LossChain:
         return float((both - loss**2) / (loss * (1 - loss)))
 
     @property
+    @quiet
     def variance_per_message(self) -> float:
-        """Of the number of losses among many messages, per message.
+        """Of the number of losses among many messages, per message; infinite beyond all numbers.
 
-        L(1-L) and twice the sum of all covariances, by the chain's fundamental matrix; Kemeny and
-        Snell, Finite Markov Chains.
+        L(1-L) and twice the sum of all covariances: what each state brings, beside the mean, until
+        the commonest one comes again (Kemeny and Snell, Finite Markov Chains).
         """
-        loss, size = self.mean_loss, len(self._e)
-        fundamental = np.linalg.inv(np.eye(size) - self._p + self.stationary)
-        later = (self.stationary * self._e) @ (fundamental - np.eye(size)) @ self._e
-        return float(loss * (1 - loss) + 2 * later)
+        loss, law = self.mean_loss, self.stationary
+        beside, common = self._e - loss, int(law.argmax())
+        others = np.arange(len(law)) != common
+        brings = np.zeros(len(law))
+        steps, back = self._p[np.ix_(others, others)], self._p[others, common]
+        brings[others] = until_left(steps, back, beside[others])
+        there = law > 0
+        law, lost, brings = law[there], self._e[there], brings[there]
+        later = (law * lost) @ (brings - law @ brings - beside[there])
+        variance = float(loss * (1 - loss) + 2 * later)
+        return math.inf if math.isnan(variance) else max(variance, 0.0)
 
     def _begins(self) -> Floats:
         """Probability, per message and state, of being the first of a burst."""

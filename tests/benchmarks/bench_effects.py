@@ -12,30 +12,25 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-import tomllib
 from collections import defaultdict
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "feeds"))
 
-import numpy as np
 from instructions import text_of
+from section_4_crowd import START_NS, scene_of
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.process_memory import keep_freed
-from plotfeed.feeds.scene import Scene, from_tree
 from plotfeed.feeds.station import Station
 from plotfeed.models.truth import NS, Trajectories
 
 SIZES = (1, 10, 100, 1000, 10_000)
 REPEATS = 9
 SECONDS_A_REPEAT = 0.1
-START_NS = 1_767_268_800 * NS
-PLACE = files("plotfeed.feeds.scenes") / "section-4.toml"
 EFFECTS: dict[str, dict[str, Any]] = {
     "nothing named": {},
     "bias": {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 0.3, "tilt_deg": 0.1}},
@@ -48,33 +43,9 @@ EFFECTS: dict[str, dict[str, Any]] = {
 """The last names nothing either: its drones are too far away."""
 
 
-def scene_of(n: int, named: dict[str, Any]) -> Scene:
-    """The active radar of section-4, staring at n drones that move slowly."""
-    tree = tomllib.loads(PLACE.read_text())
-    (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
-    radar["scan"] = {"kind": "staring", "period_s": 1.0}
-    radar["report"] = ["asterix-015"]
-    rng = np.random.default_rng(1)
-    ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
-    tree["sensor"] = [radar | named]
-    tree["drone"] = [
-        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
-        for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
-    ]
-    return from_tree(tree, Path("bench.toml"))
-
-
-def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
-    east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
-    return [
-        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
-        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
-    ]
-
-
 def station_of(n: int, named: dict[str, Any]) -> Station:
     """At work for two scans already, and without formats."""
-    scene = scene_of(n, named)
+    scene = scene_of(n, report=["asterix-015"], **named)
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = Station(scene, scene.sensor[0], trajectories)

@@ -12,19 +12,16 @@ from __future__ import annotations
 
 import statistics
 import time
-import tomllib
 from collections import defaultdict
 from collections.abc import Callable
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from section_4_crowd import START_NS, scene_of
 
 from plotfeed.feeds.eyes import Place, StaringEye
 from plotfeed.feeds.fleet import launch
 from plotfeed.feeds.process_memory import keep_freed
-from plotfeed.feeds.scene import Scene, from_tree
 from plotfeed.feeds.station import Station
 from plotfeed.models.active_radar import ActiveRadar
 from plotfeed.models.chance import Chance, Purpose
@@ -35,8 +32,6 @@ THREE = np.ones(3)
 REPEATS = 9
 SECONDS_A_REPEAT = 0.15
 AIMS_NS = {1000: 150, 10_000: 60}
-START_NS = 1_767_268_800 * NS
-PLACE = files("plotfeed.feeds.scenes") / "section-4.toml"
 
 # The path that is counted, then what else a report needs.
 PATH = {
@@ -53,30 +48,6 @@ REFERENCES = {
     "addition": "beside them: one addition of three numbers, not divided by the targets",
 }
 ADDITIONS = 100
-
-
-def scene_of(n: int) -> Scene:
-    """The active radar of section-4, staring at n drones that move slowly."""
-    tree = tomllib.loads(PLACE.read_text())
-    (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
-    radar["scan"] = {"kind": "staring", "period_s": 1.0}
-    radar["report"] = ["plots"]
-    rng = np.random.default_rng(1)
-    ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
-    tree["sensor"] = [radar]
-    tree["drone"] = [
-        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
-        for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
-    ]
-    return from_tree(tree, Path("bench.toml"))
-
-
-def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
-    east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
-    return [
-        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
-        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
-    ]
 
 
 class Stopwatches:
@@ -106,7 +77,7 @@ class Stopwatches:
 def measure(n: int) -> dict[str, list[float]]:
     """Nanoseconds per target of each stage, one value a repeat."""
     keep_freed()
-    scene = scene_of(n)
+    scene = scene_of(n, report=["plots"])
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = Station(scene, scene.sensor[0], trajectories)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +15,7 @@ from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, R
 from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
 
 inner = st.floats(0.01, 0.99)
+small = st.floats(-120, -0.1).map(lambda exponent: 10.0**exponent)
 
 
 @st.composite
@@ -103,6 +105,47 @@ def test_the_variance_of_two_states_is_that_of_a_geometric_memory(p: float, r: f
     )
 
 
+@given(st.tuples(small, small, small, small, small), inner)
+def test_chains_that_hardly_ever_move_keep_their_figures(
+    rates: tuple[float, ...], bad: float
+) -> None:
+    p13, p31, p32, p23, p14 = rates
+    p14, p32 = p14 * (1 - p13), p32 * (1 - p31)
+    four = chain_of(FourState(kind="four-state", p13=p13, p31=p31, p32=p32, p23=p23, p14=p14))
+    compare_with_500_digits(
+        four,
+        {(0, 2): p32, (0, 3): p31, (1, 3): 1, (2, 0): p23, (3, 0): p13, (3, 1): p14},
+    )
+    two = GilbertElliott(kind="gilbert-elliott", p=p13, r=p31, good_loss=p23, bad_loss=bad)
+    compare_with_500_digits(chain_of(two), {(0, 1): p31, (1, 0): p13})
+
+
+def compare_with_500_digits(chain: LossChain, rates: dict[tuple[int, int], float]) -> None:
+    """Variance and mean burst by the fundamental matrix and by the burst's law."""
+    with mp.workdps(500):
+        size, e = len(chain.emissions), mp.matrix(chain.emissions)
+        p = mp.eye(size)
+        for (i, j), rate in rates.items():
+            p[i, j] = mp.mpf(rate)
+            p[i, i] -= mp.mpf(rate)
+        one = mp.ones(size, 1)
+        ends = mp.eye(size) - p.T
+        for j in range(size):
+            ends[size - 1, j] = 1
+        last = mp.matrix([0] * (size - 1) + [1])
+        law = mp.lu_solve(ends, last).T
+        loss = (law * e)[0]
+        fundamental = (mp.eye(size) - p + one * law) ** -1 - mp.eye(size)
+        weighed = mp.matrix([law[i] * e[i] for i in range(size)]).T
+        variance = loss * (1 - loss) + 2 * (weighed * fundamental * e)[0]
+        begins = mp.matrix([law[i] * (1 - e[i]) for i in range(size)]).T * p * mp.diag(e)
+        lengths = mp.lu_solve(mp.eye(size) - p * mp.diag(e), one)
+        burst = (begins * lengths)[0] / mp.fsum(begins)
+    assert chain.mean_loss == pytest.approx(float(loss), rel=1e-9)
+    assert chain.variance_per_message == pytest.approx(float(variance), rel=1e-6)
+    assert chain.mean_burst == pytest.approx(float(burst), rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("loss", "mean_loss", "mean_burst"),
     [
@@ -129,6 +172,14 @@ def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
     assert (never.mean_loss, always.mean_loss) == (0, 1)
     assert Asked(link()).mean_loss == Asked(link()).spread_of_loss(10) == 0
     assert math.isnan(Asked(link()).mean_burst)
+
+
+def test_a_link_that_never_changes_loses_all_or_none() -> None:
+    rarely = {"kind": "gilbert-elliott", "p": 1e-300, "r": 1e-300}
+    assert Asked(link(loss=rarely)).spread_of_loss(1000) == 0.5
+    never_ends = Asked(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
+    assert never_ends.mean_burst == pytest.approx(5e100)
+    assert never_ends.spread_of_loss(1000) < 1e-50
 
 
 @given(st.floats(0, 1, exclude_max=True), inner)

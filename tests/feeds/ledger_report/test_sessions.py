@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -179,23 +180,12 @@ def test_plots_that_contradict_the_ledger_are_not_joined(session: Path, tmp_path
                 batch = pb.PlotBatch.FromString(each.payload)
                 for plot in batch.plots:
                     plot.time_utc_ns += 1
-                yield _with(each, batch.SerializeToString())
+                yield replace(each, payload=batch.SerializeToString())
             elif each.topic.endswith("/truth"):
                 yield each
 
     found = told(rewritten(session, tmp_path / "a.mcap", shifted))
     assert {sensor.joined for sensor in found.sensors} == {0}
-
-
-def _with(message: Recorded, payload: bytes) -> Recorded:
-    return Recorded(
-        topic=message.topic,
-        payload=payload,
-        log_time_ns=message.log_time_ns,
-        publish_time_ns=message.publish_time_ns,
-        content_type=message.content_type,
-        stage=message.stage,
-    )
 
 
 def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:

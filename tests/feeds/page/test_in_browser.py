@@ -9,7 +9,7 @@ import numpy as np
 import page_stage
 import pytest
 import road
-from chromium import axe, chromium, looking, new_context, until
+from chromium import axe, looking, new_context, requests, until
 from mqtt_client import PATIENCE_S
 from page_frames import read_frame
 from page_server import Served, on_stage
@@ -31,12 +31,6 @@ SEA = np.array([0x0A, 0x16, 0x1F])
 SENSOR_COLOURS = np.array([[0x4F, 0xE0, 0xA6], [0xFF, 0xB1, 0x4A]])
 """Of the dark theme, as the style sheet has them: what is under plots, the first two sensors."""
 SIZES = ((1280, 720), (1440, 900), (1920, 1080), (2560, 1440))
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture
@@ -440,13 +434,9 @@ def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: Stage) -> No
 
 
 def test_no_request_leaves_for_anybody_else(browser: Browser, served: Served) -> None:
-    asked: list[str] = []
     context = new_context(browser)
     page = context.new_page()
-    network = context.new_cdp_session(page)
-    network.on("Network.requestWillBeSent", lambda event: asked.append(event["request"]["url"]))
-    network.on("Network.webSocketCreated", lambda event: asked.append(event["url"]))
-    network.send("Network.enable")
+    asked = requests(context, page)
     page.goto(served.url)
     until(page, "plotfeed.picture.plots.end > 0")
     page.get_by_role("button", name="Truth").click()

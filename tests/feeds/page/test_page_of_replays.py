@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from chromium import chromium, until
+from chromium import until
 from live_page import MS, Live, S, delivered, live, told
 
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -27,12 +27,6 @@ SHOWN = """() => {
     shown.push([plots.sensor[plots.at(row)], plots.t_utc_ms[plots.at(row)]]);
   return shown.sort((a, b) => a[1] - b[1]);
 }"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from brokers import free_port
-from chromium import chromium, looking, new_context, until
+from chromium import looking, new_context, requests, until
 from live_page import (
     MS,
     START_NS,
@@ -42,12 +42,6 @@ SEA = np.array([0x0A, 0x16, 0x1F])
 """Of the dark theme, as the style sheet has it: what is under plots."""
 STOP = re.compile(r"^Stop \d")
 """The button of a recording that runs, with its seconds."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture
@@ -276,13 +270,9 @@ def test_what_one_browser_changes_the_other_shows_and_the_broker_tells(
 
 
 def test_no_request_of_the_page_leaves_the_machine(browser: Browser, tmp_path: Path) -> None:
-    asked: list[str] = []
     context = new_context(browser)
     page = context.new_page()
-    network = context.new_cdp_session(page)
-    network.on("Network.requestWillBeSent", lambda event: asked.append(event["request"]["url"]))
-    network.on("Network.webSocketCreated", lambda event: asked.append(event["url"]))
-    network.send("Network.enable")
+    asked = requests(context, page)
     with heard(tmp_path) as (process, broker):
         host = f"127.0.0.1:{process.port('page')}"
         page.goto(f"http://{host}/")

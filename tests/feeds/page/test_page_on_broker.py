@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from chromium import chromium
 from live_page import (
     MS,
     PFA,
@@ -34,12 +33,6 @@ if TYPE_CHECKING:
 DEGRADED_PFA, DEGRADED_SNR_DB = 10, 6.0
 """As docs/page.md says: times, and down."""
 SPEED_SEEN_S = 2.4
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

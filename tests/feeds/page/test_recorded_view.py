@@ -7,6 +7,7 @@ import io
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -359,23 +360,14 @@ def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: 
     good = messages(session)
     first = next(m for m in good if m.topic == "plotfeed/truth")
     payloads = [*(entry.SerializeToString() for entry in bad), b"\xff\xff"]
-    hostile = [replaced(first, payload) for payload in payloads]
+    hostile = [replace(first, payload=payload) for payload in payloads]
     looks = pb.Look(drone="z", time_utc_ns=first.log_time_ns, range_m=1e300, snr_db=1e9, pd=nan)
-    hostile.append(replaced(first, pb.Ledger(sensor="near", looks=[looks]).SerializeToString()))
+    hostile.append(
+        replace(first, payload=pb.Ledger(sensor="near", looks=[looks]).SerializeToString())
+    )
     path = written(tmp_path / "hostile.mcap", [*hostile, *good], scene_of(session))
     shown = Shown(path).at(*straight(WHOLE_S, 0.5))
     compare(shown, Kind.PLOTS, expected(session)["shown"])
-
-
-def replaced(message: Recorded, payload: bytes) -> Recorded:
-    return Recorded(
-        topic=message.topic,
-        payload=payload,
-        log_time_ns=message.log_time_ns,
-        publish_time_ns=message.publish_time_ns,
-        content_type=message.content_type,
-        stage=message.stage,
-    )
 
 
 def test_recordings_are_plotfeed_s_own_the_newest_first_and_not_too_many(tmp_path: Path) -> None:

@@ -1,0 +1,39 @@
+"""The active radar of section-4, staring at many drones: what benchmarks of models look at."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.scene import Scene, from_tree
+from plotfeed.models.truth import NS
+
+START_NS = 1_767_268_800 * NS
+SECTION_4 = files("plotfeed.feeds.scenes") / "section-4.toml"
+
+
+def scene_of(n: int, **more: Any) -> Scene:
+    """Drones of 0.01 m2 between 2 and 7 km that move slowly; `more` are keys of the radar."""
+    tree = tomllib.loads(SECTION_4.read_text())
+    (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
+    radar["scan"] = {"kind": "staring", "period_s": 1.0}
+    rng = np.random.default_rng(1)
+    ranges, azimuths = rng.uniform(2000, 7000, n), rng.uniform(0, 2 * np.pi, n)
+    tree["sensor"] = [radar | more]
+    tree["drone"] = [
+        {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
+        for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
+    ]
+    return from_tree(tree, Path("bench.toml"))
+
+
+def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
+    east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
+    return [
+        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
+        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
+    ]
