@@ -1,8 +1,10 @@
-"""The recordings that a page offers: plotfeed's own, in the folder to which it records."""
+"""The recordings that a page makes and offers: plotfeed's own, in one folder."""
 
 from __future__ import annotations
 
 import os
+from datetime import datetime
+from itertools import count
 from pathlib import Path
 
 from plotfeed.proto.errors import DecodeError
@@ -23,6 +25,13 @@ def recordings_in(folder: Path) -> dict[str, Path]:
         if len(found) < MAX_LISTED and _is_ours(path):
             found[path.name] = path
     return found
+
+
+def new_path(folder: Path, scene: str, at: datetime) -> Path:
+    """The name of a recording of that scene from then on, in UTC; numbered if there is one."""
+    stem = f"{scene}-{at:%Y%m%dT%H%M%SZ}"
+    names = (f"{stem}-{number}" if number > 1 else stem for number in count(1))
+    return next(path for name in names if not (path := folder / f"{name}{SUFFIX}").exists())
 
 
 def _newest_first(folder: Path) -> list[Path]:

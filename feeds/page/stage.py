@@ -14,7 +14,7 @@ from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import refused
 from plotfeed.feeds.page.recording import Recording
-from plotfeed.feeds.page.recordings import recordings_in
+from plotfeed.feeds.page.recordings import new_path, recordings_in
 from plotfeed.feeds.page.replay_show import EXPECTED, REFUSES, WISHES, ReplayShow
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recorder import Recorder
@@ -192,7 +192,7 @@ class Stage(Observer):
             return await self._stop_recording()
         if self._session is None or self._recorder is not None:
             return refused("record: it runs already" if self._session else "no session runs")
-        path = self._folder / f"{self.scene.scene.name}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"
+        path = new_path(self._folder, self.scene.scene.name, datetime.now(UTC))
         try:
             recorder = Recorder(
                 path, attachments=attachments_of(self.scene, self._session.clock.now_ns())

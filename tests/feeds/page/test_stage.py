@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from mqtt_client import PATIENCE_S
 from page_sessions import Begun, with_page
 from scene_files import scene_file, scene_text
 
+from plotfeed.feeds.page.recordings import new_path, recordings_in
 from plotfeed.feeds.scene import Scene, load
 from plotfeed.replay.log_reader import LogReader
 
@@ -65,6 +67,24 @@ def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Pat
             assert [entry.name for entry in log.summary().attachments] == ["scene.toml"]
 
     asyncio.run(staged(scene, play))
+
+
+def test_recordings_of_one_second_have_names_of_their_own(scene: Scene, tmp_path: Path) -> None:
+    async def play(feed: Any, _begun: Begun) -> None:
+        for _ in range(3):
+            assert (await ask(feed, record={"start": True}))["ok"]
+            assert (await ask(feed, record={"stop": True}))["ok"]
+
+    asyncio.run(staged(scene, play))
+    assert len(recordings_in(tmp_path)) == 3
+    at = datetime(2026, 1, 1, 12, tzinfo=UTC)
+    names = []
+    for _ in range(3):
+        path = new_path(tmp_path, "road", at)
+        names.append(path.name)
+        path.touch()
+    stem = "road-20260101T120000Z"
+    assert names == [f"{stem}.mcap", f"{stem}-2.mcap", f"{stem}-3.mcap"]
 
 
 @pytest.mark.parametrize(
