@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from mqtt_client import PATIENCE_S
@@ -21,6 +21,9 @@ from plotfeed.feeds.page.controls import Controls
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 LOOPBACK = PageAddress("127.0.0.1", 0)
 
@@ -131,3 +134,11 @@ def on_stage(stage: Stage, **more: Any) -> Iterator[Served]:
     assert stage.view is not None
     with served(stage.view, stage, lambda: stage.now_ns, playing=stage.run, **more) as page:
         yield page
+
+
+def wait_for_command(page: Page, stage: Stage, expected: dict[str, Any]) -> None:
+    for _ in range(int(PATIENCE_S * 20)):
+        if expected in stage.commands:
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"{expected} never came; there were {stage.commands}")

@@ -32,15 +32,10 @@ class Asked:
         return 0.0 if self._chain is None else self._chain.mean_loss
 
     def spread_of_loss(self, messages: int) -> float:
-        """Standard deviation of the share lost of so many messages, if they are many.
-
-        At most that of a link that loses all of them or none.
-        """
+        """Standard deviation of the share lost of so many messages, if they are many."""
         if self._chain is None:
             return 0.0
-        loss = self._chain.mean_loss
-        most = loss * (1 - loss)
-        return float(np.sqrt(min(self._chain.variance_per_message / messages, most)))
+        return float(np.sqrt(self._chain.variance_per_message / messages))
 
     @property
     def mean_burst(self) -> float:

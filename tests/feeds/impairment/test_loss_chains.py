@@ -174,12 +174,12 @@ def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
     assert math.isnan(Asked(link()).mean_burst)
 
 
-def test_a_link_that_never_changes_loses_all_or_none() -> None:
-    rarely = {"kind": "gilbert-elliott", "p": 1e-300, "r": 1e-300}
-    assert Asked(link(loss=rarely)).spread_of_loss(1000) == 0.5
-    never_ends = Asked(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
-    assert never_ends.mean_burst == pytest.approx(5e100)
-    assert never_ends.spread_of_loss(1000) < 1e-50
+def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None:
+    rarely = {"kind": "gilbert-elliott", "p": 1e-310, "r": 1e-310}
+    assert Asked(link(loss=rarely)).spread_of_loss(1000) == math.inf
+    hardly_ends = Asked(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
+    assert hardly_ends.mean_burst == pytest.approx(5e100)
+    assert hardly_ends.spread_of_loss(1000) < 1e-50
 
 
 @given(st.floats(0, 1, exclude_max=True), inner)

@@ -3,14 +3,40 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import page_stage
 import pytest
-from chromium import chromium
+import road
+from chromium import chromium, looking
+from page_server import Served, on_stage
+from page_stage import Stage
+
+from plotfeed.feeds.page.view import View
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as browser:
         yield browser
+
+
+@pytest.fixture
+def stage() -> Stage:
+    stage = Stage(View(), page_stage.scene(16))
+    for _ in range(40):
+        stage.advance(stage.now_ns + road.NS // 10)
+    return stage
+
+
+@pytest.fixture
+def served(stage: Stage) -> Iterator[Served]:
+    with on_stage(stage) as served:
+        yield served
+
+
+@pytest.fixture
+def page(browser: Browser, served: Served) -> Iterator[Page]:
+    with looking(browser, served.url) as page:
+        yield page

@@ -1,0 +1,199 @@
+"""What somebody asks for on the page, and what becomes of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from chromium import until
+from page_server import Served, wait_for_command
+from page_stage import Stage
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+
+FORM_COMMANDS = [
+    ({"Latency": "250"}, {"link": {"latency_ms": 250}}),
+    ({"Jitter": "12.5"}, {"link": {"jitter_ms": 12.5}}),
+    ({"Loss": "2"}, {"link": {"loss": {"kind": "random", "probability": 0.02}}}),
+    (
+        {"Loss": "2", "Mean burst": "4"},
+        {"link": {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.02, "mean_burst": 4}}},
+    ),
+    ({"Loss": "0"}, {"link": {"loss": None}}),
+    ({"Pfa": "1e-4"}, {"pfa": 1e-4}),
+    ({"Pfa": "1e-7", "Latency": "0"}, {"pfa": 1e-7, "link": {"latency_ms": 0}}),
+]
+
+
+def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
+    page: Page, stage: Stage
+) -> None:
+    for fields, expected in FORM_COMMANDS:
+        for label, value in fields.items():
+            page.get_by_label(label, exact=True).fill(value)
+        page.get_by_role("button", name="Apply").click()
+        wait_for_command(page, stage, {"sensor": "radar", "set": expected})
+        page.get_by_text("In force.").wait_for()
+        if "Latency" in fields:
+            page.locator("#latency-now").get_by_text(f"{fields['Latency']} ms").wait_for()
+        page.get_by_role("button", name="As in the scene").click()
+        wait_for_command(page, stage, {"sensor": "radar", "reset": True})
+        page.locator("#latency-now").get_by_text("120 ms").wait_for()
+        stage.commands.clear()
+
+
+def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(page: Page, stage: Stage) -> None:
+    page.evaluate(
+        """() => {
+          const { feed } = plotfeed, ask = feed.ask.bind(feed), held = [];
+          globalThis.held = held;
+          feed.ask = async (command) => {
+            const answer = await ask(command);
+            await new Promise((arrives) => held.push(arrives));
+            return answer;
+          };
+        }"""
+    )
+    answer = page.locator("#answer")
+    latency, loss = (page.get_by_label(name, exact=True) for name in ("Latency", "Loss"))
+
+    def press(name: str) -> None:
+        page.get_by_role("button", name=name).click()
+        until(page, "held.length === 1")
+
+    def let_the_answer_arrive() -> None:
+        answer.evaluate("(element) => { element.textContent = ''; }")
+        page.evaluate("held.pop()()")
+        answer.get_by_text("In force.").wait_for()
+
+    latency.fill("250")
+    loss.fill("1")
+    press("Apply")
+    loss.fill("2")
+    let_the_answer_arrive()
+    press("Apply")
+    let_the_answer_arrive()
+    of_loss = {"link": {"loss": {"kind": "random", "probability": 0.02}}}
+    assert stage.commands[-1] == {"sensor": "radar", "set": of_loss}
+    press("As in the scene")
+    loss.fill("3")
+    let_the_answer_arrive()
+    assert (latency.input_value(), loss.input_value()) == ("120", "3")
+
+
+def test_a_field_that_somebody_is_in_changes_when_he_leaves_it(page: Page) -> None:
+    latency = page.get_by_label("Latency", exact=True)
+    latency.focus()
+    page.evaluate("plotfeed.feed.ask({ sensor: 'radar', set: { link: { latency_ms: 77 } } })")
+    page.locator("#latency-now").get_by_text("77 ms").wait_for()
+    assert latency.input_value() == "120"
+    latency.blur()
+    assert latency.input_value() == "77"
+
+
+def test_each_button_says_what_it_says(page: Page, stage: Stage) -> None:
+    for name, expected in [
+        ("Pause", {"clock": {"paused": True}}),
+        ("Step 1 s", {"clock": {"step_s": 1}}),
+        ("Go on", {"clock": {"paused": False}}),
+        ("Restart", {"session": {"restart": True}}),
+        ("Record", {"record": {"start": True}}),
+        ("Stop 0:00.0", {"record": {"stop": True}}),
+        ("Load", {"session": {"scene": "road"}}),
+        ("Replay", {"replay": {"load": "morning.mcap"}}),
+        ("As in the scene", {"sensor": "radar", "reset": True}),
+    ]:
+        page.get_by_role("button", name=name, exact=True).first.click()
+        wait_for_command(page, stage, expected)
+        page.wait_for_timeout(150)
+    page.get_by_label("Speed").select_option("10")
+    wait_for_command(page, stage, {"clock": {"speed": 10}})
+
+
+def test_a_sensor_is_switched_off_degraded_and_on_again(page: Page, stage: Stage) -> None:
+    own = stage.scene.sensor[0]
+    page.get_by_role("radio", name="Degraded").check()
+    worse = {"enabled": True, "pfa": 1e-4, "loss_db": 10}
+    wait_for_command(page, stage, {"sensor": "radar", "set": worse})
+    state = page.locator("#sensors tr").first.locator("td").last
+    state.get_by_text("degraded").wait_for()
+    page.get_by_role("radio", name="Off").check()
+    wait_for_command(page, stage, {"sensor": "radar", "set": {"enabled": False}})
+    state.get_by_text("off").wait_for()
+    page.get_by_role("radio", name="On", exact=True).check()
+    as_before = {"enabled": True, "pfa": 1e-5, "loss_db": 4}
+    wait_for_command(page, stage, {"sensor": "radar", "set": as_before})
+    state.get_by_text("on").wait_for()
+    assert stage.sensors["radar"].pfa == own.pfa  # type: ignore[union-attr]
+
+
+def test_another_sensor_is_chosen_hidden_and_asked(page: Page, stage: Stage) -> None:
+    page.get_by_role("button", name="gate").click()
+    page.get_by_role("heading", name="gate: settings").wait_for()
+    assert page.get_by_label("Loss", exact=True).input_value() == "5"
+    assert page.get_by_label("Mean burst").input_value() == "3"
+    page.get_by_label("Latency", exact=True).fill("80")
+    page.get_by_label("Latency", exact=True).press("Enter")
+    wait_for_command(page, stage, {"sensor": "gate", "set": {"link": {"latency_ms": 80}}})
+    page.get_by_role("checkbox", name="Show gate").uncheck()
+    assert page.evaluate("[...plotfeed.display.hidden]") == ["gate"]
+    until(page, "'gate' in (plotfeed.picture.news.details ?? {})")
+
+
+def test_a_recording_is_scrubbed(page: Page, stage: Stage) -> None:
+    page.get_by_role("button", name="Replay", exact=True).click()
+    position = page.get_by_label("Position in the recording")
+    until(page, "!document.getElementById('position').disabled")
+    position.fill("12.5")
+    wait_for_command(page, stage, {"replay": {"position_s": 12.5}})
+    page.locator("#replay-pause").click()
+    wait_for_command(page, stage, {"replay": {"paused": True}})
+    page.get_by_text("0:12.5 / 1:30.0").wait_for()
+    page.get_by_role("button", name="10 s ahead").click()
+    page.get_by_text("0:22.5 / 1:30.0").wait_for()
+    page.get_by_role("button", name="10 s back").click()
+    page.get_by_text("0:12.5 / 1:30.0").wait_for()
+    page.locator("#replay-stop").click()
+    wait_for_command(page, stage, {"replay": {"stop": True}})
+    page.get_by_text("no replay").wait_for()
+
+
+def test_a_replay_lets_no_sensor_be_changed_and_says_why(page: Page, served: Served) -> None:
+    view, why = served.server._view, "A replay is not changed."
+    refuses = dict.fromkeys(("sensor", "record", "step"), why)
+    served.call(lambda: view.session({"refuses": refuses, "notes": ["Times are recorded."]}))
+    page.get_by_text(f"Times are recorded. {why}").wait_for()
+    assert page.evaluate("document.getElementById('sensor-form').inert")
+    assert page.get_by_role("button", name="Record").is_disabled()
+    assert page.get_by_role("button", name="Pause").first.is_enabled()
+    served.call(lambda: view.session({"refuses": {}, "notes": []}))
+    until(page, "!document.getElementById('sensor-form').inert")
+
+
+def test_what_is_refused_says_why(page: Page) -> None:
+    page.get_by_label("Pfa", exact=True).fill("2")
+    page.get_by_role("button", name="Apply").click()
+    page.locator("#answer[data-failed]").get_by_text("pfa").wait_for()
+    assert page.get_by_label("Pfa", exact=True).input_value() == "2"  # to be mended
+
+
+def test_the_page_says_what_a_clock_does_not_allow(page: Page, served: Served) -> None:
+    why = "Real time cannot be held."
+    refuses = dict.fromkeys(("pause", "step", "speed"), why)
+    view = served.server._view
+    served.call(lambda: view.session({"refuses": refuses}))
+    page.get_by_text(why).wait_for()
+    for name in ("Pause", "Step 1 s"):
+        assert page.get_by_role("button", name=name).first.is_disabled()
+    assert page.get_by_label("Speed").is_disabled()
+    assert page.get_by_role("button", name="Restart").is_enabled()
+
+
+def test_a_field_that_is_being_filled_in_is_left_alone(page: Page, served: Served) -> None:
+    page.get_by_label("Latency", exact=True).fill("77")
+    view = served.server._view
+    served.call(lambda: view.settings("radar", {"link": {"latency_ms": 500}}))
+    page.locator("#latency-now").get_by_text("500 ms").wait_for()
+    assert page.get_by_label("Latency", exact=True).input_value() == "77"
+    assert page.get_by_label("Jitter").input_value() == "0"

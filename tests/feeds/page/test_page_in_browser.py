@@ -1,0 +1,141 @@
+"""The page as a whole: its network, its sizes, who can read it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import page_stage
+import pytest
+from chromium import axe, looking, new_context, requests, until
+from page_server import Served, on_stage
+from page_stage import Stage
+
+from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.view import View
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+SIZES = ((1280, 720), (1440, 900), (1920, 1080), (2560, 1440))
+
+
+def test_two_browsers_see_the_same_and_what_either_changes(
+    browser: Browser, page: Page, served: Served
+) -> None:
+    with looking(browser, served.url) as other:
+        page.get_by_label("Latency", exact=True).fill("333")
+        page.get_by_role("button", name="Apply").click()
+        other.locator("#latency-now").get_by_text("333 ms").wait_for()
+        assert other.get_by_label("Latency", exact=True).input_value() == "333"
+        page.get_by_role("button", name="Truth").click()
+        until(page, "plotfeed.picture.drones !== null")
+        assert other.evaluate("plotfeed.picture.drones") is None
+        ends = [p.evaluate("[plotfeed.picture.news.scene.name]") for p in (page, other)]
+        assert ends[0] == ends[1]
+
+
+def test_a_lost_connection_is_said_and_comes_back_by_itself(browser: Browser, stage: Stage) -> None:
+    with on_stage(stage) as served:
+        address = PageAddress("127.0.0.1", served.port)
+        context = new_context(browser)
+        page = context.new_page()
+        page.goto(served.url)
+        until(page, "plotfeed.picture.plots.end > 0")
+        page.get_by_role("button", name="Truth").click()
+        until(page, "plotfeed.picture.drones !== null")
+        assert page.locator("#veil").is_hidden()
+    page.locator("#veil").get_by_text("Connection lost").wait_for()
+    assert "lost" in page.locator("#connection").inner_text()
+    asked = page.evaluate("plotfeed.feed.ask({ clock: { paused: true } })")
+    assert asked["ok"] is False
+    again = Stage(View(), page_stage.scene(5))
+    with on_stage(again, address=address) as served:
+        page.locator("#veil").wait_for(state="hidden")
+        until(page, "plotfeed.picture.drones?.rows === 5")  # the truth is asked again
+        page.get_by_text("Connected").wait_for()
+    context.close()
+
+
+def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: Stage) -> None:
+    wide = PageAddress("0.0.0.0", 0)  # noqa: S104 - with a token
+    with on_stage(stage, address=wide, token="one") as served:  # noqa: S106
+        address = PageAddress(wide.host, served.port)
+        context = new_context(browser)
+        page = context.new_page()
+        page.goto(f"http://127.0.0.1:{served.port}/?token=one")
+        until(page, "plotfeed.picture.plots.end > 0")
+        assert "token" not in page.url
+    with on_stage(stage, address=address, token="other"):  # noqa: S106
+        page.locator("#veil").get_by_text("The address has changed").wait_for()
+    context.close()
+
+
+def test_no_request_leaves_for_anybody_else(browser: Browser, served: Served) -> None:
+    context = new_context(browser)
+    page = context.new_page()
+    asked = requests(context, page)
+    page.goto(served.url)
+    until(page, "plotfeed.picture.plots.end > 0")
+    page.get_by_role("button", name="Truth").click()
+    page.get_by_role("button", name="Light").click()
+    page.get_by_role("button", name="Zoom in").click()
+    until(page, "plotfeed.picture.framesTaken > 10")
+    context.close()
+    host = f"127.0.0.1:{served.port}"
+    assert len(asked) > 10
+    assert f"ws://{host}/feed" in asked
+    assert not [url for url in asked if not url.startswith((f"http://{host}/", f"ws://{host}/"))]
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_no_rule_of_accessibility_is_broken(browser: Browser, served: Served, scheme: str) -> None:
+    with looking(browser, served.url, color_scheme=scheme, bypass_csp=True) as page:
+        assert page.evaluate("document.documentElement.dataset.theme") == scheme
+        page.get_by_role("button", name="Truth").click()
+        page.get_by_role("application").press("n")
+        page.get_by_text("Plot of").wait_for()
+        served.call(lambda: served.server._view.refusal("telemetry/x: it was no telemetry"))
+        page.get_by_text("Last refused").wait_for()
+        assert not [(v["impact"], v["id"], v["nodes"][0]["html"]) for v in axe(page)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_everything_has_its_place_at_every_size_and_nothing_jumps(
+    browser: Browser, served: Served, size: tuple[int, int]
+) -> None:
+    viewport = {"width": size[0], "height": size[1]}
+    with looking(browser, served.url, viewport=viewport) as page:
+        page.evaluate(
+            """() => {
+              globalThis.jumps = [];
+              new PerformanceObserver((list) => {
+                for (const e of list.getEntries())
+                  globalThis.jumps.push([e.value, e.sources.map((s) => s.node?.id ?? "")]);
+              }).observe({ type: "layout-shift", buffered: true });
+            }"""
+        )
+        page.get_by_role("button", name="Truth").click()
+        page.get_by_role("application").press("n")
+        page.get_by_label("Pfa", exact=True).fill("7")
+        page.get_by_role("button", name="Apply").click()
+        page.locator("#answer[data-failed]").wait_for()
+        until(page, "plotfeed.picture.seconds.length >= 2")
+        assert sum(value for value, _ in page.evaluate("jumps")) < 0.02, page.evaluate("jumps")
+        scrolls = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        assert page.evaluate(scrolls) == [size[0], size[1]]
+        for part in ("#display", "header", "aside", ".strips", "#truth", "#theme", "#plots-strip"):
+            box = page.locator(part).bounding_box()
+            assert box
+            assert box["width"] > 20
+            assert box["height"] > 20
+            assert box["x"] + box["width"] <= size[0] + 0.5
+            assert box["y"] + box["height"] <= size[1] + 0.5
+
+
+def test_totals_rates_and_refusals_are_told(page: Page, stage: Stage, served: Served) -> None:
+    until(page, "document.getElementById('total-plots').textContent !== '0'")
+    assert page.locator("#total-drones").inner_text() == "16"
+    served.call(lambda: served.server._view.refusal("plotfeed/telemetry/x: missing: time_utc"))
+    page.get_by_text("Last refused: plotfeed/telemetry/x: missing: time_utc").wait_for()
+    until(page, "/^asked 120, is 1[12]/.test(document.getElementById('latency-text').textContent)")
+    until(page, "/predicted 0|predicted 1/.test(document.getElementById('pd-text').textContent)")
