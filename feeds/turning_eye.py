@@ -124,11 +124,9 @@ class TurningEye:
 
     def _observed(self, sectors: Sequence[Sector], truth: TruthState) -> tuple[Looks, Plots]:
         """What the model makes of drones, each met within one of the sectors."""
-        scan_of = self._scans_at(sectors, truth.t_utc_ns)
-        return self.model.observe(
-            self.place.targets(truth, self.model),
-            self._draws.of(scan_of, truth.drone),  # type: ignore[arg-type]
-        )
+        targets = self.place.targets(truth, self.model)  # without those that are out of reach
+        draws = self._draws.of(self._scans_at(sectors, targets.t_utc_ns), targets.drone)
+        return self.model.observe(targets, draws)  # type: ignore[arg-type]
 
     def _observed_among_neighbours(
         self, sectors: Sequence[Sector], truth: TruthState

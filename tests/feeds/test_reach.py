@@ -39,15 +39,27 @@ def drones() -> list[dict[str, Any]]:
     return [*crossing, *far, held("edge", 77.0, 8.0, 2999.99), held("near", 99.0, 8.0, 2000.0)]
 
 
+def leaving(count: int) -> list[dict[str, Any]]:
+    """One after the other goes out of reach: within a turn some are still there, and some not."""
+    return [
+        flown(
+            f"c{i}", waypoint(9.0 * i, 5.0, 2990.0 - 120.0 * i / count),
+            waypoint(9.0 * i, 5.0, 3400.0), speed_m_s=15.0,
+        )
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def left(road: Road) -> list[tuple[str, bytes]]:
+    return [(m.topic, m.payload) for m in road.messages if not m.topic.endswith("/status")]
+
+
+@pytest.mark.parametrize("fleet", [drones(), leaving(40), leaving(10)], ids=["far", "many", "few"])
 @pytest.mark.parametrize("kind", SENSORS)
 def test_what_leaves_is_the_same_with_and_without_those_out_of_reach(
-    kind: str, monkeypatch: pytest.MonkeyPatch
+    kind: str, fleet: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = scene([SENSORS[kind]], drones(), seed=101)
-
-    def left(road: Road) -> list[tuple[str, bytes]]:
-        return [(m.topic, m.payload) for m in road.messages if not m.topic.endswith("/status")]
-
+    made = scene([SENSORS[kind]], fleet, seed=101)
     with_culling = fly(made, 12)
     for module in (eyes, sweep):
         monkeypatch.setattr(module, "CULLED_FROM", 1 << 40)
