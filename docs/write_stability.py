@@ -11,6 +11,7 @@ from pathlib import Path
 from stability_case import Case, in_words
 from stability_chances import DETECTION
 from stability_effects import EFFECTS
+from stability_links import LINKS
 from stability_places import BISTATIC, FRAMES
 from stability_times import TIMES
 
@@ -29,6 +30,7 @@ GROUPS = (
     ("Detection", DETECTION),
     ("Times, scans and chance", TIMES),
     ("False alarms, and effects that a scene may name", EFFECTS),
+    ("Links", LINKS),
 )
 PICTURES = {
     "Bistatic geometry and propagation": """
