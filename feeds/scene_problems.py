@@ -78,6 +78,8 @@ def _key(location: tuple[int | str, ...], tree: dict[str, Any]) -> str:
 
 def _suggestion(location: tuple[int | str, ...]) -> str:
     known = {name for model in _models() for name in model.model_fields}
+    if location[-1] in known:
+        return " here"  # but elsewhere
     close = difflib.get_close_matches(str(location[-1]), known, 1)
     return f"; did you mean {close[0]}?" if close else ""
 

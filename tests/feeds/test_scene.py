@@ -48,6 +48,10 @@ MISTAKES = {
         ("period_s = 0.5", "period_s = 0.5\nsector = 8"),
         "sensor[0].scan.sector: no such key; did you mean sectors?",
     ),
+    "key of another place": (
+        ("period_s = 0.5", "period_s = 0.5\npower_w = 8.0"),
+        "sensor[0].scan.power_w: no such key here",
+    ),
     "unknown table": (("[mqtt]", "[zzz]\n[mqtt]"), "zzz: no such key"),
     "missing": (("power_w = 500.0", ""), "sensor[0].power_w: missing"),
     "missing in the scan": (("period_s = 0.5", ""), "sensor[0].scan.period_s: missing"),
