@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.impairment.delays import DelayLaw, Floats
+from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.impairment.losses import chain_of
 from plotfeed.feeds.impairment.settings import Link
+from plotfeed.models.state import Floats
 
 
 class Asked:

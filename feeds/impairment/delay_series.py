@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.impairment.settings import Link
-
-Floats = NDArray[np.float64]
+from plotfeed.models.state import Floats
 
 
 class DelaySeries:

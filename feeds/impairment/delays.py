@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from plotfeed.feeds.impairment.settings import Link
+from plotfeed.models.state import Floats
 
-Floats = NDArray[np.float64]
 CLIP = 4.0
 """In jitters: netem's tables are of 16 bits with 8192 to a jitter, so that none goes further."""
 # Pareto's law of shape 3 from 1 on has the mean 1.5; iproute2 subtracts that and multiplies by

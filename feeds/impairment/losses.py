@@ -13,13 +13,12 @@ from bisect import bisect_right
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, Loss, RandomLoss
 from plotfeed.feeds.impairment.passages import until_left
 from plotfeed.models.quiet import quiet
+from plotfeed.models.state import Floats
 
-Floats = NDArray[np.float64]
 BELOW_ONE = math.nextafter(1.0, 0.0)
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from plotfeed.models.state import Floats
 
 
 def until_left(steps: Floats, leaving: Floats, each: Floats) -> Floats:
