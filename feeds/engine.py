@@ -144,6 +144,8 @@ class Engine:
                 self._recorded.take_before(due_ns)
             self._done_ns = due_ns
             action()
+            if any(patient.is_full for patient in self._patients):
+                break  # however much more is overdue
         next_ns = self.agenda.next_due_ns()
         has_time = next_ns is None or self._has_time_before(next_ns)
         self._do_later(AT_ONCE if has_time else BUSY_AT_ONCE)

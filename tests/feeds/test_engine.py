@@ -180,6 +180,27 @@ def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
     assert (case.done, patient.asked, case.engine.waited) == ([("five", 5)], 1, 1)
 
 
+def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
+    """A stall leaves many things due at once: no more of them is done than it takes."""
+    case = Case(InstantClock(1_000))
+    held: list[int] = []
+
+    class Patient:
+        @property
+        def is_full(self) -> bool:
+            return len(case.done) - sum(held) >= 3
+
+        async def room(self) -> None:
+            held.append(len(case.done) - sum(held))
+
+    case.engine.be_patient([Patient()])
+    for t_ns in range(10):
+        case.at(t_ns, str(t_ns))
+    asyncio.run(case.engine.work(1_000))
+    assert [name for name, _ in case.done] == [str(n) for n in range(10)]
+    assert held == [3, 3, 3]
+
+
 def test_a_simulated_clock_stands_steps_and_goes_on_at_another_pace() -> None:
     async def check() -> None:
         clock = WallClock(1_000, speed=50.0)

@@ -246,6 +246,7 @@ def test_a_clock_of_the_system_that_steps_back_moves_nothing(
 
 
 KEPT = 12
+SECTOR_S = 6.0 / 240
 
 
 @every_broker
@@ -271,11 +272,15 @@ def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promises(
                 process.kill()
                 process.wait()
             await until(lambda: desk.outbox.waiting >= KEPT)
-            if policy != "wait":
+            full, sectors = desk.outbox.waiting, len(session.sectors)
+            if policy == "wait":
+                await asyncio.sleep(20 * SECTOR_S)
+                assert len(session.sectors) == sectors
+            else:
                 await session.sectors_more(2 * KEPT)
+                assert desk.outbox.waiting <= full
             with start(tmp_path, port), listening(port, 5, "plotfeed/radar/plots") as ears:
                 back_ns = session.clock.now_ns()
-                assert desk.outbox.waiting <= 2 * KEPT  # of each QoS; "wait" ends with a turn
                 proxy.is_closed = False
                 await until(lambda: not desk.outbox.waiting)
                 await session.sectors_more(5)
