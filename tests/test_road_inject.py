@@ -24,8 +24,10 @@ from plotfeed.feeds.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180
 
 SPEED = 30
-SECONDS = 9.0
-"""Of the flights that are not injected to their end."""
+SHORT_S = 9.0
+"""A flight that takes less is injected to its end."""
+LOOKS = 90
+"""Of the others, until so many."""
 PATIENCE_S = 60.0
 EVERY_FLIGHT = pytest.mark.parametrize("name", FLIGHTS)
 
@@ -57,8 +59,8 @@ async def _live(flight: RealFlight, port: int) -> Live:
     stop = asyncio.Event()
     injecting: list[asyncio.Task[tuple[int | None, str]]] = []
 
-    def ready(urls: dict[str, str], _totals: Totals) -> None:
-        injecting.append(asyncio.create_task(_inject(flight, urls["MQTT 5"], stop)))
+    def ready(urls: dict[str, str], totals: Totals) -> None:
+        injecting.append(asyncio.create_task(_inject(flight, urls["MQTT 5"], totals, stop)))
 
     sensor = {"id": "radar", "scan": staring(0.1)}
     scene = flight.scene(
@@ -71,9 +73,10 @@ async def _live(flight: RealFlight, port: int) -> Live:
     return Live(Road(messages), totals, code, told)
 
 
-async def _inject(flight: RealFlight, broker: str, stop: asyncio.Event) -> tuple[int | None, str]:
-    """Run the command to its end, or a while if that is far; then stop the session."""
-    short = flight.flight.duration_s / SPEED < SECONDS
+async def _inject(
+    flight: RealFlight, broker: str, totals: Totals, stop: asyncio.Event
+) -> tuple[int | None, str]:
+    """Run the command to its end, or until there are looks enough; then stop the session."""
     more = ["--altitude-reference", flight.reference.value] if flight.reference else []
     process = await asyncio.create_subprocess_exec(
         sys.executable,
@@ -84,8 +87,11 @@ async def _inject(flight: RealFlight, broker: str, stop: asyncio.Event) -> tuple
     )
     code: int | None = None
     with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(PATIENCE_S if short else SECONDS):
-            code = await process.wait()
+        async with asyncio.timeout(PATIENCE_S):
+            if flight.flight.duration_s / SPEED < SHORT_S:
+                code = await process.wait()
+            while process.returncode is None and totals.looks < LOOKS:
+                await asyncio.sleep(0.05)
     if code is None:
         process.terminate()
     told, _ = await process.communicate()

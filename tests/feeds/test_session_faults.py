@@ -190,13 +190,14 @@ def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     async def check() -> None:
         port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=20.0)
         with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(what, port, clock=clock, duration_s=60.0) as session:
+            async with at_work(what, port, clock=clock) as session:
                 number = 0
-                while clock.now_ns() < session.session.start_ns + 55 * S:
+                while number <= 60 or clock.now_ns() < session.session.start_ns + 59 * S:
                     await publish(ears, session, number)
                     number += 1
                     await asyncio.sleep(0.02)
                 await until(lambda: session.taken == published.total())
+                await session.sectors_more(1)
         totals = session.totals
         assert totals.telemetry + totals.controls == published["good"] > 5
         assert totals.refused == published["bad"] > 100
