@@ -6,15 +6,16 @@ Three sessions at once, each with its own embedded broker and a process of its o
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import sys
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
+from mqtt_client import PATIENCE_S
 from real_flights import FLIGHTS, RealFlight
 from road import Road, Table, staring
+from sessions import until
 from shared_files import shared
 from significance import assert_standard_normal
 
@@ -23,12 +24,11 @@ from plotfeed.feeds.message import Message
 from plotfeed.feeds.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180
 
-SPEED = 30
-SHORT_S = 9.0
+SPEED = 20
+SHORT_S = 12.0
 """A flight that takes less is injected to its end."""
 LOOKS = 90
 """Of the others, until so many."""
-PATIENCE_S = 60.0
 EVERY_FLIGHT = pytest.mark.parametrize("name", FLIGHTS)
 
 
@@ -85,17 +85,18 @@ async def _inject(
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,
     )
-    code: int | None = None
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(PATIENCE_S):
-            if flight.flight.duration_s / SPEED < SHORT_S:
-                code = await process.wait()
-            while process.returncode is None and totals.looks < LOOKS:
-                await asyncio.sleep(0.05)
-    if code is None:
-        process.terminate()
-    told, _ = await process.communicate()
-    stop.set()
+    is_short = flight.flight.duration_s / SPEED < SHORT_S
+    try:
+        await until(
+            lambda: process.returncode is not None or (not is_short and totals.looks >= LOOKS),
+            patience_s=3 * PATIENCE_S,
+        )
+    finally:
+        code = process.returncode
+        if code is None:
+            process.terminate()
+        told, _ = await process.communicate()
+        stop.set()
     return code, told.decode()
 
 

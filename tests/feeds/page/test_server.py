@@ -318,5 +318,10 @@ def test_another_scene_is_a_snapshot_for_everybody(page: Served, stage: Stage) -
         scene = road.scene([road.radar(id="new")], seed=1)
         page.call(lambda: stage.view and stage.view.scene(scene))
         for feed in (one, other):
-            frame = next(f for f in frames(feed) if f.is_snapshot)
-            assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["new"]
+            frame = next(f for f in frames(feed) if sensors_of(f) == ["new"])
+            assert frame.is_snapshot
+
+
+def sensors_of(frame: Frame) -> list[str]:
+    """Of the scene that it tells of, if it does."""
+    return [sensor["id"] for sensor in frame.news.get("scene", {}).get("sensors", [])]
