@@ -6,6 +6,9 @@ CHROMIUM ?= chromium
 AXE := 4.14.1
 JOBS ?= $(shell getconf _NPROCESSORS_ONLN)
 
+# Where that is set, every command that the tests start compiles the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test lint bench proto pictures constraints clean
 
 demo: .venv/.ready

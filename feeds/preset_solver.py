@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from pydantic import TypeAdapter
-from scipy.optimize import brentq
 
 from plotfeed.feeds.parts import Site
 from plotfeed.feeds.preset_rules import AnyRule, Goal, PlainRule, Solve
@@ -57,6 +56,8 @@ def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
 
 def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
     """The key's value by Brent's method; of powers, over their logarithm."""
+    from scipy.optimize import brentq  # noqa: PLC0415 - a third of a start, and few scenes solve
+
     ends = _bracket(key)
     in_decades = ends[0] > 0
 
