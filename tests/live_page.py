@@ -32,8 +32,6 @@ TURN_S = 4.0
 """Of the radars, so that a machine that stalls is late but misses no scan."""
 SECTORS = {"radar": 128, "gate": 32}
 PFA = 1e-4
-LONG_S = 3 * PATIENCE_S
-"""For a thousand messages, on a machine that may be busy."""
 CLOCK = ("Pause", "Go on", "Step 1 s", "Restart")
 """Buttons of the clock."""
 HOVERING = """
@@ -132,7 +130,7 @@ class Live:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Until it holds."""
-        deadline = time.monotonic() + LONG_S
+        deadline = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline, "it never came to that"
             self.page.wait_for_timeout(20)

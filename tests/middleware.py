@@ -11,7 +11,7 @@ from typing import Any
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_rules import checked
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 Behaviour = Callable[["Peer"], Coroutine[Any, Any, None]]
 
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from uuid import uuid4
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 """For what must come sooner or later, on a machine that may be busy."""
 
 

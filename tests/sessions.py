@@ -106,9 +106,9 @@ async def at_work(
         await running
 
 
-async def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
+async def until(condition: Callable[[], bool]) -> None:
     """Return when it holds."""
-    deadline = time.monotonic() + patience_s
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline
         await asyncio.sleep(0.005)

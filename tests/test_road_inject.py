@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mqtt_client import PATIENCE_S
 from real_flights import FLIGHTS, RealFlight
 from road import Road, Table, staring
 from sessions import until
@@ -88,8 +87,7 @@ async def _inject(
     is_short = flight.flight.duration_s / SPEED < SHORT_S
     try:
         await until(
-            lambda: process.returncode is not None or (not is_short and totals.looks >= LOOKS),
-            patience_s=3 * PATIENCE_S,
+            lambda: process.returncode is not None or (not is_short and totals.looks >= LOOKS)
         )
     finally:
         code = process.returncode

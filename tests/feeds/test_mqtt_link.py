@@ -287,8 +287,8 @@ def test_messages_of_qos_1_arrive_in_order_however_often_the_connection_is_lost(
                 parcels.publish(link, 20)
                 broker.code = 0
                 await until(lambda: link.is_up)
-            broker.acknowledges = True
             await until(lambda: len(broker.unacknowledged) == 10)
+            broker.acknowledges = True
             broker.acknowledge(10)
             await link.drain(PATIENCE_S)
         every = list(range(100 + 20 * losses))
