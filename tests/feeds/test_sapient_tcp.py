@@ -13,7 +13,7 @@ import pytest
 from brokers import free_port
 from hypothesis import given
 from hypothesis import strategies as st
-from middleware import Middleware, Peer, listening, polite
+from middleware import PATIENCE_S, Middleware, Peer, listening, polite
 from parcels import taken
 from road import held, radar, rotating, scene, staring
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
@@ -182,14 +182,15 @@ def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.05, 0.2))
 
     async def test() -> None:
+        began_s = asyncio.get_running_loop().time()
         async with listening(reset) as middleware, linked(middleware.address, wait=False):
-            await asyncio.sleep(1.0)
-            assert 3 <= len(middleware.peers) <= 7
+            await middleware.until(lambda: len(middleware.peers) == 5)
+            assert asyncio.get_running_loop().time() - began_s > 0.05 + 3 * 0.2 - 0.01
 
     asynchronous(test())
 
 
-def test_a_middleware_that_reads_nothing_costs_neither_time_nor_memory(
+def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sapient_tcp, "MAX_STALL_S", 0.1)
@@ -204,18 +205,13 @@ def test_a_middleware_that_reads_nothing_costs_neither_time_nor_memory(
     async def test() -> None:
         async with listening(deaf, polite) as middleware, linked(middleware.address) as link:
             message = status(100_000)
-            loop = asyncio.get_running_loop()
-            slowest_s = 0.0
             refused = 0
             for _ in range(400):
-                began_s = loop.time()
                 refused += not taken(link, message)
-                slowest_s = max(slowest_s, loop.time() - began_s)
                 await asyncio.sleep(0.001)
                 wire = link._wire
                 assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
-            assert refused > 100
-            assert slowest_s < 0.2
+            assert refused
             await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
 
     asynchronous(test())
@@ -311,7 +307,7 @@ def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
                 seed=3,
                 sapient={"middleware": middleware.address, "status_interval_s": 0.5},
             )
-            totals = await run(flown, broker="none", duration_s=2.0)
+            totals = await run(flown, broker="none", duration_s=3.0)
             assert totals.undelivered == 0
             await middleware.until(lambda: all(p.reader.at_eof() for p in middleware.peers))
             return middleware
@@ -327,8 +323,7 @@ def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
         stamps = [m.timestamp.ToNanoseconds() for m in peer.heard if m.HasField("detection_report")]
         assert len(stamps) > 3
         assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
-    assert sorted(ages_s)[len(ages_s) // 2] < 0.1  # all, on a machine that does nothing else
-    assert min(ages_s) > -0.1
+    assert all(-0.1 < age_s < PATIENCE_S for age_s in ages_s)
 
 
 def test_a_session_does_not_begin_without_its_middleware() -> None:
