@@ -56,7 +56,7 @@ def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
 
 def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
     """The key's value by Brent's method; of powers, over their logarithm."""
-    from scipy.optimize import brentq  # noqa: PLC0415 - a third of a start, and few scenes solve
+    from scipy.optimize import brentq  # noqa: PLC0415 - it takes 0.2 s, and few solve
 
     ends = _bracket(key)
     in_decades = ends[0] > 0
