@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from mqtt_client import PATIENCE_S
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_rules import checked
 
-PATIENCE_S = 60.0
 Behaviour = Callable[["Peer"], Coroutine[Any, Any, None]]
 
 

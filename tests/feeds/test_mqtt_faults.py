@@ -17,6 +17,7 @@ from brokers import free_port, mosquitto, rumqttd
 from cut_proxy import Proxy, proxied
 from mqtt_client import PATIENCE_S, Client, listening
 from parcels import Parcels, number_of
+from sessions import until
 
 from plotfeed.feeds import mqtt, mqtt_connection, unsent
 from plotfeed.feeds.broker_address import BrokerAddress
@@ -61,13 +62,6 @@ async def linked(port: int, **queue: object) -> AsyncIterator[MqttLink]:
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.005)
 
 
 async def publish(parcels: Parcels, link: MqttLink, n: int, **how: int) -> None:

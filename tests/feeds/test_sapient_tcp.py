@@ -13,7 +13,8 @@ import pytest
 from brokers import free_port
 from hypothesis import given
 from hypothesis import strategies as st
-from middleware import PATIENCE_S, Middleware, Peer, listening, polite
+from middleware import Middleware, Peer, listening, polite
+from mqtt_client import PATIENCE_S
 from parcels import taken
 from road import held, radar, rotating, scene, staring
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage

@@ -17,6 +17,7 @@ from brokers import deaf_server, free_port, is_listening, mosquitto, wait_until_
 from command import Running
 from mqtt_client import PATIENCE_S, Client, Heard, listening
 from scene_files import radar, scene_file, scene_text
+from sessions import until
 
 from plotfeed.feeds import broker
 from plotfeed.feeds.broker import Ports, free_ports
@@ -281,13 +282,6 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
     assert 5 < totals.undelivered < totals.messages
     lost = [r.message for r in caplog.records if "lost the connection" in r.message]
     assert len(lost) == 2  # the session's own and the sensor's: a line each
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.02)
 
 
 def test_a_broker_that_cannot_start_is_one_line(
