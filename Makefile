@@ -23,7 +23,7 @@ lint: .venv/.ready-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python tests/proto/stale_proto.py
+	$(BIN)/python tests/support/stale_proto.py
 
 .venv/.ready: $(SOURCES)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "plotfeed needs Python 3.11 or newer; set PYTHON=")'
@@ -59,12 +59,12 @@ pictures: .venv/.ready-test
 	$(BIN)/python docs/draw_ppi.py
 	$(BIN)/python docs/draw_section_4_active.py
 	$(BIN)/python docs/draw_section_4.py
-	$(BIN)/plotfeed check feeds/scenes/section-4.toml --chart docs/section-4-check.png
+	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png
 	$(BIN)/python docs/write_section_4.py
 	$(BIN)/python docs/draw_speed_accuracy.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/draw_page.py; fi
 	$(BIN)/python docs/draw_report.py
-	$(BIN)/plotfeed schema >feeds/scenes/scene.schema.json
+	$(BIN)/plotfeed schema >feeds/scene/examples/scene.schema.json
 	$(BIN)/python docs/write_scene_reference.py
 	$(BIN)/python docs/write_presets.py
 	$(BIN)/python docs/write_messages.py

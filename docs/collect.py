@@ -11,10 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.clock import InstantClock
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.scene import Scene, from_tree
-from plotfeed.feeds.session import run
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 
 START_UTC_NS = int(datetime(2026, 1, 1, 12, tzinfo=UTC).timestamp()) * 10**9
@@ -43,7 +43,7 @@ class Sent:
 
 def scene_with(sensor: str, drones: Sequence[Tree] = ()) -> Tree:
     """Scene section-4 with that sensor alone, and with those drones in place of its own."""
-    tree = tomllib.loads((files("plotfeed.feeds.scenes") / "section-4.toml").read_text())
+    tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
     tree["sensor"] = [s for s in tree["sensor"] if s["id"] == sensor]
     tree["drone"] = list(drones) or tree["drone"]
     return tree

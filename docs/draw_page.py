@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from playwright.async_api import Page, async_playwright
 
-from plotfeed.feeds.clock import WallClock
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.observers import Extras
-from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.attach import PageObserver, following
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
+from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
-from plotfeed.feeds.page.tracks import decode_tracks
+from plotfeed.feeds.page.tracker_tracks import decode_tracks
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.places import site_frame
-from plotfeed.feeds.scene import Scene, from_tree
-from plotfeed.feeds.session import run
+from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import WallClock
 
 HERE = Path(__file__).parent
 START_UTC_NS = 1_767_268_800_000_000_000

@@ -20,7 +20,7 @@ BEGIN, END = "<!-- written by draw_report.py -->\n```text\n", "```\n<!-- end -->
 
 def plotfeed(*arguments: object) -> str:
     """What the command prints."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", *map(str, arguments)]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout  # noqa: S603
 
 

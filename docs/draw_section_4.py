@@ -24,7 +24,7 @@ from section_4_runs import (
     predictions,
 )
 
-from plotfeed.models.sensor import Prediction
+from plotfeed.models.sensors.sensor_model import Prediction
 
 mpl.use("agg")
 from matplotlib import pyplot as plt

@@ -12,12 +12,12 @@ from typing import Any
 
 from marks import between
 
-from plotfeed.feeds.chart.charted import as_values, charted
-from plotfeed.feeds.chart.pictures import draw
-from plotfeed.feeds.chart.stage import Effort
-from plotfeed.feeds.chart.words import errors_text, ns_text, share_text, verdict
-from plotfeed.feeds.process_memory import keep_freed
-from plotfeed.feeds.scene import example
+from plotfeed.feeds.accuracy_chart.chart_pictures import draw
+from plotfeed.feeds.accuracy_chart.chart_text import errors_text, ns_text, share_text, verdict
+from plotfeed.feeds.accuracy_chart.charted import as_values, charted
+from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.scene.scene import example
 
 HERE = Path(__file__).parent
 PAGE = HERE / "speed-accuracy.md"

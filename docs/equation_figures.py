@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import exp1, gammaincc, gammainccinv, gammaincinv
 
-from plotfeed.feeds.scene import example
+from plotfeed.feeds.scene.scene import example
 from plotfeed.models import detection, propagation
 from plotfeed.models.accuracy import sigma_rate_m_s
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.flat_solution import flat_solution
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.sensors.passive_signals import flat_solution
 from plotfeed.models.state import Signatures, Targets
 
 PFA, N = 1e-6, 16

@@ -12,9 +12,9 @@ import numpy as np
 from collect import Sent, Tree, scene_with, sent_by, sent_by_sensors
 from numpy.typing import NDArray
 
-from plotfeed.feeds.check import curves
-from plotfeed.feeds.scene import Scene, example, from_tree
-from plotfeed.models.sensor import Prediction
+from plotfeed.feeds.cli.check import curves
+from plotfeed.feeds.scene.scene import Scene, example, from_tree
+from plotfeed.models.sensors.sensor_model import Prediction
 
 SECONDS = 349.0
 """From 7 km to the facility at 20 m/s."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from stability_case import Case, relative
 
-from plotfeed.models.doppler import Doppler
-from plotfeed.models.drift import Drift
+from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.merging import Melted
+from plotfeed.models.effects.readings import Drift
 from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.merging import Melted
 
 CHANNEL = np.zeros(1, np.int64)
 DOPPLER = Doppler(cells_m_s=(0.25,), spans_m_s=(60.0,), folds=True, notch_m_s=1.0, floor_m_s=0.0)
@@ -50,7 +50,7 @@ def slow() -> Case:
         plain=relative(1 - np.exp(-(rate_m_s**2)), exact),
         cure="−expm1(−(rate/notch)²)",
         ours=relative(ours, exact),
-        test="models/test_doppler.py::test_a_rate_a_millionth_of_the_notch_passes_a_trillionth",
+        test="models/effects/test_doppler.py::test_a_rate_a_millionth_of_the_notch_passes_a_trillionth",
     )
 
 
@@ -63,7 +63,7 @@ def folded() -> Case:
         plain=relative((rate_m_s + span_m_s / 2) % span_m_s - span_m_s / 2, mp.mpf(rate_m_s)),
         cure="x − s times the nearest whole of x/s",
         ours=relative(ours, mp.mpf(rate_m_s)),
-        test="models/test_doppler.py::"
+        test="models/effects/test_doppler.py::"
         "test_a_folded_rate_is_the_nearest_to_zero_of_those_that_look_alike",
     )
 
@@ -83,7 +83,7 @@ def forgotten() -> Case:
         plain=float(left_out),
         cure="halving between anchors 64 time constants apart",
         ours=float(np.abs(values @ values.T - exact).max()),
-        test="models/test_drift.py::"
+        test="models/effects/test_drift.py::"
         "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
     )
 
@@ -101,7 +101,7 @@ def slow_drift() -> Case:
         plain=relative(plain, exact),
         cure="√(tanh h)",
         ours=relative(np.sqrt(np.tanh(1e-9)), exact),
-        test="models/test_drift.py::"
+        test="models/effects/test_drift.py::"
         "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
     )
 
@@ -116,7 +116,7 @@ def over_north() -> Case:
         plain=f"{azimuth_deg.mean():g}°, the other side",
         cure="mean of the differences from one, wrapped",
         ours=f"{ours:g}°",
-        test="models/test_merging.py::test_the_echo_lies_at_the_centroid_of_powers_over_north",
+        test="models/effects/test_merging.py::test_the_echo_lies_at_the_centroid_of_powers_over_north",
     )
 
 

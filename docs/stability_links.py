@@ -6,8 +6,8 @@ import mpmath as mp
 import numpy as np
 from stability_case import Case, relative
 
-from plotfeed.feeds.impairment.loss_settings import GilbertElliott
 from plotfeed.feeds.impairment.losses import chain_of
+from plotfeed.feeds.scene.link_keys import GilbertElliott
 
 TEST = "feeds/impairment/test_loss_chains.py::test_chains_that_hardly_ever_move_keep_their_figures"
 

@@ -11,7 +11,6 @@ from stability_case import Case, relative
 
 from plotfeed.models import accuracy, propagation
 from plotfeed.models.constants import WGS84_A_M, WGS84_E2
-from plotfeed.models.flat_solution import flat_solution
 from plotfeed.models.frames import (
     LocalFrame,
     aer_to_enu,
@@ -21,6 +20,7 @@ from plotfeed.models.frames import (
     wrap_180,
     wrap_360,
 )
+from plotfeed.models.sensors.passive_signals import flat_solution
 
 BASELINE_M = 20_000.0
 TRANSMITTER_M = np.array([BASELINE_M, 0.0, 0.0])
@@ -84,7 +84,7 @@ def no_detour() -> Case:
         plain=f"a plot {plain_distance_m(-5.0, math.radians(1.0)) / 1e3:.0f} km away",
         cure="undefined, and so no plot",
         ours="no plot" if np.isnan(solution.range_m[0]) and chance[0] == 0 else "a plot",
-        test="models/test_passive_radar.py::test_on_the_baseline_plots_vanish_and_nothing_is_infinite",
+        test="models/sensors/test_passive_radar.py::test_on_the_baseline_plots_vanish_and_nothing_is_infinite",
     )
 
 
@@ -118,7 +118,7 @@ def grazing() -> Case:
         plain=relative(plain, exact),
         cure="4h₁h₂ over the sum of the ways; sums of squares",
         ours=relative(propagation.two_ray_factor(h1, h2, ground, wavelength, -1.0), exact),
-        test="models/test_multipath.py::test_far_away_power_falls_with_the_fourth_power_of_distance_beyond_free_space",
+        test="models/effects/test_multipath.py::test_far_away_power_falls_with_the_fourth_power_of_distance_beyond_free_space",
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from plotfeed.feeds.schema import text_of
+from plotfeed.feeds.schema.published import text_of
 
 DOCUMENT = Path(__file__).with_name("asyncapi.json")
 

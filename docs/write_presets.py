@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.presets import names, preset
-from plotfeed.feeds.show_presets import details, shown_reach, shown_value, why
+from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, why
+from plotfeed.feeds.scene.presets.preset import names, preset
 
 PAGE = Path(__file__).with_name("presets.md")
 

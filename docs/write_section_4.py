@@ -23,7 +23,7 @@ from section_4_runs import (
     one_flight,
 )
 
-from plotfeed.feeds.scene import example
+from plotfeed.feeds.scene.scene import example
 
 PAGE = Path(__file__).with_name("section-4.md")
 BEGIN, END = "<!-- counted: begin -->", "<!-- counted: end -->"

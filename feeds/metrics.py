@@ -6,11 +6,11 @@ import contextlib
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.totals import lateness_us
+from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.session import Session
+    from plotfeed.feeds.session.session import Session
 
 LOOPBACK = "127.0.0.1"
 COUNTERS = {
@@ -44,7 +44,7 @@ class SessionCollector:
 
     def collect(self) -> Iterator[Any]:
         """Of the session, and of each sensor."""
-        from prometheus_client.core import (  # noqa: PLC0415 - an extra
+        from prometheus_client.core import (
             CounterMetricFamily,
             GaugeMetricFamily,
         )
@@ -85,7 +85,7 @@ class SessionCollector:
 def served(session: Session, port: int) -> Iterator[None]:
     """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`."""
     try:
-        from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415
+        from prometheus_client import CollectorRegistry, start_http_server
     except ImportError:
         raise MetricsError(
             "metrics need prometheus-client: pip install 'plotfeed[metrics]'"

@@ -28,8 +28,7 @@ from scipy.special import (
 )
 
 from plotfeed.models import looks_chain
-from plotfeed.models.quadrature import unit_interval
-from plotfeed.models.quiet import quiet
+from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats
 
 _QUADRATURE_POINTS = 128
@@ -48,45 +47,45 @@ def _multiplier_of_one(pfa: float, n_reference: int) -> Floats:
     return _multiplier(pfa, n_reference)
 
 
-@quiet
+@nan_without_warnings
 def _multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     exponent = -np.log(_probability(pfa)) / np.asarray(n_reference, dtype=np.float64)
-    return _floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
+    return as_floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
 
 
-@quiet
+@nan_without_warnings
 def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Probability of detection, one look, cell-averaging CFAR (eq 7); holds the CFAR loss."""
-    return _floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
+    return as_floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
 
 
-@quiet
+@nan_without_warnings
 def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """One less `pd_cfar_swerling1`."""
-    return _floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
+    return as_floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
 
 
-@quiet
+@nan_without_warnings
 def threshold_noncoherent(pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Threshold on the sum of the looks' powers where the noise power is known (eq 22)."""
-    return _floats(gammainccinv(n_looks, _probability(pfa)))
+    return as_floats(gammainccinv(n_looks, _probability(pfa)))
 
 
-@quiet
+@nan_without_warnings
 def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Probability of detection, sum of looks of equal SNR, noise known (eq 23, right form)."""
     threshold = threshold_noncoherent(pfa, n_looks)
-    return _floats(gammaincc(n_looks, threshold / (1 + _power(snr))))
+    return as_floats(gammaincc(n_looks, threshold / (1 + _power(snr))))
 
 
-@quiet
+@nan_without_warnings
 def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """One less `pd_noncoherent_swerling2`."""
     threshold = threshold_noncoherent(pfa, n_looks)
-    return _floats(gammainc(n_looks, threshold / (1 + _power(snr))))
+    return as_floats(gammainc(n_looks, threshold / (1 + _power(snr))))
 
 
-@quiet
+@nan_without_warnings
 def threshold_noncoherent_cfar(
     pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -96,10 +95,10 @@ def threshold_noncoherent_cfar(
     probability = _probability(pfa)
     test_share = betainccinv(n_looks, n_reference, probability)
     reference_share = betaincinv(n_reference, n_looks, probability)
-    return _floats(test_share / reference_share)
+    return as_floats(test_share / reference_share)
 
 
-@quiet
+@nan_without_warnings
 def pd_noncoherent_cfar(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -111,16 +110,16 @@ def pd_noncoherent_cfar(
     test, reference = _cfar_shares(snr, pfa, n_looks, n_reference)
     by_test = betaincc(n_looks, n_reference, test)
     by_reference = betainc(n_reference, n_looks, reference)
-    return _floats(np.where(test < reference, by_test, by_reference))
+    return as_floats(np.where(test < reference, by_test, by_reference))
 
 
-@quiet
+@nan_without_warnings
 def miss_noncoherent_cfar(
     snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
     """One less `pd_noncoherent_cfar`."""
     test, _ = _cfar_shares(snr, pfa, n_looks, n_reference)
-    return _floats(betainc(n_looks, n_reference, test))
+    return as_floats(betainc(n_looks, n_reference, test))
 
 
 def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
@@ -137,7 +136,7 @@ def miss_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
     return _unequal(snrs, pfa)[1]
 
 
-@quiet
+@nan_without_warnings
 def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> Floats:
     """Probability of detection of the sum of looks of any SNRs against a sum of reference samples.
 
@@ -149,7 +148,7 @@ def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_tot
     return np.minimum(looks_chain.outlasting(power, ratio, n_reference_total), 1.0)
 
 
-@quiet
+@nan_without_warnings
 def miss_noncoherent_unequal_cfar(
     snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
 ) -> Floats:
@@ -158,20 +157,20 @@ def miss_noncoherent_unequal_cfar(
     return np.minimum(looks_chain.falling_short(power, ratio, n_reference_total), 1.0)
 
 
-@quiet
+@nan_without_warnings
 def pd_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
     """Probability of detection by a listener of that sensitivity (eq 43, in dB throughout)."""
-    return _floats(expit(_logit(snr_db, sensitivity_db, slope_per_db)))
+    return as_floats(expit(_logit(snr_db, sensitivity_db, slope_per_db)))
 
 
-@quiet
+@nan_without_warnings
 def miss_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
     """One less `pd_logistic`."""
-    return _floats(expit(-_logit(snr_db, sensitivity_db, slope_per_db)))
+    return as_floats(expit(-_logit(snr_db, sensitivity_db, slope_per_db)))
 
 
 def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
@@ -180,7 +179,7 @@ def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
     return np.asarray(rng.random(probability.shape) < probability)
 
 
-@quiet
+@nan_without_warnings
 def draw_detected_snr_swerling1(
     snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
@@ -194,13 +193,13 @@ def draw_detected_snr_swerling1(
     mean = 1 + _power(snr)
     alpha = cfar_multiplier(pfa, n_reference)
     shape = np.broadcast(mean, alpha).shape
-    order = n_reference if isinstance(n_reference, int) else _floats(n_reference)
+    order = n_reference if isinstance(n_reference, int) else as_floats(n_reference)
     reference_sum = rng.standard_gamma(order, shape) / (1 + alpha / mean)
     threshold = alpha * reference_sum
-    return _floats(threshold + mean * rng.standard_exponential(shape)), _floats(threshold)
+    return as_floats(threshold + mean * rng.standard_exponential(shape)), as_floats(threshold)
 
 
-@quiet
+@nan_without_warnings
 def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats:
     """Mean of 1/x over the detections of a Swerling 1 target of mean `snr`, x their power; (...).
 
@@ -217,7 +216,7 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     return np.asarray(np.exp(y) * exp1(y) / mean @ weights)
 
 
-@quiet
+@nan_without_warnings
 def draw_detected_power_noncoherent(
     snrs: ArrayLike, pfa: float, n_reference_total: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
@@ -230,10 +229,10 @@ def draw_detected_power_noncoherent(
     power_sum, reference_sum = looks_chain.draw_outlasting(
         power, float(ratio), n_reference_total, rng
     )
-    return power_sum, _floats(ratio * reference_sum)
+    return power_sum, as_floats(ratio * reference_sum)
 
 
-@quiet
+@nan_without_warnings
 def inverse_detected_power_noncoherent(
     snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
 ) -> Floats:
@@ -257,7 +256,7 @@ def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Fl
     """Minus the logarithm of eq 7."""
     alpha = cfar_multiplier(pfa, n_reference)
     n = np.asarray(n_reference, dtype=np.float64)
-    return _floats(n * np.log1p(alpha / (1 + _power(snr))))
+    return as_floats(n * np.log1p(alpha / (1 + _power(snr))))
 
 
 def _cfar_shares(
@@ -271,7 +270,7 @@ def _cfar_shares(
     return 1 / (1 + 1 / ratio), 1 / (1 + ratio)
 
 
-@quiet
+@nan_without_warnings
 def _unequal(snrs: ArrayLike, pfa: ArrayLike) -> tuple[Floats, Floats]:
     """Pd and miss by uniformisation of the phase-type distribution, at the rate of the noise.
 
@@ -320,7 +319,3 @@ def _probability(pfa: ArrayLike) -> Floats:
     """A probability of false alarm; NaN outside (0, 1]."""
     probability = np.asarray(pfa, dtype=np.float64)
     return np.where((probability > 0) & (probability <= 1), probability, np.nan)
-
-
-def _floats(value: ArrayLike) -> Floats:
-    return np.asarray(value, dtype=np.float64)

@@ -12,15 +12,14 @@ from numpy.typing import ArrayLike
 from scipy.special import gammainccinv
 
 from plotfeed.models.detection import pd_noncoherent_swerling2, threshold_noncoherent
-from plotfeed.models.quadrature import unit_interval
-from plotfeed.models.quiet import quiet
+from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Floats
 
 _QUADRATURE_POINTS = 128
 _SMALLEST_SNR = 1e-12
 
 
-@quiet
+@nan_without_warnings
 def draw_detected_energy(
     snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike, rng: np.random.Generator
 ) -> Floats:
@@ -32,13 +31,13 @@ def draw_detected_energy(
     return _energy_exceeded_by(1 - rng.random(shape), snr, pfa, n_samples)
 
 
-@quiet
+@nan_without_warnings
 def estimated_snr(energy: ArrayLike, n_samples: ArrayLike) -> Floats:
     """What an energy says of the signal-to-noise ratio: always above zero."""
-    return _floats(np.maximum(_floats(energy) / _floats(n_samples) - 1, _SMALLEST_SNR))
+    return as_floats(np.maximum(as_floats(energy) / as_floats(n_samples) - 1, _SMALLEST_SNR))
 
 
-@quiet
+@nan_without_warnings
 def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Floats:
     """Mean, over the detections, of one over the estimated SNR; (...) in, (...) out.
 
@@ -48,7 +47,7 @@ def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Float
     root, weights = unit_interval(_QUADRATURE_POINTS)
     mean_snr = np.asarray(snr, dtype=np.float64)[..., None]
     energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
-    return _floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
+    return as_floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
 
 
 def _energy_exceeded_by(
@@ -56,9 +55,5 @@ def _energy_exceeded_by(
 ) -> Floats:
     """The energy that this share of the detections exceeds; rounding may not undo a detection."""
     tail = pd_noncoherent_swerling2(snr, pfa, n_samples)
-    energy = (1 + _floats(snr)) * gammainccinv(n_samples, share * tail)
-    return _floats(np.maximum(energy, threshold_noncoherent(pfa, n_samples)))
-
-
-def _floats(value: ArrayLike) -> Floats:
-    return np.asarray(value, dtype=np.float64)
+    energy = (1 + as_floats(snr)) * gammainccinv(n_samples, share * tail)
+    return as_floats(np.maximum(energy, threshold_noncoherent(pfa, n_samples)))

@@ -12,32 +12,32 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.beam.cover import AzimuthCover
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import wrap_360
-from plotfeed.models.quiet import quiet
-from plotfeed.models.scan import Sector
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats, Ints
 
 POISSON_BELOW_PFA = 1e-8
 """Below, a Poisson draw is nearer to the binomial (within Pfa) than 1 - Pfa in float64 allows."""
 
 
-@quiet
+@nan_without_warnings
 def mean_false_alarms(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Mean number of false alarms (eq 9)."""
-    return _floats(cells) * _floats(pfa)
+    return as_floats(cells) * as_floats(pfa)
 
 
-@quiet
+@nan_without_warnings
 def probability_none(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability that not one cell alarms."""
-    return _floats(np.exp(_floats(cells) * np.log1p(-_floats(pfa))))
+    return as_floats(np.exp(as_floats(cells) * np.log1p(-as_floats(pfa))))
 
 
-@quiet
+@nan_without_warnings
 def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability that some cell alarms; accurate where it is tiny."""
-    return _floats(-np.expm1(_floats(cells) * np.log1p(-_floats(pfa))))
+    return as_floats(-np.expm1(as_floats(cells) * np.log1p(-as_floats(pfa))))
 
 
 @overload
@@ -95,7 +95,3 @@ def _cells_before(total_cells: int, fraction: float) -> int:
     must not come out on different sides.
     """
     return floor(total_cells * fraction + 0.500001)
-
-
-def _floats(value: ArrayLike) -> Floats:
-    return np.asarray(value, dtype=np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2, WGS84_F
-from plotfeed.models.quiet import quiet
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Bools, Floats
 
 RESOLUTION_M = 5e-9
@@ -32,7 +32,7 @@ MIN_GEOCENTRIC_M = 100e3
 DEG, RAD = 180.0 / np.pi, np.pi / 180.0
 
 
-@quiet
+@nan_without_warnings
 def wrap_180(angle_deg: ArrayLike) -> Floats:
     """The same angle in [-180, 180), degrees: what a difference of azimuths or longitudes needs."""
     angle = np.array(angle_deg, dtype=np.float64)
@@ -44,7 +44,7 @@ def wrap_180(angle_deg: ArrayLike) -> Floats:
     return angle
 
 
-@quiet
+@nan_without_warnings
 def wrap_360(angle_deg: ArrayLike) -> Floats:
     """The same angle in [0, 360), degrees."""
     angle = np.array(angle_deg, dtype=np.float64)
@@ -56,7 +56,7 @@ def wrap_360(angle_deg: ArrayLike) -> Floats:
     return angle
 
 
-@quiet
+@nan_without_warnings
 def geodetic_to_ecef(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike
 ) -> Floats:
@@ -70,7 +70,7 @@ def geodetic_to_ecef(
     return _stack(axis_m * cos_lon, axis_m * sin_lon, polar_m)
 
 
-@quiet
+@nan_without_warnings
 def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Latitude and longitude, degrees, and ellipsoidal height, metres, each (...), of (..., 3).
 
@@ -139,19 +139,19 @@ class LocalFrame:
             dtype=np.float64,
         )
 
-    @quiet
+    @nan_without_warnings
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
         """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out.
 
         Straight above and below the place, east and north are exactly zero.
         """
-        enu_m = _rotate(self.rotation_from_ecef, _floats(ecef_m) - self.origin_ecef_m)
+        enu_m = _rotate(self.rotation_from_ecef, as_floats(ecef_m) - self.origin_ecef_m)
         vertical = _is_vertical(enu_m[..., 0], enu_m[..., 1])
         if vertical.any():
             enu_m[..., :2][vertical] = 0.0
         return enu_m
 
-    @quiet
+    @nan_without_warnings
     def azimuths_deg(self, ecef_m: Floats) -> Floats:
         """Azimuths alone of ECEF positions, to the last bit those of their ENU; (..., 3) to (...).
 
@@ -172,7 +172,7 @@ class LocalFrame:
         """ECEF of east, north, up positions, metres; (..., 3) in, (..., 3) out."""
         return self.origin_ecef_m + self.rotate_to_ecef(enu_m)
 
-    @quiet
+    @nan_without_warnings
     def heights_m(
         self, azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayLike
     ) -> Floats:
@@ -184,10 +184,10 @@ class LocalFrame:
         is 2 micrometres.
         """
         out_m, along_m, sin_lat, cos_lat = self._meridian
-        slant_m = _floats(range_m)
-        up = slant_m * np.sin(_floats(elevation_deg) * RAD)
+        slant_m = as_floats(range_m)
+        up = slant_m * np.sin(as_floats(elevation_deg) * RAD)
         ground2 = np.maximum(slant_m * slant_m - up * up, 0.0)
-        azimuth_rad = (_floats(azimuth_deg) * RAD).astype(np.float32)
+        azimuth_rad = (as_floats(azimuth_deg) * RAD).astype(np.float32)
         north = np.sqrt(ground2) * np.cos(azimuth_rad)
         out = out_m + (up * cos_lat - north * sin_lat)
         along = along_m + (up * sin_lat + north * cos_lat)
@@ -219,13 +219,13 @@ def distance_m(vector_m: Floats) -> Floats:
     return np.sqrt(x * x + y * y + z * z)
 
 
-@quiet
+@nan_without_warnings
 def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Azimuth and elevation, degrees, and slant range, metres, each (...), of ENU (..., 3).
 
     Azimuth is NaN straight above and below, elevation too at no distance at all.
     """
-    east, north, up = _components(_floats(enu_m))
+    east, north, up = _components(as_floats(enu_m))
     ground2 = east * east + north * north
     ground_m, range_m = np.sqrt(ground2), np.sqrt(ground2 + up * up)
     azimuth_deg, elevation_deg = _azimuth_deg(east, north), np.arctan2(up, ground_m) * DEG
@@ -236,7 +236,7 @@ def enu_to_aer(enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return azimuth_deg, elevation_deg, range_m
 
 
-@quiet
+@nan_without_warnings
 def aer_to_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayLike) -> Floats:
     """East, north, up, metres, (..., 3), of azimuth and elevation, degrees, and slant range."""
     sin_az, cos_az = _sin_cos_deg(azimuth_deg)
@@ -267,7 +267,7 @@ def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
     )
 
 
-@quiet
+@nan_without_warnings
 def _rotate(matrix: Floats, vector: Floats) -> Floats:
     """Matrix times each vector; (k, 3) and (..., 3) in, (..., k) out.
 
@@ -316,7 +316,3 @@ def _components(vector: Floats) -> tuple[Floats, Floats, Floats]:
 def _stack(x: Floats, y: Floats, z: Floats) -> Floats:
     """Three components, broadcast against each other, as (..., 3)."""
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-
-
-def _floats(value: ArrayLike) -> Floats:
-    return np.asarray(value, dtype=np.float64)

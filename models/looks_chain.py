@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.quadrature import unit_interval
+from plotfeed.models.numerics import unit_interval
 from plotfeed.models.state import Floats, Ints
 
 _BLOCK_ELEMENTS = 1 << 22

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
 from plotfeed.models.frames import distance_m
-from plotfeed.models.quiet import quiet
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
 NEAREST_M = 1.0
@@ -20,24 +20,24 @@ DIPOLE_GAIN_DBI = 2.15
 """What effective radiated power is stated over: a half-wave dipole."""
 
 
-@quiet
+@nan_without_warnings
 def beam_gain_dbi(
     azimuth_beamwidth_deg: ArrayLike,
     elevation_beamwidth_deg: ArrayLike,
     efficiency: ArrayLike = 1.0,
 ) -> Floats:
     """Gain of a beam of these 3 dB widths; the sphere has 41253 square degrees (eqs 2, 3, 19)."""
-    beam_deg2 = _floats(azimuth_beamwidth_deg) * _floats(elevation_beamwidth_deg)
-    return 10 * np.log10(41253.0 * _floats(efficiency) / beam_deg2)
+    beam_deg2 = as_floats(azimuth_beamwidth_deg) * as_floats(elevation_beamwidth_deg)
+    return 10 * np.log10(41253.0 * as_floats(efficiency) / beam_deg2)
 
 
-@quiet
+@nan_without_warnings
 def noise_density_w_hz(noise_figure_db: ArrayLike) -> Floats:
     """Thermal noise power in one hertz, watts (eq 5)."""
     return BOLTZMANN_J_K * T0_K * _ratio(noise_figure_db)
 
 
-@quiet
+@nan_without_warnings
 def echo_power_w(
     *,
     power_w: ArrayLike,
@@ -48,13 +48,13 @@ def echo_power_w(
     range_rx_m: ArrayLike,
 ) -> Floats:
     """Received power of a target's echo in free space (eqs 1, 24); `gains_db` less all losses."""
-    radiated_w = _floats(power_w) * _ratio(gains_db)
-    aperture_m4 = _floats(wavelength_m) ** 2 * _floats(rcs_m2)
-    spread_m4 = (4 * np.pi) ** 3 * (_floats(range_tx_m) * _floats(range_rx_m)) ** 2
+    radiated_w = as_floats(power_w) * _ratio(gains_db)
+    aperture_m4 = as_floats(wavelength_m) ** 2 * as_floats(rcs_m2)
+    spread_m4 = (4 * np.pi) ** 3 * (as_floats(range_tx_m) * as_floats(range_rx_m)) ** 2
     return radiated_w * aperture_m4 / spread_m4
 
 
-@quiet
+@nan_without_warnings
 def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
     power_w: ArrayLike,
     gain_tx_dbi: ArrayLike,
@@ -71,7 +71,7 @@ def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
 
     `power_w` is the mean transmitted power; monostatic radars give the same range twice.
     """
-    gains_db = _floats(gain_tx_dbi) + _floats(gain_rx_dbi) - _floats(loss_db)
+    gains_db = as_floats(gain_tx_dbi) + as_floats(gain_rx_dbi) - as_floats(loss_db)
     echo_w = echo_power_w(
         power_w=power_w,
         gains_db=gains_db,
@@ -80,10 +80,10 @@ def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
         range_tx_m=range_tx_m,
         range_rx_m=range_rx_m,
     )
-    return echo_w * _floats(integration_s) / noise_density_w_hz(noise_figure_db)
+    return echo_w * as_floats(integration_s) / noise_density_w_hz(noise_figure_db)
 
 
-@quiet
+@nan_without_warnings
 def two_ray_factor(
     antenna_height_m: ArrayLike,
     target_height_m: ArrayLike,
@@ -97,26 +97,26 @@ def two_ray_factor(
     the reflected ray, 4 h1 h2/(d1 + d2). Heights are above the ground, and none is below it. An
     echo has the factor of its way out times that of its way back.
     """
-    antenna, target = (np.maximum(_floats(h), 0.0) for h in (antenna_height_m, target_height_m))
-    ground = _floats(ground_range_m)
+    antenna, target = (np.maximum(as_floats(h), 0.0) for h in (antenna_height_m, target_height_m))
+    ground = as_floats(ground_range_m)
     ways = np.hypot(ground, antenna - target) + np.hypot(ground, antenna + target)
     product = antenna * target
     detour = np.where(product > 0, 4 * product / ways, 0.0)  # the difference of roots loses digits
-    half_phase = np.pi * detour / _floats(wavelength_m)
-    rho = _floats(reflection)
+    half_phase = np.pi * detour / as_floats(wavelength_m)
+    rho = as_floats(reflection)
     # Sums of squares alone: at grazing 1 + rho^2 + 2 rho cos phi would be a difference of ones.
     wave = np.where(rho < 0, np.sin(half_phase), np.cos(half_phase))
-    return _floats((1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2)
+    return as_floats((1 - np.abs(rho)) ** 2 + 4 * np.abs(rho) * wave**2)
 
 
-@quiet
+@nan_without_warnings
 def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Floats:
     """Path transmitter-target-receiver less the baseline, metres; (..., 3) in, (...) out.
 
     The receiver is the origin (eq 32). Accurate down to the baseline itself, where the plain
     sum loses every digit.
     """
-    target, transmitter = _floats(target_enu_m), _floats(transmitter_enu_m)
+    target, transmitter = as_floats(target_enu_m), as_floats(transmitter_enu_m)
     range_tx, range_rx = distance_m(target - transmitter), distance_m(target)
     baseline = distance_m(transmitter)
     sides = np.maximum(range_rx + baseline, np.finfo(np.float64).tiny)
@@ -128,7 +128,7 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
     return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
 
 
-@quiet
+@nan_without_warnings
 def range_from_bistatic(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
 ) -> Floats:
@@ -137,11 +137,11 @@ def range_from_bistatic(
     The angle is that at the receiver between target and transmitter, in space (eqs 33 to 35,
     right form). NaN on the baseline between the two, where every point has bistatic range 0.
     """
-    excess, baseline = _floats(bistatic_range_m), _floats(baseline_m)
+    excess, baseline = as_floats(bistatic_range_m), as_floats(baseline_m)
     return excess * (excess + 2 * baseline) / (2 * (excess + baseline * _versine(angle_deg)))
 
 
-@quiet
+@nan_without_warnings
 def range_from_bistatic_slopes(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
 ) -> tuple[Floats, Floats]:
@@ -149,8 +149,8 @@ def range_from_bistatic_slopes(
 
     What errors of the measured pair are multiplied by; infinite on the baseline.
     """
-    excess, baseline = _floats(bistatic_range_m), _floats(baseline_m)
-    half_rad = np.radians(_floats(angle_deg)) / 2
+    excess, baseline = as_floats(bistatic_range_m), as_floats(baseline_m)
+    half_rad = np.radians(as_floats(angle_deg)) / 2
     depth = baseline * _versine(angle_deg)
     divisor = 2 * (excess + depth) ** 2
     by_range = (excess**2 + 2 * depth * (excess + baseline)) / divisor
@@ -160,7 +160,7 @@ def range_from_bistatic_slopes(
     return np.where(singular, np.inf, by_range), np.where(singular, -np.inf, by_angle)
 
 
-@quiet
+@nan_without_warnings
 def passive_target_power_w(
     *,
     erp_w: ArrayLike,
@@ -172,7 +172,7 @@ def passive_target_power_w(
     loss_db: ArrayLike,
 ) -> Floats:
     """Echo of a broadcast before the correlator (eqs 24, 26); ERP is stated over a dipole."""
-    gains_db = DIPOLE_GAIN_DBI + _floats(gain_rx_dbi) - _floats(loss_db)
+    gains_db = DIPOLE_GAIN_DBI + as_floats(gain_rx_dbi) - as_floats(loss_db)
     return echo_power_w(
         power_w=erp_w,
         gains_db=gains_db,
@@ -183,7 +183,7 @@ def passive_target_power_w(
     )
 
 
-@quiet
+@nan_without_warnings
 def direct_signal_power_w(
     *,
     erp_w: ArrayLike,
@@ -194,12 +194,12 @@ def direct_signal_power_w(
     baseline_m: ArrayLike,
 ) -> Floats:
     """What is left of the broadcast itself (eqs 28, 29); side lobe and cancellation negative dB."""
-    gains_db = DIPOLE_GAIN_DBI + _floats(gain_rx_dbi) + _floats(sidelobe_db)
-    spread = (_floats(wavelength_m) / (4 * np.pi * _floats(baseline_m))) ** 2
-    return _floats(erp_w) * _ratio(gains_db + _floats(cancellation_db)) * spread
+    gains_db = DIPOLE_GAIN_DBI + as_floats(gain_rx_dbi) + as_floats(sidelobe_db)
+    spread = (as_floats(wavelength_m) / (4 * np.pi * as_floats(baseline_m))) ** 2
+    return as_floats(erp_w) * _ratio(gains_db + as_floats(cancellation_db)) * spread
 
 
-@quiet
+@nan_without_warnings
 def passive_noise_power_w(
     bandwidth_hz: ArrayLike,
     external_noise_db: ArrayLike,
@@ -208,12 +208,12 @@ def passive_noise_power_w(
     noise_figure_db: ArrayLike = 4.0,
 ) -> Floats:
     """Radio noise before the correlator (eqs 30, 31): external (ITU-R P.372) and the receiver's."""
-    receiver_db = _floats(line_loss_db) + _floats(antenna_loss_db) + _floats(noise_figure_db)
+    receiver_db = as_floats(line_loss_db) + as_floats(antenna_loss_db) + as_floats(noise_figure_db)
     factor = _ratio(external_noise_db) - 1 + _ratio(receiver_db)
-    return BOLTZMANN_J_K * T0_K * _floats(bandwidth_hz) * factor
+    return BOLTZMANN_J_K * T0_K * as_floats(bandwidth_hz) * factor
 
 
-@quiet
+@nan_without_warnings
 def correlated_snr(
     target_w: ArrayLike, disturbance_w: ArrayLike, time_bandwidth: ArrayLike
 ) -> Floats:
@@ -221,7 +221,7 @@ def correlated_snr(
 
     `disturbance_w` sums clutter, direct signal and noise before the correlator.
     """
-    return _floats(time_bandwidth) / (1 + _floats(disturbance_w) / _floats(target_w))
+    return as_floats(time_bandwidth) / (1 + as_floats(disturbance_w) / as_floats(target_w))
 
 
 def passive_snr(
@@ -264,11 +264,11 @@ def passive_snr(
     noise_w = passive_noise_power_w(
         bandwidth_hz, external_noise_db, line_loss_db, antenna_loss_db, noise_figure_db
     )
-    time_bandwidth = _floats(integration_s) * _floats(bandwidth_hz)
+    time_bandwidth = as_floats(integration_s) * as_floats(bandwidth_hz)
     return correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
 
 
-@quiet
+@nan_without_warnings
 def path_loss_db(
     range_m: ArrayLike,
     wavelength_m: ArrayLike,
@@ -280,20 +280,20 @@ def path_loss_db(
     From there on log-distance, power falling with that exponent of distance; 2 is free space.
     Never a gain: nearer than a wavelength over 4 pi there is no far field.
     """
-    distance, reference = _floats(range_m), _floats(reference_m)
+    distance, reference = as_floats(range_m), as_floats(reference_m)
     free_m = np.minimum(distance, reference)
-    free_space_db = 20 * np.log10(4 * np.pi * free_m / _floats(wavelength_m))
-    beyond_db = 10 * _floats(exponent) * np.log10(np.maximum(distance / reference, 1.0))
+    free_space_db = 20 * np.log10(4 * np.pi * free_m / as_floats(wavelength_m))
+    beyond_db = 10 * as_floats(exponent) * np.log10(np.maximum(distance / reference, 1.0))
     return np.maximum(free_space_db + beyond_db, 0.0)
 
 
-@quiet
+@nan_without_warnings
 def speed_of_sound_m_s(temperature_c: ArrayLike) -> Floats:
     """In air (ISO 9613-1:1993, annex A)."""
-    return _floats(343.2 * np.sqrt((_floats(temperature_c) + 273.15) / 293.15))
+    return as_floats(343.2 * np.sqrt((as_floats(temperature_c) + 273.15) / 293.15))
 
 
-@quiet
+@nan_without_warnings
 def sound_absorption_db_per_m(
     frequency_hz: ArrayLike,
     temperature_c: ArrayLike,
@@ -301,12 +301,12 @@ def sound_absorption_db_per_m(
     pressure_kpa: ArrayLike,
 ) -> Floats:
     """Absorption of a pure tone by air, dB per metre (ISO 9613-1:1993); humidity is relative."""
-    frequency = _floats(frequency_hz)
-    kelvin = _floats(temperature_c) + 273.15
+    frequency = as_floats(frequency_hz)
+    kelvin = as_floats(temperature_c) + 273.15
     warmth = kelvin / 293.15  # T/T0
-    pressure = _floats(pressure_kpa) / 101.325  # pa/pr
+    pressure = as_floats(pressure_kpa) / 101.325  # pa/pr
     saturation = 10 ** (-6.8346 * (273.16 / kelvin) ** 1.261 + 4.6151)  # annex B, B.2 and B.3
-    h = _floats(humidity_pct) * saturation / pressure  # molar concentration, %; B.1
+    h = as_floats(humidity_pct) * saturation / pressure  # molar concentration, %; B.1
     oxygen_hz = pressure * (24 + 4.04e4 * h * (0.02 + h) / (0.391 + h))  # eq 3
     nitrogen_shift = np.exp(-4.170 * (warmth ** (-1 / 3) - 1))
     nitrogen_hz = pressure / np.sqrt(warmth) * (9 + 280 * h * nitrogen_shift)  # eq 4
@@ -316,30 +316,30 @@ def sound_absorption_db_per_m(
     return 8.686 * frequency**2 * (classical + warmth**-2.5 * (oxygen + nitrogen))  # eq 5
 
 
-@quiet
+@nan_without_warnings
 def sound_divergence_db(range_m: ArrayLike) -> Floats:
     """Spreading over the sphere, from the sound *power* level (eq 40; ISO 9613-2, 7.1)."""
-    return 20 * np.log10(_floats(range_m)) + 11
+    return 20 * np.log10(as_floats(range_m)) + 11
 
 
-@quiet
+@nan_without_warnings
 def ground_attenuation_db(mean_height_m: ArrayLike, range_m: ArrayLike) -> Floats:
     """Attenuation by the ground, never negative (eq 42; ISO 9613-2, 7.3.2).
 
     `mean_height_m` is the mean height of the path above the ground, `range_m` its slant length.
     """
-    distance = _floats(range_m)
-    lift = 2 * _floats(mean_height_m) / distance * (17 + 300 / distance)
+    distance = as_floats(range_m)
+    lift = 2 * as_floats(mean_height_m) / distance * (17 + 300 / distance)
     return np.maximum(4.8 - lift, 0.0)
 
 
-@quiet
+@nan_without_warnings
 def solid_angle_index_db(
     ground_range_m: ArrayLike, source_height_m: ArrayLike, receiver_height_m: ArrayLike
 ) -> Floats:
     """What the ground's reflection adds near the source, D_omega, dB (ISO 9613-2, 7.3.2, eq 11)."""
-    source, receiver = _floats(source_height_m), _floats(receiver_height_m)
-    ground_m2 = _floats(ground_range_m) ** 2
+    source, receiver = as_floats(source_height_m), as_floats(receiver_height_m)
+    ground_m2 = as_floats(ground_range_m) ** 2
     direct_m2, reflected_m2 = (
         ground_m2 + (source - receiver) ** 2,
         ground_m2 + (source + receiver) ** 2,
@@ -347,30 +347,26 @@ def solid_angle_index_db(
     return 10 * np.log10(1 + direct_m2 / reflected_m2)
 
 
-@quiet
+@nan_without_warnings
 def sound_level_db(
     power_level_db: ArrayLike, directivity_db: ArrayLike, attenuation_db: ArrayLike
 ) -> Floats:
     """Sound pressure level at the receiver (eq 37 in dB throughout; ISO 9613-2, eq 3)."""
-    return _floats(power_level_db) + _floats(directivity_db) - _floats(attenuation_db)
+    return as_floats(power_level_db) + as_floats(directivity_db) - as_floats(attenuation_db)
 
 
 def _versine(angle_deg: ArrayLike) -> Floats:
     """One less the cosine, without the cancellation."""
-    return 2 * np.sin(np.radians(_floats(angle_deg)) / 2) ** 2
+    return 2 * np.sin(np.radians(as_floats(angle_deg)) / 2) ** 2
 
 
 def _ratio(level_db: ArrayLike) -> Floats:
-    return 10 ** (_floats(level_db) / 10)
+    return 10 ** (as_floats(level_db) / 10)
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    return _floats(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+    return as_floats(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    return _floats(np.cross(a, b))
-
-
-def _floats(value: ArrayLike) -> Floats:
-    return np.asarray(value, dtype=np.float64)
+    return as_floats(np.cross(a, b))

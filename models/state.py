@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from plotfeed.models.readings import Readings
+    from plotfeed.models.effects.readings import Readings
+
+NS = 1_000_000_000
+"""Nanoseconds in a second."""
 
 FALSE_ALARM = -1
 """The drone index of a plot that no drone caused."""

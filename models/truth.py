@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import (
+    NS,
     Emitter,
     Floats,
     Ints,
@@ -29,7 +30,6 @@ from plotfeed.models.state import (
 
 S = TypeVar("S", bound=PlaceState)
 
-NS = 1_000_000_000
 FOREVER_NS = (1 << 63) - 1
 
 SIGMA_VELOCITY_M_S = 1.0

@@ -17,9 +17,9 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from plotfeed.models.state import NS
 from plotfeed.proto.errors import DecodeError
 
-NS = 1_000_000_000
 TIMESTAMP = Timestamp.DESCRIPTOR.full_name
 NANOSECONDS = "_utc_ns"
 """How the names of our times end that are not Timestamps."""

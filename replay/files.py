@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.asterix_payload import HEADER_OCTETS
-from plotfeed.replay.final import TRAILER, FinalReader, FinalWriter
+from plotfeed.replay.asterix_blocks import HEADER_OCTETS
+from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap import PcapReader, PcapWriter
-from plotfeed.replay.pcap_header import FORMATS as PCAP_FORMATS
-from plotfeed.replay.pcapng import SECTION, PcapngReader
-from plotfeed.replay.raw import RawReader, RawWriter
+from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
+from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
 from plotfeed.replay.recorded import Damage, Recorded
 
 MCAP_MAGIC = b"\x89MCAP"
@@ -24,7 +23,7 @@ HEAD_OCTETS = 1 << 16
 BLOCKS_LOOKED_AT = 8
 
 
-class Format(StrEnum):
+class FileFormat(StrEnum):
     """Of recordings."""
 
     MCAP = "mcap"
@@ -36,28 +35,28 @@ class Format(StrEnum):
     CSV = "csv"
 
 
-SUFFIXES: Mapping[str, Format] = {
-    ".mcap": Format.MCAP,
-    ".pcap": Format.PCAP,
-    ".cap": Format.PCAP,
-    ".pcapng": Format.PCAPNG,
-    ".ntar": Format.PCAPNG,
-    ".ff": Format.FINAL,
-    ".final": Format.FINAL,
-    ".ast": Format.RAW,
-    ".asterix": Format.RAW,
-    ".raw": Format.RAW,
-    ".jsonl": Format.JSON,
-    ".ndjson": Format.JSON,
-    ".csv": Format.CSV,
+SUFFIXES: Mapping[str, FileFormat] = {
+    ".mcap": FileFormat.MCAP,
+    ".pcap": FileFormat.PCAP,
+    ".cap": FileFormat.PCAP,
+    ".pcapng": FileFormat.PCAPNG,
+    ".ntar": FileFormat.PCAPNG,
+    ".ff": FileFormat.FINAL,
+    ".final": FileFormat.FINAL,
+    ".ast": FileFormat.RAW,
+    ".asterix": FileFormat.RAW,
+    ".raw": FileFormat.RAW,
+    ".jsonl": FileFormat.JSON,
+    ".ndjson": FileFormat.JSON,
+    ".csv": FileFormat.CSV,
 }
-DATELESS = (Format.FINAL, Format.RAW)
+DATELESS = (FileFormat.FINAL, FileFormat.RAW)
 """Formats that have times of day alone."""
-HOLD_STAGES = (Format.MCAP, Format.JSON)
+HOLD_STAGES = (FileFormat.MCAP, FileFormat.JSON)
 """Formats that hold messages before their link beside those after it."""
 
 
-class Reader(Protocol):
+class RecordingReader(Protocol):
     """Reads a recording from its start to its end."""
 
     @property
@@ -76,7 +75,7 @@ class Reader(Protocol):
         """Those of the file, once."""
 
 
-class Writer(Protocol):
+class RecordingWriter(Protocol):
     """Writes a recording to a file, which stays open."""
 
     def write(self, message: Recorded, /) -> str | None:
@@ -93,12 +92,12 @@ class Writer(Protocol):
 class Recording:
     """A file that is open for reading."""
 
-    reader: Reader
-    format: Format
+    reader: RecordingReader
+    format: FileFormat
     octets: int
 
 
-def format_of(path: Path) -> Format:
+def format_of(path: Path) -> FileFormat:
     """Of a file that is there. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
     with path.open("rb") as file:
         head = file.read(HEAD_OCTETS)
@@ -109,7 +108,7 @@ def format_of(path: Path) -> Format:
     return found
 
 
-def format_of_suffix(path: Path) -> Format:
+def format_of_suffix(path: Path) -> FileFormat:
     """Of a file that is to be written; raises `PlotfeedError`."""
     found = SUFFIXES.get(path.suffix.lower())
     if found is None:
@@ -117,24 +116,24 @@ def format_of_suffix(path: Path) -> Format:
     return found
 
 
-def format_of_content(head: bytes) -> Format | None:
+def format_of_content(head: bytes) -> FileFormat | None:
     """Of a file that begins with these octets; None if they tell none."""
     if head.startswith(MCAP_MAGIC):
-        return Format.MCAP
+        return FileFormat.MCAP
     if head[:4] in PCAP_FORMATS:
-        return Format.PCAP
+        return FileFormat.PCAP
     if head.startswith(SECTION):
-        return Format.PCAPNG
+        return FileFormat.PCAPNG
     if head.lstrip().startswith((b'{"', b"{ ")):
-        return Format.JSON
+        return FileFormat.JSON
     if _is_final(head):
-        return Format.FINAL
-    return Format.RAW if _is_raw(head) else None
+        return FileFormat.FINAL
+    return FileFormat.RAW if _is_raw(head) else None
 
 
 @contextmanager
 def open_recording(
-    path: Path, form: Format | None = None, *, date_utc_ns: int = 0
+    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0
 ) -> Iterator[Recording]:
     """A file, in the format that it is in unless another is said.
 
@@ -142,7 +141,7 @@ def open_recording(
     `PlotfeedError` if the format cannot be told or read, and `OSError`.
     """
     form = form or format_of(path)
-    if form is Format.CSV:
+    if form is FileFormat.CSV:
         raise PlotfeedError(f"{path}: {form} is only written")
     with path.open("rb") as file:
         yield Recording(_reader_of(file, form, date_utc_ns), form, path.stat().st_size)
@@ -151,7 +150,7 @@ def open_recording(
 class FileSource:
     """A file that is read as often as is asked for; arguments are those of `open_recording`."""
 
-    def __init__(self, path: Path, form: Format | None = None, *, date_utc_ns: int = 0) -> None:
+    def __init__(self, path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0) -> None:
         self._path = path
         self._form = form or format_of(path)
         self._date_utc_ns = date_utc_ns
@@ -170,14 +169,16 @@ class FileSource:
                     yield message
 
 
-def writer_to(file: BinaryIO, form: Format) -> Writer:
+def writer_to(file: BinaryIO, form: FileFormat) -> RecordingWriter:
     """Writes that format to a file; raises `PlotfeedError` for one that is only read."""
-    if form is Format.CSV:
-        from plotfeed.replay.plots_csv import PlotsCsvWriter  # noqa: PLC0415 - it needs decoders
+    if form is FileFormat.CSV:
+        from plotfeed.replay.plots_csv import PlotsCsvWriter
 
         return PlotsCsvWriter(file)
-    if form is Format.MCAP:
-        from plotfeed.replay.log_format import McapWriter  # noqa: PLC0415 - others need no MCAP
+    if form is FileFormat.MCAP:
+        from plotfeed.replay.mcap.log_format import (
+            McapWriter,
+        )
 
         return McapWriter(file)
     if form not in _WRITERS:
@@ -185,24 +186,26 @@ def writer_to(file: BinaryIO, form: Format) -> Writer:
     return _WRITERS[form](file)
 
 
-_READERS: Mapping[Format, Callable[[BinaryIO, int], Reader]] = {
-    Format.PCAP: lambda file, _: PcapReader(file),
-    Format.PCAPNG: lambda file, _: PcapngReader(file),
-    Format.FINAL: lambda file, date_utc_ns: FinalReader(file, date_utc_ns=date_utc_ns),
-    Format.RAW: lambda file, date_utc_ns: RawReader(file, date_utc_ns=date_utc_ns),
-    Format.JSON: lambda file, _: JsonLinesReader(file),
+_READERS: Mapping[FileFormat, Callable[[BinaryIO, int], RecordingReader]] = {
+    FileFormat.PCAP: lambda file, _: PcapReader(file),
+    FileFormat.PCAPNG: lambda file, _: PcapngReader(file),
+    FileFormat.FINAL: lambda file, date_utc_ns: FinalReader(file, date_utc_ns=date_utc_ns),
+    FileFormat.RAW: lambda file, date_utc_ns: RawReader(file, date_utc_ns=date_utc_ns),
+    FileFormat.JSON: lambda file, _: JsonLinesReader(file),
 }
-_WRITERS: Mapping[Format, Callable[[BinaryIO], Writer]] = {
-    Format.PCAP: PcapWriter,
-    Format.FINAL: FinalWriter,
-    Format.RAW: RawWriter,
-    Format.JSON: JsonLinesWriter,
+_WRITERS: Mapping[FileFormat, Callable[[BinaryIO], RecordingWriter]] = {
+    FileFormat.PCAP: PcapWriter,
+    FileFormat.FINAL: FinalWriter,
+    FileFormat.RAW: RawWriter,
+    FileFormat.JSON: JsonLinesWriter,
 }
 
 
-def _reader_of(file: BinaryIO, form: Format, date_utc_ns: int) -> Reader:
-    if form is Format.MCAP:
-        from plotfeed.replay.log_format import McapReader  # noqa: PLC0415 - others need no MCAP
+def _reader_of(file: BinaryIO, form: FileFormat, date_utc_ns: int) -> RecordingReader:
+    if form is FileFormat.MCAP:
+        from plotfeed.replay.mcap.log_format import (
+            McapReader,
+        )
 
         return McapReader(file)
     return _READERS[form](file, date_utc_ns)

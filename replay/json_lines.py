@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.damages import Damages
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import Damages, Recorded, Stage
 from plotfeed.replay.times import LATEST_NS
 
 MAX_LINE_OCTETS = 1 << 26

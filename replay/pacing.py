@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-NS = 1_000_000_000
+from plotfeed.models.state import NS
+
 MIN_SPEED, MAX_SPEED = Fraction(1, 1000), Fraction(10_000)
 FINEST_SPEED = 1_000_000
 """Speeds are fractions with a denominator up to this, so that 0.1 is one tenth."""

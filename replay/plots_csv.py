@@ -11,10 +11,12 @@ import io
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO
 
-from plotfeed.proto.asterix.decode import Record, decode_lenient
-from plotfeed.replay.asterix_payload import is_asterix
+from plotfeed.models.state import NS
+from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import Recorded
-from plotfeed.replay.times import NS, iso_utc, near
+from plotfeed.replay.times import near
 
 NM_M = 1852.0  # exact
 FOOT_M = 0.3048  # exact
@@ -95,9 +97,9 @@ def rows_of(message: Recorded) -> list[Row] | None:
 
 
 def _protobuf(message: Recorded) -> list[Row] | None:
-    from google.protobuf.message import DecodeError  # noqa: PLC0415 - others need none of it
+    from google.protobuf.message import DecodeError
 
-    from plotfeed.proto import plotfeed_pb2 as pb  # noqa: PLC0415
+    from plotfeed.proto import plotfeed_pb2 as pb
 
     try:
         batch = pb.PlotBatch.FromString(message.payload)

@@ -6,9 +6,9 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from plotfeed.replay.asterix_payload import CONTENT_TYPE, categories, is_asterix
+from plotfeed.models.state import NS
+from plotfeed.replay.asterix_blocks import CONTENT_TYPE, categories, is_asterix
 from plotfeed.replay.recorded import Recorded, Stage
-from plotfeed.replay.times import NS
 
 MAX_SERIES = 10_000
 OTHERS = "(others)"
@@ -19,7 +19,7 @@ MESSAGE_TYPE = "messageType="
 
 
 @dataclass(slots=True)
-class Series:
+class SeriesSummary:
     """Messages of one topic, stage and kind."""
 
     messages: int = 0
@@ -67,7 +67,7 @@ class Summary:
     """Log time of the message before that."""
     disordered: int = 0
     """Messages of an earlier log time than one before them."""
-    series: dict[tuple[str, Stage, str], Series] = field(default_factory=dict)
+    series: dict[tuple[str, Stage, str], SeriesSummary] = field(default_factory=dict)
     """By topic, stage and kind. A message of two categories is counted with both."""
     lateness: dict[Stage, Lateness] = field(default_factory=dict)
     """Of messages whose due time is known."""
@@ -104,11 +104,11 @@ class Summary:
             self.gap_ns, self.gap_from_ns = t_ns - self.last_ns, self.last_ns
         self.last_ns = t_ns
 
-    def _series_of(self, message: Recorded, kind: str) -> Series:
+    def _series_of(self, message: Recorded, kind: str) -> SeriesSummary:
         key = (message.topic, message.stage, kind)
         if key not in self.series and len(self.series) >= MAX_SERIES:
             key = (OTHERS, message.stage, "")
-        return self.series.setdefault(key, Series())
+        return self.series.setdefault(key, SeriesSummary())
 
 
 def kinds_of(message: Recorded) -> tuple[str, ...]:

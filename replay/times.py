@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from plotfeed.models.state import NS
 
-NS = 1_000_000_000
 DAY_NS = 86_400 * NS
 LATEST_NS = (1 << 64) - 1
 """In the year 2554; all that the native log can hold."""
@@ -44,13 +43,3 @@ def near(time_of_day_ns: int, t_utc_ns: int) -> int:
     """The time with that time of day which is nearest to `t_utc_ns`."""
     half = DAY_NS // 2
     return t_utc_ns + (time_of_day_ns - t_utc_ns + half) % DAY_NS - half
-
-
-def iso_utc(t_utc_ns: int) -> str:
-    """2026-01-01T12:00:00.123456789Z; empty for a time that no calendar holds."""
-    seconds, ns = divmod(t_utc_ns, NS)
-    try:
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
-    except OverflowError:
-        return ""
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{ns:09d}Z"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
-from plotfeed.feeds.schema import text_of
+from plotfeed.feeds.schema.published import text_of
 
 DOCS = Path(__file__).parents[1] / "docs"
 

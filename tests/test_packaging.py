@@ -87,7 +87,7 @@ def test_what_was_installed_from_the_wheel_works(wheel: Path, tmp_path: Path) ->
     run(*pip, "install", "--no-deps", "--no-index", wheel)
     # The dependencies are those of this environment, which must not bring its own plotfeed along.
     (place / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    code = "import plotfeed.feeds.cli as m; print(m.__file__)"
+    code = "import plotfeed.feeds.cli.main as m; print(m.__file__)"
     assert Path(run(python, "-c", code).strip()).is_relative_to(place)
     script = tmp_path / "venv" / "bin" / "plotfeed"
     assert json.loads(run(script, "schema"))["title"] == "Scene"

@@ -6,11 +6,11 @@ from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
 from plotfeed.feeds.formats.asterix_205 import Asterix205
-from plotfeed.feeds.formats.base import FormatMaker, Reporter, TrackFormatMaker
+from plotfeed.feeds.formats.message_format import FormatMaker, Reporter, TrackFormatMaker
 from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.sapient.extra import reports as sapient_reports
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
+from plotfeed.feeds.formats.sapient.extra import reports as sapient_reports
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 
 MAKERS: dict[str, FormatMaker] = {
     "asterix-015": Asterix015,

@@ -2,25 +2,50 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.asterix_025 import Status025
-from plotfeed.feeds.formats.base import (
+from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
     Topics,
     comes_up,
     max_block_octets,
 )
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.places import frame_at, geodetic, site_frame
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.sensors.base import RotatingScan
-from plotfeed.feeds.sensors.passive_radar import PassiveRadarSensor
-from plotfeed.feeds.times import NS
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.geometry import frame_at, geodetic, site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.scan import Sector
-from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015, Scanning
-from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
+from plotfeed.models.state import NS, Plots
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
+from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.encode_025 import StatusEncoder025
+
+EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
+
+
+class Status025:
+    """A status report every ten seconds, for sensors whose own category has none."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        place = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._encoder = StatusEncoder025(
+            sensor.sac,
+            sensor.sic,
+            latitude_deg=place.latitude_deg,
+            longitude_deg=place.longitude_deg,
+            height_m=place.height_m,
+            geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+            category=EDITIONS[scene.asterix.longitude_025],
+        )
+
+    def blocks(self, sector: Sector) -> list[tuple[int, bytes]]:
+        """The report, if one is due in this sector."""
+        if not comes_up(SERVICE_PERIOD_NS, sector):
+            return []
+        return [(25, self._encoder.block(sector.end_ns))]
+
 
 OBSERVATIONS_A_SCAN = 4096
 """Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
@@ -45,7 +70,7 @@ class Asterix015:
         )
         self._status = Status025(scene, sensor)
         self._system = None
-        if isinstance(sensor, PassiveRadarSensor):
+        if isinstance(sensor, PassiveRadarKeys):
             self._system = _system(scene, sensor)
 
     def messages(self, sector: Sector, plots: Plots) -> list[Message]:
@@ -59,12 +84,12 @@ class Asterix015:
 
 
 def _geometry(sensor: Sensor) -> Geometry:
-    if isinstance(sensor, PassiveRadarSensor):
+    if isinstance(sensor, PassiveRadarKeys):
         return Geometry.MULTISTATIC
     return Geometry.OTHER if sensor.type in BEARINGS else Geometry.MONOSTATIC
 
 
-def _system(scene: Scene, sensor: PassiveRadarSensor) -> SystemEncoder016:
+def _system(scene: Scene, sensor: PassiveRadarKeys) -> SystemEncoder016:
     """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
     site = scene.scene.site
     transmitters = [
@@ -84,8 +109,8 @@ def _system(scene: Scene, sensor: PassiveRadarSensor) -> SystemEncoder016:
     )
 
 
-def _station(identity: int, place: LocalFrame) -> Station:
-    return Station(
+def _station(identity: int, place: LocalFrame) -> Component:
+    return Component(
         identity=identity,
         latitude_deg=place.latitude_deg,
         longitude_deg=place.longitude_deg,

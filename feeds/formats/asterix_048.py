@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.base import Topics, max_block_octets
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.sensors.base import RotatingScan
-from plotfeed.models.scan import Sector
+from plotfeed.feeds.formats.message_format import Topics, max_block_octets
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.plots import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 
 
 class Asterix048:

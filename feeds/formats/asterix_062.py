@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from plotfeed.feeds.formats.base import (
+from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
     Seen,
     Topics,
     comes_up,
     max_block_octets,
 )
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.places import frame_at, site_frame
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.sensors.base import RotatingScan
-from plotfeed.feeds.sensors.tracks import TrackingSensorPart, TracksPart
-from plotfeed.feeds.times import NS
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys, TracksKeys
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.plot_covariance import stated_covariance_m2
-from plotfeed.models.scan import Sector
-from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
-from plotfeed.models.track_lives import TrackRule
-from plotfeed.models.tracks import (
-    LocalStates,
-    SmoothedTruth,
-    TrackerLooks,
-    TrackStates,
-)
-from plotfeed.proto.asterix.sensors_063 import SensorStatus, SensorStatusEncoder063
-from plotfeed.proto.asterix.tracks_062 import TrackEncoder062, Tracks
+from plotfeed.models.state import FALSE_ALARM, NS, Bools, Floats, Ints, Looks, Plots
+from plotfeed.models.tracking.track_lives import TrackRule, stated_covariance_m2
+from plotfeed.models.tracking.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
+from plotfeed.proto.asterix.encode_062 import TrackEncoder062, Tracks
+from plotfeed.proto.asterix.encode_063 import SensorStatus, SensorStatusEncoder063
 
 
 class Asterix062:
@@ -126,7 +119,7 @@ class Asterix062:
 
 
 def _smoothed_truth(sensor: Sensor) -> SmoothedTruth:
-    part = sensor.tracks if isinstance(sensor, TrackingSensorPart) else TracksPart()
+    part = sensor.tracks if isinstance(sensor, TrackingSensorKeys) else TracksKeys()
     period_ns = round(sensor.scan.period_s * NS)
     rule = TrackRule(
         confirm_hits=part.confirm_hits,

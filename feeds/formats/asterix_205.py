@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.asterix_025 import Status025
-from plotfeed.feeds.formats.base import Topics
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.places import frame_at
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.models.scan import Sector
+from plotfeed.feeds.formats.asterix_015 import Status025
+from plotfeed.feeds.formats.message_format import Topics
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
+from plotfeed.proto.asterix.encode_205 import BearingEncoder205
 
 REPORTS_A_SCAN = 16
 """Numbers set aside for the reports of a scan, so that they do not depend on earlier ones."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.base import Topics
-from plotfeed.feeds.message import PROTOBUF, Message
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.models.scan import Sector
+from plotfeed.feeds.formats.message_format import Topics
+from plotfeed.feeds.messages.message import PROTOBUF, Message
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.state import Plots
 from plotfeed.proto.batch import plot_batch
 

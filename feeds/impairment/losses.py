@@ -1,10 +1,4 @@
-"""Models of loss as one thing: a Markov chain that loses messages with a probability per state.
-
-The chain takes a step with every message and then loses it, or not. Closed forms: with P the
-transitions, e the probabilities of loss and pi the stationary law, mean loss L = pi e; a burst
-begins in the law a = pi (1-E) P E / sum, E = diag(e), and is n long or longer with the
-probability a (P E)^(n-1) 1.
-"""
+"""Models of loss as one thing: a Markov chain that loses messages with a probability per state."""
 
 from __future__ import annotations
 
@@ -14,10 +8,34 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, Loss, RandomLoss
-from plotfeed.feeds.impairment.passages import until_left
-from plotfeed.models.quiet import quiet
+from plotfeed.feeds.scene.link_keys import FourState, GilbertElliott, Loss, RandomLoss
+from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.state import Floats
+
+
+def until_left(steps: Floats, leaving: Floats, each: Floats) -> Floats:
+    """Expected sum of `each`, (n,), over the states from a start in each until the chain leaves.
+
+    `steps`, (n, n), lead from row to column, `leaving` out. What stays in a state is not asked for:
+    1 less a chance of 1e-100 is 1, and a matrix of such is singular. Grassmann, Taksar and Heyman,
+    Operations Research 33 (1985). Infinite where the chain cannot leave.
+    """
+    n = len(steps)
+    a, out, total = steps.copy(), leaving.tolist(), each.tolist()
+    away = [0.0] * n
+    for k in reversed(range(n)):
+        away[k] = out[k] + float(a[k, :k].sum())
+        for i in range(k):
+            share = a[i, k] / away[k] if a[i, k] and away[k] else 0.0
+            a[i, :k] += share * a[k, :k]
+            out[i] += share * out[k]
+            total[i] = math.inf if a[i, k] and not away[k] else total[i] + share * total[k]
+    found = np.empty(n)
+    for k in range(n):
+        met = sum((a[k, j] * found[j] for j in range(k) if a[k, j]), total[k])
+        found[k] = met / away[k] if away[k] else math.inf
+    return found
+
 
 BELOW_ONE = math.nextafter(1.0, 0.0)
 
@@ -115,7 +133,7 @@ class LossChain:
         return float((both - loss**2) / (loss * (1 - loss)))
 
     @property
-    @quiet
+    @nan_without_warnings
     def variance_per_message(self) -> float:
         """Of the number of losses among many messages, per message; infinite beyond all numbers.
 

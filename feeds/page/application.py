@@ -1,7 +1,4 @@
-"""The page's web application: its files, its feed, and the commands of who looks at it.
-
-Who loads this loads the libraries that only a page needs.
-"""
+"""The page's web application: who is let in, its files, its feed."""
 
 from __future__ import annotations
 
@@ -12,26 +9,99 @@ import json
 import logging
 from collections.abc import Callable, Generator
 from importlib.resources import files
+from typing import TYPE_CHECKING
+from urllib.parse import parse_qs
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from plotfeed.feeds.page.access import Access
-from plotfeed.feeds.page.controls import (
-    MAX_COMMAND_OCTETS,
-    Controls,
-    Look,
-    refused,
-    wish_in,
-)
-from plotfeed.feeds.page.guard import Guard
+from plotfeed.feeds.page.controls import MAX_COMMAND_OCTETS, Controls, Look, refused, wish_in
+from plotfeed.feeds.page.page_access import PageAccess
+from plotfeed.feeds.page.server import Viewer
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import Viewer
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'{socket}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+SAFE_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+COOKIE_S = 30 * 86_400
+
+
+class Guard:
+    """ASGI middleware."""
+
+    def __init__(self, app: ASGIApp, access: PageAccess) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request pass, or answer it."""
+        headers = {
+            name.decode("latin-1").lower(): value.decode("latin-1")
+            for name, value in scope["headers"]
+        }
+        answer = self._answer(scope, headers)
+        if answer is None:
+            await self._app(scope, receive, _with_headers(send, headers.get("host", "")))
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 4403})
+        else:
+            await answer(scope, receive, _with_headers(send, ""))
+
+    def _answer(self, scope: Scope, headers: dict[str, str]) -> Response | None:
+        access = self._access
+        if not access.host_is_ours(headers):
+            return PlainTextResponse("This page is not here under that name.\n", 421)
+        if scope["type"] == "websocket" and not access.origin_is_ours(headers):
+            return PlainTextResponse("Only the page itself may ask this.\n", 403)
+        tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
+        if tokens and scope["type"] == "http" and access.token and access.is_token(tokens[0]):
+            return self._let_in(tokens[0])
+        if not access.has_token(headers):
+            return PlainTextResponse(
+                "This page needs the address that plotfeed printed, with its token.\n", 403
+            )
+        return None
+
+    def _let_in(self, token: str) -> Response:
+        """Keep the token in a cookie, and out of the address."""
+        answer = RedirectResponse("/", 303)
+        answer.set_cookie(
+            self._access.cookie, token, max_age=COOKIE_S, httponly=True, samesite="strict"
+        )
+        return answer
+
+
+def _with_headers(send: Send, host: str) -> Send:
+    # 'self' holds for WebSockets too, but not in every browser that is still about.
+    socket = f" ws://{host}" if host and all(c.isalnum() or c in ".-:[]" for c in host) else ""
+
+    async def send_on(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers.update(SAFE_HEADERS)
+            headers["Content-Security-Policy"] = POLICY.format(socket=socket)
+        await send(message)
+
+    return send_on
+
 
 STALLED_S = 5.0
 """A viewer that takes nothing for so long is dropped."""
@@ -65,7 +135,7 @@ class Application:
         self._files = _static_files()
         self._build = hashlib.sha256(b"".join(self._files.values())).hexdigest()[:16]
 
-    def server(self, access: Access) -> uvicorn.Server:
+    def server(self, access: PageAccess) -> uvicorn.Server:
         """What serves it to those who may see it; loaded to the last library."""
         config = uvicorn.Config(
             Guard(self._routes(), access),

@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.broker_address import BrokerAddress
-from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.settings import Link
-from plotfeed.feeds.mqtt import MqttLink
-from plotfeed.feeds.observers import Observer
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import Controls, NoControls
-from plotfeed.feeds.page.tracks import TrackNews, decode_tracks
+from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.places import site_frame
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.sensors import Sensor
-from plotfeed.feeds.session import Session
-from plotfeed.feeds.station import SectorReport
+from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import Session
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
@@ -124,7 +124,7 @@ class PageObserver(Observer):
 
 def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
     """Show a sensor as it is since then, and the delays that its link is to make."""
-    law = DelayLaw.of(sensor.link or Link())
+    law = DelayLaw.of(sensor.link or LinkSettings())
     view.settings(
         sensor.id,
         sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),

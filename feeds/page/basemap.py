@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.page.settings import BasemapImage
-from plotfeed.feeds.parts import Site
-from plotfeed.feeds.places import site_frame
+from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.output_keys import BasemapImage
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError

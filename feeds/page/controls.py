@@ -22,7 +22,7 @@ class Look(NamedTuple):
     """Sensors whose details it shows."""
 
 
-class Asked(NamedTuple):
+class ControlRequest(NamedTuple):
     """What a viewer asks for; the answer has the same number."""
 
     number: int
@@ -49,7 +49,7 @@ def refused(why: str) -> dict[str, Any]:
     return {"ok": False, "error": " ".join(why.split())}
 
 
-def wish_in(text: str) -> Look | Asked:
+def wish_in(text: str) -> Look | ControlRequest:
     """What a viewer's message says; raises `PlotfeedError`."""
     try:
         message = json.loads(text)
@@ -64,7 +64,7 @@ def wish_in(text: str) -> Look | Asked:
         raise PlotfeedError("expected an object with a number and a command")
     if sum(subject in command for subject in SUBJECTS) != 1:
         raise PlotfeedError(f"expected a command with one of {', '.join(SUBJECTS)}")
-    return Asked(number, command)
+    return ControlRequest(number, command)
 
 
 def _look_in(look: object) -> Look:

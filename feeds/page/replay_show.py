@@ -8,19 +8,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from plotfeed.feeds.broker_address import BrokerAddress
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import refused
+from plotfeed.feeds.page.page_recording import PageRecording
 from plotfeed.feeds.page.recorded_view import RecordedView
-from plotfeed.feeds.page.recording import Recording
-from plotfeed.feeds.page.tracks import TrackNews
+from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.replay_control import ReplayControl
-from plotfeed.feeds.replay_outs import Destinations, ways_out
-from plotfeed.feeds.replay_settings import Moment, ReplaySettings, Stamps
-from plotfeed.feeds.replayer import replay
-from plotfeed.feeds.times import NS
-from plotfeed.replay.log_reader import LogReader
+from plotfeed.feeds.replaying.control import ReplayControl
+from plotfeed.feeds.replaying.destinations import Destinations, ways_out
+from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
+from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.models.state import NS
+from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.pacing import speed_of
 
 LOOK_EVERY_S = 0.1
@@ -35,7 +35,7 @@ WHOSE_TIME = "Times are those of the recording; its messages leave with those of
 class ReplayShow:
     """One replay, from its beginning until it is stopped; at its end it stands."""
 
-    def __init__(self, recording: Recording, view: View) -> None:
+    def __init__(self, recording: PageRecording, view: View) -> None:
         self.recording = recording
         self._view = view
         self._shown = RecordedView(recording, view)

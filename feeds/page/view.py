@@ -14,18 +14,14 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.detections import DetectionRecord
-from plotfeed.feeds.page.frames import LAYOUTS, FrameFlag, Kind, header, news
-from plotfeed.feeds.page.latencies import LinkRecord
-from plotfeed.feeds.page.outline import outline
-from plotfeed.feeds.page.placements import Placements
-from plotfeed.feeds.page.plots import PlotStore
-from plotfeed.feeds.page.rates import Rates
-from plotfeed.feeds.page.shown_tracks import ShownTracks
-from plotfeed.feeds.page.tracks import TrackNews
-from plotfeed.feeds.page.truth import Drones
-from plotfeed.feeds.parts import Site
-from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.page.outline import Placements, outline
+from plotfeed.feeds.page.plot_store import PlotStore
+from plotfeed.feeds.page.shown import Drones, ShownTracks
+from plotfeed.feeds.page.strips import DetectionRecord, LinkRecord, Rates
+from plotfeed.feeds.page.tracker_tracks import TrackNews
+from plotfeed.feeds.page.updates import LAYOUTS, SectionKind, UpdateFlag, header, news
+from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -61,7 +57,7 @@ class Reported(Protocol):
         """In the order of time."""
 
 
-class Counts(Protocol):
+class ViewCounts(Protocol):
     """The session's totals: numbers by name."""
 
     __slots__: Iterable[str]
@@ -173,7 +169,7 @@ class View:
         if any(before.get(key) != value for key, value in state.items()):
             self._tell("session", {**before, **state})
 
-    def totals(self, totals: Counts) -> None:
+    def totals(self, totals: ViewCounts) -> None:
         """Counts of the whole session; told on once a second."""
         self._totals = {
             name: getattr(totals, name)
@@ -225,15 +221,15 @@ class View:
         public = header(self._number, now_utc_ns) + _news(told) + public_plots + public_tracks
         names = {"drones": list(self._drones.names)} if self._drones.changed else {}
         self._drones.changed = False
-        truth = _news(names, Kind.TRUE_NEWS) + true_plots + self._drones.section()
+        truth = _news(names, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
         return Update(public, truth, False)
 
     def snapshot(self, now_utc_ns: int) -> Update:
         """All that there is to see, for who comes or has missed something."""
         plots, plot_truths = self._plots.kept()
         told = {**self._news, "seconds": list(self._rates.history)}
-        public = header(self._number, now_utc_ns, FrameFlag.SNAPSHOT) + _news(told)
-        names = _news({"drones": list(self._drones.names)}, Kind.TRUE_NEWS)
+        public = header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT) + _news(told)
+        names = _news({"drones": list(self._drones.names)}, SectionKind.TRUE_NEWS)
         return Update(
             public + plots + self._tracks.snapshot(),
             names + plot_truths + self._drones.section(),
@@ -278,7 +274,7 @@ def _layouts() -> dict[str, Sequence[Sequence[str]]]:
     return {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 
 
-def _news(told: Mapping[str, Any], kind: Kind = Kind.NEWS) -> bytes:
+def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> bytes:
     if not told:
         return b""
     try:

@@ -65,22 +65,20 @@ reference in the standard.
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     Category,
     Compound,
     Explicit,
     Raw,
     Spare,
+    correlation,
     extended,
     fixed,
     flags,
-    repeated,
-    repeated_fx,
-)
-from plotfeed.proto.asterix.parts import (
-    correlation,
     full_circle,
     position_180,
+    repeated,
+    repeated_fx,
     signed,
     single,
     source,

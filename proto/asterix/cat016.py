@@ -27,16 +27,14 @@ I016/405 is above mean sea level, ALT above the WGS-84 ellipsoid.
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     Category,
     Explicit,
     Raw,
     Spare,
     fixed,
-    repeated,
-)
-from plotfeed.proto.asterix.parts import (
     position_180,
+    repeated,
     signed,
     source,
     time_of_day,

@@ -28,7 +28,7 @@ Decoders differ in the LSB of the longitude in I025/600; see CAT025_HALF_TURN.
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     CALLSIGN,
     Category,
     Characters,
@@ -38,10 +38,8 @@ from plotfeed.proto.asterix.layout import (
     Spare,
     extended,
     fixed,
-    repeated,
-)
-from plotfeed.proto.asterix.parts import (
     position,
+    repeated,
     signed,
     source,
     time_of_day,

@@ -48,7 +48,7 @@ FRN  item      octets   parts: bits, LSB and unit
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     CALLSIGN,
     DAY_LSB,
     OCTAL,

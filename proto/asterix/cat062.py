@@ -74,9 +74,8 @@ to 1.18 have no height below 0 in I062/340; earlier ones have fewer groups of I0
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.cat062_aircraft import AIRCRAFT
-from plotfeed.proto.asterix.cat062_plan import FLIGHT_PLAN
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.cat062_parts import AIRCRAFT, FLIGHT_PLAN
+from plotfeed.proto.asterix.codec.layout import (
     CALLSIGN,
     OCTAL,
     Category,
@@ -90,11 +89,9 @@ from plotfeed.proto.asterix.layout import (
     extended,
     fixed,
     flags,
-    repeated_fx,
-)
-from plotfeed.proto.asterix.parts import (
     full_circle,
     position_180,
+    repeated_fx,
     signed,
     single,
     source,

@@ -28,7 +28,7 @@ Earlier editions have fewer groups of I063/060.
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     Category,
     Explicit,
     Raw,
@@ -36,8 +36,6 @@ from plotfeed.proto.asterix.layout import (
     extended,
     fixed,
     flags,
-)
-from plotfeed.proto.asterix.parts import (
     signed,
     source,
     time_of_day,

@@ -33,7 +33,7 @@ which is followed here; it describes the first of them. Sent from the air, the s
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     ASCII,
     Category,
     Characters,
@@ -41,8 +41,6 @@ from plotfeed.proto.asterix.layout import (
     Raw,
     Spare,
     fixed,
-)
-from plotfeed.proto.asterix.parts import (
     position_180,
     signed,
     source,

@@ -37,7 +37,7 @@ at I205/060 (I205/080), which are positions of the sensor in messages of types 2
 
 from __future__ import annotations
 
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.layout import (
     ASCII,
     Category,
     Characters,
@@ -47,10 +47,8 @@ from plotfeed.proto.asterix.layout import (
     Quantity,
     Raw,
     fixed,
-    repeated,
-)
-from plotfeed.proto.asterix.parts import (
     position_180,
+    repeated,
     signed,
     source,
     time_of_day,

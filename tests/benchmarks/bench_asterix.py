@@ -46,7 +46,7 @@ def us_per_call(call: Callable[[], object], seconds: float) -> float:
 
 def serve_libasterix() -> None:
     """In the other environment: one question a line, {"rows"} or {"us"}, one answer a line."""
-    from asterix import generated  # noqa: PLC0415 - only there
+    from asterix import generated
 
     editions = {15: "1_2", 16: "1_0", 25: "1_6", 34: "1_29", 48: "1_32", 62: "1_21", 63: "1_7"}
     category, rows, number = None, [], 0
@@ -97,7 +97,7 @@ class Libasterix:
 
 def main(categories: list[int]) -> None:
     """Measures and prints a table."""
-    import numpy as np  # noqa: PLC0415 - the other environment has none
+    import numpy as np
 
     libasterix = Libasterix()
     print(f"µs a record: median (least to most) of {REPEATS} repeats. {platform.machine()},")
@@ -112,10 +112,10 @@ def main(categories: list[int]) -> None:
 
 def measure(number: int, libasterix: Libasterix) -> None:
     """Prints the lines of one category."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from plotfeed.proto.asterix.decode import CATEGORIES  # noqa: PLC0415
-    from plotfeed.proto.asterix.encode import Encoder, blocks_of  # noqa: PLC0415
+    from plotfeed.proto.asterix.codec.decode import CATEGORIES
+    from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 
     case, name = CASES[number], f"I{number:03}/"
     constants = {"010/SAC": SAC, "010/SIC": SIC} | case.constants

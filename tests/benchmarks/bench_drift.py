@@ -23,12 +23,12 @@ from scipy import stats
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from road import flown, radar, rotating, scene, waypoint  # noqa: E402
+from support.road import flown, radar, rotating, scene, waypoint  # noqa: E402
 
-from plotfeed.feeds.clock import WallClock  # noqa: E402
-from plotfeed.feeds.message import Message  # noqa: E402
-from plotfeed.feeds.session import run  # noqa: E402
-from plotfeed.feeds.totals import Totals  # noqa: E402
+from plotfeed.feeds.delivery.counters import SessionCounters  # noqa: E402
+from plotfeed.feeds.messages.message import Message  # noqa: E402
+from plotfeed.feeds.session.session import run  # noqa: E402
+from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 
 SECONDS = 60.0
 RADARS, SECTORS = 20, 32
@@ -36,7 +36,7 @@ NS = 1_000_000_000
 Floats = NDArray[np.float64]
 
 
-def lateness(seconds: float) -> tuple[Floats, Floats, Totals]:
+def lateness(seconds: float) -> tuple[Floats, Floats, SessionCounters]:
     """When messages were due, seconds from the first; how late they left, ms; and the totals."""
     sensors = [
         radar(id=f"r{i}", scan=rotating(1.0 + i / 1000, SECTORS), report=["asterix-048"], pfa=1e-8)

@@ -29,17 +29,16 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from brokers import free_port, mosquitto, rumqttd  # noqa: E402
 from demo_process import COMMAND  # noqa: E402
-from road import flown, radar, rotating, staring, waypoint  # noqa: E402
+from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
+from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 
-from plotfeed.feeds.clock import InstantClock, WallClock  # noqa: E402
-from plotfeed.feeds.engine import Engine  # noqa: E402
-from plotfeed.feeds.inbox import Inbox  # noqa: E402
-from plotfeed.feeds.observers import Extras, Observer  # noqa: E402
-from plotfeed.feeds.process_memory import collect_seldom, keep_freed  # noqa: E402
-from plotfeed.feeds.scene import Scene, from_tree  # noqa: E402
-from plotfeed.feeds.session import Session, run  # noqa: E402
+from plotfeed.feeds.console.signals import collect_seldom, keep_freed  # noqa: E402
+from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
+from plotfeed.feeds.session.loop import InputQueue, SessionLoop  # noqa: E402
+from plotfeed.feeds.session.observer import Extras, Observer  # noqa: E402
+from plotfeed.feeds.session.session import Session, run  # noqa: E402
+from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
 
 SECONDS = 30.0
 RADARS, SECTORS, DRONES = 200, 32, 50
@@ -210,7 +209,7 @@ def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | No
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one agenda, one clock."""
     clock = WallClock()
-    engine = Engine(clock, inbox=Inbox(lambda *_: None), drain=lambda: None)
+    engine = SessionLoop(clock, inbox=InputQueue(lambda *_: None), drain=lambda: None)
     late_ns: list[int] = []
     begin_ns = clock.now_ns() + 10_000_000
 

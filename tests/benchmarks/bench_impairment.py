@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.impairment.settings import Link
-from plotfeed.feeds.impairment.stage import Impairment
+from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.scene.link_keys import LinkSettings
 
 NS = 10**9
 START_NS = 1_800_000_000 * NS
@@ -53,7 +53,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 def us_per_message(keys: dict[str, Any], rate_hz: int) -> float:
     """Mean over so many evenly spaced messages, of which the first second is not counted."""
-    impairment = Impairment(Link.model_validate(keys), 1, "radar")
+    impairment = Impairment(LinkSettings.model_validate(keys), 1, "radar")
     gap_ns = NS // rate_hz
     pass_on = impairment.pass_on
     for i in range(rate_hz):

@@ -20,8 +20,8 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from plotfeed.replay.log_reader import LogReader
-from plotfeed.replay.log_writer import CHUNK_OCTETS, LogWriter
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.log_writer import CHUNK_OCTETS, LogWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 REPEATS = 5

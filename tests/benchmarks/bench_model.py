@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 from section_4_crowd import START_NS, scene_of
 
-from plotfeed.feeds.eyes import Place, StaringEye
-from plotfeed.feeds.fleet import launch
-from plotfeed.feeds.process_memory import keep_freed
-from plotfeed.feeds.station import Station
-from plotfeed.models.active_radar import ActiveRadar
+from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.sensing.staring import SensorSite, StaringBeam
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.truth import NS, Trajectories
+from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.state import NS
+from plotfeed.models.truth import Trajectories
 
 SIZES = (1, 10, 100, 1000, 10_000)
 THREE = np.ones(3)
@@ -35,10 +36,10 @@ AIMS_NS = {1000: 150, 10_000: 60}
 
 # The path that is counted, then what else a report needs.
 PATH = {
-    "states_at": (Place, "where drones are"),
-    "targets": (Place, "seen from the sensor"),
+    "states_at": (SensorSite, "where drones are"),
+    "targets": (SensorSite, "seen from the sensor"),
     "observe": (ActiveRadar, "looks, hits, errors"),
-    "with_heights": (Place, "heights of plots"),
+    "with_heights": (SensorSite, "heights of plots"),
 }
 DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
 CHANCE = Chance(1, "random numbers")
@@ -80,10 +81,10 @@ def measure(n: int) -> dict[str, list[float]]:
     scene = scene_of(n, report=["plots"])
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
-    station = Station(scene, scene.sensor[0], trajectories)
-    eye = StaringEye(
+    station = EmulatedSensor(scene, scene.sensor[0], trajectories)
+    eye = StaringBeam(
         scene.sensor[0].model(scene.scene.site),
-        Place.of(scene.sensor[0], station.frame, trajectories, Chance(1, "staring")),
+        SensorSite.of(scene.sensor[0], station.frame, trajectories, Chance(1, "staring")),
     )
     sector = station.sector_at(START_NS + NS)
     found: dict[str, list[float]] = defaultdict(list)
@@ -91,7 +92,7 @@ def measure(n: int) -> dict[str, list[float]]:
         sector = station.next_sector(sector)
         station.report(sector)
     for _ in range(REPEATS):
-        in_between = Stopwatches({"look": (StaringEye, "")})
+        in_between = Stopwatches({"look": (StaringBeam, "")})
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
             station.report(sector)

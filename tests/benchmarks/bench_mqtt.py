@@ -34,7 +34,7 @@ END = "bench/end"
 
 async def by_gmqtt(port: int, payload: bytes, count: int) -> None:
     """All messages, and the last one back."""
-    import gmqtt  # noqa: PLC0415 - each run imports its own client alone
+    import gmqtt
 
     client, back = gmqtt.Client("bench"), asyncio.Event()
     client.on_message = lambda *_: back.set() or 0
@@ -58,7 +58,7 @@ def unsent_octets(client: Any) -> int:
 
 async def by_aiomqtt(port: int, payload: bytes, count: int) -> None:
     """The same."""
-    import aiomqtt  # noqa: PLC0415
+    import aiomqtt
 
     async with aiomqtt.Client(HOST, port) as client:
         await client.subscribe(END)
@@ -72,7 +72,7 @@ async def by_aiomqtt(port: int, payload: bytes, count: int) -> None:
 
 async def by_paho(port: int, payload: bytes, count: int) -> None:
     """The same, with the thread that paho brings."""
-    from paho.mqtt import client as paho  # noqa: PLC0415
+    from paho.mqtt import client as paho
 
     client = paho.Client(paho.CallbackAPIVersion.VERSION2)
     ready, back = threading.Event(), threading.Event()
@@ -126,7 +126,9 @@ def _versions(python: Path) -> str:
 
 async def main() -> None:
     """Measures and prints a table."""
-    from plotfeed.feeds.broker import EmbeddedBroker  # noqa: PLC0415 - not in that environment
+    from plotfeed.feeds.transport.embedded_broker import (
+        EmbeddedBroker,
+    )
 
     python = _python()
     broker = await EmbeddedBroker.start(18831)

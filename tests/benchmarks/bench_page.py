@@ -15,14 +15,13 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import page_stage
-import road
-from chromium import OPTIONS, program
+from support import page_stage, road
+from support.chromium import OPTIONS, program
 
-from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene import Scene
+from plotfeed.feeds.scene.scene import Scene
 
 SIZES = ((500, 5_000), (2_000, 20_000))
 WINDOW = {"width": 1920, "height": 1080}
@@ -107,7 +106,7 @@ def measured(drones: int) -> dict[str, float]:
 
     Both at once: what else the machine does makes each of them dearer by the same.
     """
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - the children need none
+    from playwright.sync_api import sync_playwright
 
     found: dict[str, float] = {}
     with (

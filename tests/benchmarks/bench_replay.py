@@ -40,7 +40,7 @@ S = 1_000_000_000
 
 def listen(port_file: Path, result_file: Path, count: int) -> None:
     """In a process of its own: kernel time and the first octets of each datagram, to a file."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
         ears.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -89,7 +89,7 @@ class Listener:
 
     def heard(self) -> Heard:
         """What came, when it has been silent for a while."""
-        import numpy as np  # noqa: PLC0415
+        import numpy as np
 
         self._process.wait(120)
         with np.load(self._result) as found:
@@ -98,9 +98,9 @@ class Listener:
 
 def scene(folder: Path) -> Any:
     """Radars that turn at eight speeds, each with 32 sectors a turn, and a drone."""
-    from scene_files import radar, scene_file, scene_text  # noqa: PLC0415
+    from support.scene_files import radar, scene_file, scene_text
 
-    from plotfeed.feeds.scene import load  # noqa: PLC0415
+    from plotfeed.feeds.scene.scene import load
 
     radars = (radar(f"radar{i}", period_s=0.9 + i / 10, sectors=32) for i in range(8))
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors="\n".join(radars))
@@ -109,9 +109,9 @@ def scene(folder: Path) -> Any:
 
 def recorded(folder: Path, seconds: float) -> list[Any]:
     """The ASTERIX that they send in that time, each message when it is due."""
-    from plotfeed.feeds.clock import InstantClock  # noqa: PLC0415
-    from plotfeed.feeds.session import run  # noqa: PLC0415
-    from plotfeed.replay.recorded import Recorded  # noqa: PLC0415
+    from plotfeed.feeds.session.session import run
+    from plotfeed.feeds.timing.clock import InstantClock
+    from plotfeed.replay.recorded import Recorded
 
     found: list[Recorded] = []
 
@@ -135,7 +135,7 @@ def recorded(folder: Path, seconds: float) -> list[Any]:
 
 def pcap(path: Path, messages: Sequence[Any]) -> Path:
     """A file of them."""
-    from plotfeed.replay.pcap import PcapWriter  # noqa: PLC0415
+    from plotfeed.replay.pcap.libpcap import PcapWriter
 
     with path.open("wb") as file:
         writer = PcapWriter(file)
@@ -147,8 +147,8 @@ def pcap(path: Path, messages: Sequence[Any]) -> Path:
 
 def mcap(path: Path, octets: int, count: int) -> Path:
     """A log of that many messages, 20,000 a second."""
-    from plotfeed.replay.log_writer import LogWriter  # noqa: PLC0415
-    from plotfeed.replay.recorded import Recorded  # noqa: PLC0415
+    from plotfeed.replay.mcap.log_writer import LogWriter
+    from plotfeed.replay.recorded import Recorded
 
     body = bytes(range(256)) * 8
     with path.open("wb", buffering=0) as file:
@@ -171,7 +171,7 @@ def mcap(path: Path, octets: int, count: int) -> Path:
 
 def by_plotfeed(path: Path, port: int, *more: str) -> dict[str, Any]:
     """Replay it; the counts."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(path), "--json"]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", "replay", str(path), "--json"]
     out = subprocess.run(
         [*command, "--udp", f"{HOST}:{port}", *more], check=True, stdout=subprocess.PIPE
     ).stdout
@@ -197,7 +197,7 @@ PLAYERS: dict[str, Callable[..., Any]] = {"plotfeed": by_plotfeed, "ast-tool-py"
 
 def errors_us(messages: Sequence[Any], heard: Heard) -> Any:
     """How much later each datagram came than the recording has it."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
     if heard.count != len(messages):
         raise RuntimeError(f"{heard.count} datagrams came of {len(messages)}")
@@ -207,7 +207,7 @@ def errors_us(messages: Sequence[Any], heard: Heard) -> Any:
 
 def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     """Prints the table of timing errors."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
     file = pcap(folder / "short.pcap", messages)
     found: dict[str, list[Any]] = {name: [] for name in PLAYERS}
@@ -232,7 +232,7 @@ def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
 
 def drift(folder: Path, messages: Sequence[Any]) -> None:
     """Prints how much later the last seconds came than the first."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
     file = pcap(folder / "long.pcap", messages)
     print(f"\nDrift: median error of the last 5 s less that of the first 5, of a recording of "
@@ -275,7 +275,7 @@ def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
 
 def by_broker(file: Path, url: str) -> dict[str, Any]:
     """Replay it to a broker to which nobody listens; the counts."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(file), "--json"]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", "replay", str(file), "--json"]
     out = subprocess.run(
         [*command, "--broker", url, "--fastest"], check=True, stdout=subprocess.PIPE
     ).stdout
@@ -285,7 +285,7 @@ def by_broker(file: Path, url: str) -> dict[str, Any]:
 
 def brokers(folder: Path) -> Iterator[tuple[str, str]]:
     """The embedded one, and mosquitto where it is installed."""
-    from brokers import free_port, mosquitto, rumqttd  # noqa: PLC0415
+    from support.brokers import free_port, mosquitto, rumqttd
 
     port = free_port()
     with rumqttd(folder, {"v5.1": (HOST, port, "")}):

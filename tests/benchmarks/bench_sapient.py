@@ -19,13 +19,13 @@ import numpy as np
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
-from plotfeed.feeds.clock import InstantClock
-from plotfeed.feeds.formats.sapient import SapientReports
-from plotfeed.feeds.sapient.node import manner_of, node_of
-from plotfeed.feeds.scene import example
-from plotfeed.models.scan import nth_sector
+from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
+from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.beam.scan import nth_sector
 from plotfeed.models.state import Plots
-from plotfeed.proto.sapient.detections import DetectionEncoder
+from plotfeed.proto.sapient.encode_detections import DetectionEncoder
 
 REPEATS = 9
 SIZES = (1, 10, 100, 1000)

@@ -52,14 +52,14 @@ END = 2
 
 def radar() -> dict[str, Any]:
     """The active radar of scene section-4, reporting in category 048."""
-    tree = tomllib.loads((files("plotfeed.feeds.scenes") / "section-4.toml").read_text())
+    tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
     (found,) = (s for s in tree["sensor"] if s["id"] == "active")
     return {**found, "report": ["asterix-048"]}
 
 
 def scene_of(sensors: int, sectors: int) -> Any:
     """So many radars, 100 m from each other, that turn or, of one sector, stare."""
-    from plotfeed.feeds.scene import from_tree  # noqa: PLC0415 - in the measured process
+    from plotfeed.feeds.scene.scene import from_tree
 
     scan = {"kind": "rotating", "period_s": 1.0, "sectors": sectors}
     if sectors == 1:
@@ -80,12 +80,15 @@ def scene_of(sensors: int, sectors: int) -> Any:
 
 def flown(scene: Any, n: int) -> Any:
     """Drones of 0.01 m2 all around, 2 to 7 km away, at 15 m/s; nobody hears of them anew."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from plotfeed.feeds.places import site_frame  # noqa: PLC0415
-    from plotfeed.models.frames import aer_to_enu  # noqa: PLC0415
-    from plotfeed.models.state import Signature  # noqa: PLC0415
-    from plotfeed.models.truth import NS, Trajectories  # noqa: PLC0415
+    from plotfeed.feeds.scene.geometry import site_frame
+    from plotfeed.models.frames import aer_to_enu
+    from plotfeed.models.state import (
+        NS,
+        Signature,
+    )
+    from plotfeed.models.truth import Trajectories
 
     rng, frame = np.random.default_rng(1), site_frame(scene.scene.site)
     start = aer_to_enu(rng.uniform(0, 360, n), rng.uniform(1, 10, n), rng.uniform(2000, 7000, n))
@@ -101,18 +104,18 @@ def flown(scene: Any, n: int) -> Any:
 
 def start_ns() -> int:
     """When every scene begins."""
-    from datetime import datetime  # noqa: PLC0415
+    from datetime import datetime
 
     return int(datetime.fromisoformat(START_UTC).timestamp()) * 10**9
 
 
 def stations_point(sensors: int, sectors: int, drones: int) -> dict[str, float]:
     """CPU of a second of stations that are asked for sector after sector; no session around."""
-    from plotfeed.feeds.station import Station  # noqa: PLC0415
+    from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 
     scene = scene_of(sensors, sectors)
     trajectories = flown(scene, drones)
-    stations = [Station(scene, sensor, trajectories) for sensor in scene.sensor]
+    stations = [EmulatedSensor(scene, sensor, trajectories) for sensor in scene.sensor]
     at = [station.sector_at(start_ns() + 10**9) for station in stations]
     messages = 0
 
@@ -146,8 +149,8 @@ def session_point(sensors: int) -> dict[str, float]:
 
 def run_session(scene: Any, seconds: int) -> tuple[float, float]:
     """CPU, and messages a second."""
-    from plotfeed.feeds.clock import InstantClock  # noqa: PLC0415
-    from plotfeed.feeds.session import run  # noqa: PLC0415
+    from plotfeed.feeds.session.session import run
+    from plotfeed.feeds.timing.clock import InstantClock
 
     seen = 0
 
@@ -233,8 +236,8 @@ def affine(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
 def main() -> None:
     """Measures, writes the table and draws the picture."""
     sys.path.insert(0, str(PROJECT / "docs"))
-    from marks import between  # noqa: PLC0415 - beside the pages
-    from write_benchmarks import processor  # noqa: PLC0415
+    from marks import between
+    from write_benchmarks import processor
 
     found = measured()
     when = f"{os.cpu_count()} cores, {processor()}; {datetime.now(UTC):%Y-%m-%d}"
@@ -262,8 +265,8 @@ def table(found: dict[str, list[dict[str, float]]]) -> Iterator[str]:
 
 def draw(found: dict[str, list[dict[str, float]]]) -> None:
     """Cost above, memory below; a column each for what grows."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
     columns = {"drones": ["drones, staring", "drones, rotating"]}
     columns |= {name: [name] for name in ("sensors", "sectors", "messages")}
@@ -298,7 +301,7 @@ def draw(found: dict[str, list[dict[str, float]]]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["point"]:
-        from plotfeed.feeds.process_memory import keep_freed
+        from plotfeed.feeds.console.signals import keep_freed
 
         keep_freed()
         print(json.dumps(point(sys.argv[2], int(sys.argv[3]))))

@@ -73,19 +73,19 @@ def ns_per_call(call: Callable[[], object], seconds: float) -> float:
 
 def serve_stonesoup() -> None:
     """In the other environment: one question a line, {"targets"} or {"ns", "radar"}."""
-    import datetime  # noqa: PLC0415 - only there
+    import datetime
 
-    import numpy as np  # noqa: PLC0415
-    from stonesoup.models.measurement.nonlinear import (  # noqa: PLC0415
+    import numpy as np
+    from stonesoup.models.measurement.nonlinear import (
         CartesianToElevationBearingRange,
     )
-    from stonesoup.sensor.radar.beam_pattern import StationaryBeam  # noqa: PLC0415
-    from stonesoup.sensor.radar.beam_shape import Beam2DGaussian  # noqa: PLC0415
-    from stonesoup.sensor.radar.radar import (  # noqa: PLC0415
+    from stonesoup.sensor.radar.beam_pattern import StationaryBeam
+    from stonesoup.sensor.radar.beam_shape import Beam2DGaussian
+    from stonesoup.sensor.radar.radar import (
         AESARadar,
         RadarElevationBearingRange,
     )
-    from stonesoup.types.groundtruth import GroundTruthState  # noqa: PLC0415
+    from stonesoup.types.groundtruth import GroundTruthState
 
     place, noise = np.zeros((3, 1)), np.diag([0.002**2, 0.001**2, 1.0])
     radars = {
@@ -158,12 +158,12 @@ class StoneSoup:
 
 def models() -> dict[str, Any]:
     """Of the sensors of section-4, of an RF sensor and of a range gate; by their ids."""
-    import tomllib  # noqa: PLC0415 - the other environment has none of these
-    from importlib.resources import files  # noqa: PLC0415
+    import tomllib
+    from importlib.resources import files
 
-    from plotfeed.feeds.scene import from_tree  # noqa: PLC0415
+    from plotfeed.feeds.scene.scene import from_tree
 
-    tree = tomllib.loads((files("plotfeed.feeds.scenes") / "section-4.toml").read_text())
+    tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
     tree["sensor"] += [RF, GATE]
     scene = from_tree(tree, Path("bench.toml"))
     return {sensor.id: sensor.model(scene.scene.site) for sensor in scene.sensor}
@@ -171,10 +171,10 @@ def models() -> dict[str, Any]:
 
 def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
     """Drones of 0.01 m2, 80 dB and 20 dBm, 20 to 70 degrees from north, 2 to 20 above horizon."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from plotfeed.models.frames import aer_to_enu  # noqa: PLC0415
-    from plotfeed.models.state import Emitter, Signatures, Targets  # noqa: PLC0415
+    from plotfeed.models.frames import aer_to_enu
+    from plotfeed.models.state import Emitter, Signatures, Targets
 
     rng = np.random.default_rng(1)
     enu_m = aer_to_enu(rng.uniform(20, 70, n), rng.uniform(2, 20, n),
@@ -193,9 +193,9 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
 
 def main() -> None:
     """Measures in turns and prints a table."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np
 
-    from plotfeed.feeds.process_memory import keep_freed  # noqa: PLC0415
+    from plotfeed.feeds.console.signals import keep_freed
 
     keep_freed()
     sensors = models()

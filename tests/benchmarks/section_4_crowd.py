@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.scene import Scene, from_tree
-from plotfeed.models.truth import NS
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.models.state import NS
 
 START_NS = 1_767_268_800 * NS
-SECTION_4 = files("plotfeed.feeds.scenes") / "section-4.toml"
+SECTION_4 = files("plotfeed.feeds.scene.examples") / "section-4.toml"
 
 
 def scene_of(n: int, **more: Any) -> Scene:

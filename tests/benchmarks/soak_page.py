@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 
 from bench_page import WINDOW, child
-from chromium import OPTIONS, program
 from marks import between
 from playwright.sync_api import CDPSession, Page, sync_playwright
+from support.chromium import OPTIONS, program
 from write_benchmarks import processor
 
 PAGE = Path(__file__).parents[2] / "docs" / "page.md"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from shared_files import reference, shared
+from support.shared_files import reference, shared
 
 from plotfeed.models import detection
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import mimo_equations
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +15,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import exp1, gammaincc
-from significance import assert_chance, assert_mean, assert_sum
+from support import mimo_equations
+from support.significance import assert_chance, assert_mean, assert_sum
 
 from plotfeed.models import detection, looks_chain
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 from scipy.special import gammaincc
-from significance import assert_law, assert_mean, assert_sum
+from support.significance import assert_law, assert_mean, assert_sum
 
 from plotfeed.models import energy
 from plotfeed.models.detection import (

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from shared_files import reference
+from support.shared_files import reference
 
 from plotfeed.models import false_alarms
 

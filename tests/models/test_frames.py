@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared_files import reference
+from support.shared_files import reference
 
 from plotfeed.models.constants import WGS84_A_M, WGS84_B_M
 from plotfeed.models.frames import (

@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from radar_equations import detected_power_density
 from scipy import integrate
-from shared_files import reference
-from significance import assert_mean
+from support.radar_equations import detected_power_density
+from support.shared_files import reference
+from support.significance import assert_mean
 
 from plotfeed.models.detection import inverse_detected_snr
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import mimo_equations
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
+from support import mimo_equations
 
 from plotfeed.models import accuracy, detection, propagation
-from plotfeed.models.active_radar import ActiveRadar
-from plotfeed.models.cover import AzimuthCover
+from plotfeed.models.beam.cover import AzimuthCover
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180, wrap_360
-from plotfeed.models.scan import Sector
+from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.state import Signatures, Targets
 
 RADAR = ActiveRadar(

@@ -10,14 +10,14 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.cloud_events import attributes
-from plotfeed.feeds.intake import to_json
-from plotfeed.feeds.report import AltitudeReference, Report
-from plotfeed.feeds.telemetry import decode, encode_json, encode_protobuf
-from plotfeed.feeds.times import iso_utc
+from plotfeed.feeds.messages.message import attributes
+from plotfeed.feeds.telemetry.decode_reports import decode, encode_json, encode_protobuf
+from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
+from plotfeed.proto.utc import iso_utc
 
 NS = 1_000_000_000
 START = 1_767_268_800 * NS + 123_456_789
@@ -68,8 +68,8 @@ def test_fields_of_a_newer_schema_are_kept() -> None:
     assert retime_protobuf(data, pb.PlotBatch, NS).endswith(b"\xfa\x3e\x03new")
 
 
-def report(t_ns: int) -> Report:
-    return Report(
+def report(t_ns: int) -> PositionReport:
+    return PositionReport(
         t_utc_ns=t_ns,
         latitude_deg=40.1,
         longitude_deg=-3.7,

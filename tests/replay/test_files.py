@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import block, block_048, message, plots, written
-from shared_files import shared
+from support.recordings import block, block_048, message, plots, written
+from support.shared_files import shared
 
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
     DATELESS,
     SUFFIXES,
+    FileFormat,
     FileSource,
-    Format,
     format_of,
     format_of_content,
     format_of_suffix,
@@ -25,11 +25,11 @@ from plotfeed.replay.files import (
 from plotfeed.replay.recorded import Recorded, Stage
 
 PCAPNG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
-BOTH_WAYS = (Format.MCAP, Format.PCAP, Format.FINAL, Format.RAW, Format.JSON)
+BOTH_WAYS = (FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON)
 
 
-def data_of(form: Format, messages: list[Recorded] | None = None) -> bytes:
-    if form is Format.PCAPNG:
+def data_of(form: FileFormat, messages: list[Recorded] | None = None) -> bytes:
+    if form is FileFormat.PCAPNG:
         return PCAPNG
     return written(lambda file: writer_to(file, form), messages or plots(3))
 
@@ -40,8 +40,8 @@ def stored(folder: Path, data: bytes, name: str = "file") -> Path:
     return path
 
 
-@pytest.mark.parametrize("form", [*BOTH_WAYS, Format.PCAPNG])
-def test_content_tells_the_format_whatever_the_suffix(form: Format, tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", [*BOTH_WAYS, FileFormat.PCAPNG])
+def test_content_tells_the_format_whatever_the_suffix(form: FileFormat, tmp_path: Path) -> None:
     for name in ("file", "file.ast", "file.pcap", "file.csv"):
         assert format_of(stored(tmp_path, data_of(form), name)) is form
 
@@ -66,9 +66,9 @@ def test_what_neither_tells_is_an_error_that_names_the_file(tmp_path: Path) -> N
 
 def test_raw_files_are_told_by_their_first_blocks() -> None:
     blocks = block_048(1) + block(34, "c0", "190d", "01")
-    assert format_of_content(blocks) is Format.RAW
-    assert format_of_content(blocks * 10_000) is Format.RAW
-    assert format_of_content(blocks + b"\x30\xff\xff") is Format.RAW
+    assert format_of_content(blocks) is FileFormat.RAW
+    assert format_of_content(blocks * 10_000) is FileFormat.RAW
+    assert format_of_content(blocks + b"\x30\xff\xff") is FileFormat.RAW
     assert format_of_content(blocks[:-1]) is None
     assert format_of_content(block_048(1) + b"\x30\0\2\0") is None
 
@@ -76,12 +76,12 @@ def test_raw_files_are_told_by_their_first_blocks() -> None:
 @given(st.binary(max_size=100))
 def test_any_content_has_a_format_or_none(head: bytes) -> None:
     found = format_of_content(head)
-    assert found is None or found in Format
+    assert found is None or found in FileFormat
 
 
 @pytest.mark.parametrize("form", BOTH_WAYS)
 def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
-    form: Format, tmp_path: Path
+    form: FileFormat, tmp_path: Path
 ) -> None:
     path = stored(tmp_path, data_of(form))
     with open_recording(path, date_utc_ns=1_767_225_600_000_000_000) as recording:
@@ -97,28 +97,28 @@ def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
 
 def test_the_format_can_be_said(tmp_path: Path) -> None:
     path = stored(tmp_path, block_048(1), "odd.pcap")
-    with open_recording(path, Format.PCAP) as recording:
+    with open_recording(path, FileFormat.PCAP) as recording:
         assert list(recording.reader.messages()) == []
         assert recording.reader.damage != []
 
 
 def test_a_table_of_plots_is_not_read_and_pcapng_is_not_written(tmp_path: Path) -> None:
-    path = stored(tmp_path, data_of(Format.CSV), "plots.csv")
+    path = stored(tmp_path, data_of(FileFormat.CSV), "plots.csv")
     with pytest.raises(PlotfeedError, match="csv is only written"), open_recording(path):
         pass
     with pytest.raises(PlotfeedError, match="pcapng is only read"):
-        writer_to(io.BytesIO(), Format.PCAPNG)
+        writer_to(io.BytesIO(), FileFormat.PCAPNG)
 
 
 def test_real_recordings_are_told_by_their_content() -> None:
-    assert format_of(shared("recordings/croatia_cat_034_048.pcap")) is Format.PCAP
+    assert format_of(shared("recordings/croatia_cat_034_048.pcap")) is FileFormat.PCAP
     for name in ("jade_062_one.ff", "jade_nats_cat048_tcas.ff"):
         path = shared(f"recordings/{name}")
-        assert format_of_content(path.read_bytes()) is Format.FINAL
+        assert format_of_content(path.read_bytes()) is FileFormat.FINAL
 
 
 def test_a_source_is_read_again_and_in_parts(tmp_path: Path) -> None:
-    source = FileSource(stored(tmp_path, data_of(Format.PCAP)))
+    source = FileSource(stored(tmp_path, data_of(FileFormat.PCAP)))
     whole = list(source.messages())
     times_ns = [each.log_time_ns for each in whole]
     assert list(source.messages()) == whole
@@ -133,12 +133,12 @@ def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:
         message(b"\1", 5, topic="a", publish_time_ns=4, properties=(("k", "v"),), qos=1),
         message(b"\2", 6, topic="a", retain=True, stage=Stage.BEFORE, content_type=""),
     ]
-    with open_recording(stored(tmp_path, data_of(Format.MCAP, sent))) as recording:
+    with open_recording(stored(tmp_path, data_of(FileFormat.MCAP, sent))) as recording:
         assert list(recording.reader.messages()) == sent
 
 
 def test_what_mcap_cannot_hold_is_told() -> None:
-    writer = writer_to(io.BytesIO(), Format.MCAP)
+    writer = writer_to(io.BytesIO(), FileFormat.MCAP)
     reason = writer.write(message(b"", -1))
     assert reason is not None
     assert "1970" in reason

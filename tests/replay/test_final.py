@@ -6,7 +6,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import (
+from support.recordings import (
     MS,
     START_NS,
     block,
@@ -18,12 +18,13 @@ from recordings import (
     turned,
     written,
 )
-from shared_files import shared
+from support.shared_files import shared
 
-from plotfeed.proto.asterix.decode import decode
-from plotfeed.replay.final import FinalReader, FinalWriter
+from plotfeed.models.state import NS
+from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.recorded import Recorded
-from plotfeed.replay.times import DAY_NS, NS
+from plotfeed.replay.times import DAY_NS
 
 DAY = START_NS // DAY_NS * DAY_NS
 PLOT = block_048(43_200)

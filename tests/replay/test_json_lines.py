@@ -7,13 +7,13 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings import START_NS, is_read_whatever_it_is, message, plots, read, written
-from shared_files import shared
+from support.recordings import START_NS, is_read_whatever_it_is, message, plots, read, written
+from support.shared_files import shared
 
 from plotfeed.replay import json_lines
-from plotfeed.replay.final import FinalReader, FinalWriter
+from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap import PcapReader
+from plotfeed.replay.pcap.libpcap import PcapReader
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.replay.times import LATEST_NS
 

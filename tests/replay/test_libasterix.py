@@ -6,12 +6,12 @@ import io
 from functools import partial
 
 import dpkt
-from libasterix import blocks_of
-from recordings import MS, START_NS, block, message, plots, read, written
-from shared_files import shared
+from support.libasterix import blocks_of
+from support.recordings import MS, START_NS, block, message, plots, read, written
+from support.shared_files import shared
 
-from plotfeed.replay.files import Format, writer_to
-from plotfeed.replay.pcap import PcapReader
+from plotfeed.replay.files import FileFormat, writer_to
+from plotfeed.replay.pcap.libpcap import PcapReader
 from plotfeed.replay.recorded import Recorded
 
 
@@ -36,7 +36,7 @@ def in_pcap(data: bytes) -> bytes:
     return b"".join(dpkt.ethernet.Ethernet(octets).data.data.data for _, octets in packets)
 
 
-WAYS = {Format.RAW: in_raw, Format.FINAL: in_final, Format.PCAP: in_pcap}
+WAYS = {FileFormat.RAW: in_raw, FileFormat.FINAL: in_final, FileFormat.PCAP: in_pcap}
 
 
 def octets_of(messages: list[Recorded]) -> bytes:

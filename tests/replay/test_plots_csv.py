@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import plots as plots_of
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import START_NS, block, block_048, message, written
+from support.asterix_input import plots as plots_of
+from support.recordings import START_NS, block, block_048, message, written
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
-from plotfeed.proto.asterix.plots import PlotEncoder048
-from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.encode_048 import PlotEncoder048
+from plotfeed.proto.asterix.encode_205 import BearingEncoder205
 from plotfeed.replay.plots_csv import COLUMNS, PlotsCsvWriter, rows_of
 from plotfeed.replay.recorded import Recorded
 

@@ -4,11 +4,11 @@ import io
 from pathlib import Path
 
 import pytest
-from asterix_oracle import items_of, read_blocks
-from captures import tshark_fields
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import (
+from support.asterix_oracle import items_of, read_blocks
+from support.captures import tshark_fields
+from support.recordings import (
     START_NS,
     block,
     block_048,
@@ -18,14 +18,15 @@ from recordings import (
     read,
     written,
 )
-from shared_files import shared
+from support.shared_files import shared
 
-from plotfeed.proto.asterix.decode import CATEGORIES, decode
-from plotfeed.proto.asterix.layout import Extended, Fixed
-from plotfeed.replay.pcap import PcapReader, PcapWriter
-from plotfeed.replay.raw import RawReader, RawWriter
-from plotfeed.replay.time_of_day import ITEMS, SPARE, TIME, time_of_day_ns
-from plotfeed.replay.times import DAY_NS, NS
+from plotfeed.models.state import NS
+from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
+from plotfeed.proto.asterix.codec.layout import Extended, Fixed
+from plotfeed.replay.asterix_blocks import ITEMS, SPARE, TIME, time_of_day_ns
+from plotfeed.replay.asterix_files import RawReader, RawWriter
+from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.times import DAY_NS
 
 DAY = START_NS // DAY_NS * DAY_NS
 

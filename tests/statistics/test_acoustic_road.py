@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road import SITE, START_NS, Road, flown, fly, held, scene, staring
 from scipy import stats
 from scipy.special import expit
-from significance import (
+from support.road import SITE, START_NS, Road, flown, fly, held, scene, staring
+from support.significance import (
     Array,
     assert_counts,
     assert_law,
@@ -23,7 +23,7 @@ from significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.scene import SceneError
+from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 

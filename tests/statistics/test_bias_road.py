@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road import NS, SITE, Road, Table, fly, held, radar, rotating, scene, staring, waypoint
-from significance import Array, assert_standard_normal, assert_uncorrelated
+from support.road import NS, SITE, Road, Table, fly, held, radar, rotating, scene, staring, waypoint
+from support.significance import Array, assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.frames import aer_to_enu, geodetic_to_ecef, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb

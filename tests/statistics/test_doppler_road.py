@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from radar_equations import LIGHT_M_S, pd
-from road import NS, Road, Table, flown, fly, radar, scene, waypoint
-from significance import Array, assert_law, assert_standard_normal, assert_sum, assert_uncorrelated
+from support.radar_equations import LIGHT_M_S, pd
+from support.road import NS, Road, Table, flown, fly, radar, scene, waypoint
+from support.significance import (
+    Array,
+    assert_law,
+    assert_standard_normal,
+    assert_sum,
+    assert_uncorrelated,
+)
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
-from plotfeed.proto.asterix.decode import decode
+from plotfeed.proto.asterix.codec.decode import decode
 
 RADAR = radar(elevation_max_deg=30.0, range_floor_m=5.0)
 CELL_M_S = LIGHT_M_S / RADAR["frequency_hz"] / (2 * RADAR["integration_s"])

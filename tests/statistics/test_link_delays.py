@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from links import START_NS, delays_ms, due_times, link, passed
 from scipy import stats
 from scipy.special import ndtri
-from significance import (
+from support.links import START_NS, delays_ms, due_times, link, passed
+from support.significance import (
     Array,
     assert_law,
     assert_mean,
@@ -18,8 +18,8 @@ from significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.impairment.asked import Asked
-from plotfeed.feeds.impairment.settings import Link
+from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.scene.link_keys import LinkSettings
 
 N = 10_000
 NETEM_PACKETS = 10_000
@@ -36,13 +36,13 @@ LAWS: dict[str, dict[str, Any]] = {
 EVERY_LAW = pytest.mark.parametrize("law", LAWS)
 
 
-def assert_asked(asked: Link, seen: Array, of: str) -> None:
+def assert_asked(asked: LinkSettings, seen: Array, of: str) -> None:
     """Delays are drawn from the law: between its ends by Kolmogorov and Smirnov, at them by z.
 
     Where the law is clipped the tail's probability is at one point, which that test knows nothing
     of.
     """
-    law = Asked(asked)
+    law = LinkExpectation(asked)
     low, high = (float(q) for q in law.delay_quantile_ms([0.0, 1.0]))
     assert seen.min() >= low - 1e-6
     assert seen.max() <= high + 1e-6
@@ -82,9 +82,9 @@ def test_delays_of_copies_follow_the_law_on_their_own(law: str) -> None:
     assert_uncorrelated(stats.rankdata(first), stats.rankdata(second), law)
 
 
-def scores(asked: Link, seen: Array) -> Array:
+def scores(asked: LinkSettings, seen: Array) -> Array:
     """Normal scores of delays, by the law."""
-    return ndtri(np.clip(Asked(asked).delay_cdf(seen), 1e-12, 1 - 1e-12))
+    return ndtri(np.clip(LinkExpectation(asked).delay_cdf(seen), 1e-12, 1 - 1e-12))
 
 
 @pytest.mark.parametrize("rho", [0.9, 0.25, -0.6])

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from links import bursts, due_times, link, losses, passed
 from scipy import stats
-from significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
+from support.links import bursts, due_times, link, losses, passed
+from support.significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
 
-from plotfeed.feeds.impairment.asked import Asked
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.stall import waits_ns
+from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import waits_ns
 
 N = 101_000
 BATCH = 100
@@ -44,9 +44,9 @@ NETEM = {
 
 
 @cache
-def of(model: str, n: int = N) -> tuple[Asked, Array]:
+def of(model: str, n: int = N) -> tuple[LinkExpectation, Array]:
     asked = link(loss=MODELS[model])
-    return Asked(asked), losses(asked, n, seed=21)
+    return LinkExpectation(asked), losses(asked, n, seed=21)
 
 
 def batches(values: Array) -> Array:

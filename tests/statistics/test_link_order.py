@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from links import NS, OCTETS, START_NS, delays_ms, due_times, link, passed
 from scipy import stats
 from scipy.special import log_ndtr
-from significance import Array, assert_chance, assert_law, assert_mean, assert_sum
+from support.links import NS, OCTETS, START_NS, delays_ms, due_times, link, passed
+from support.significance import Array, assert_chance, assert_law, assert_mean, assert_sum
 
-from plotfeed.feeds.impairment.stage import Fate, Impairment
+from plotfeed.feeds.impairment.link import Fate, Impairment
 
 N = 25_000
 

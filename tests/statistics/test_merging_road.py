@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from radar_equations import mean_snr, multiplier
-from road import Road, fly, held, radar, rotating, scene
-from significance import assert_mean, assert_standard_normal, assert_sum
+from support.radar_equations import mean_snr, multiplier
+from support.road import Road, fly, held, radar, rotating, scene
+from support.significance import assert_mean, assert_standard_normal, assert_sum
 
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb

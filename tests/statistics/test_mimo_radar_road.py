@@ -9,11 +9,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import mimo_equations
 import numpy as np
-from road import SITE, START_NS, Road, Table, fly, held, scene, staring
 from scipy import stats
-from significance import (
+from support import mimo_equations
+from support.road import SITE, START_NS, Road, Table, fly, held, scene, staring
+from support.significance import (
     Array,
     assert_chance,
     assert_counts,

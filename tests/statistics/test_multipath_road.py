@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from radar_equations import LIGHT_M_S, mean_snr, pd
-from road import Road, flown, fly, held, radar, scene, staring, waypoint
-from significance import Array, assert_sum
+from support.radar_equations import LIGHT_M_S, mean_snr, pd
+from support.road import Road, flown, fly, held, radar, scene, staring, waypoint
+from support.significance import Array, assert_sum
 
 from plotfeed.models.frames import aer_to_enu
 
@@ -127,7 +127,7 @@ def test_detections_come_and_go_with_the_lobes() -> None:
 
 
 def test_check_predicts_the_lobes(tmp_path: Any) -> None:
-    from plotfeed.feeds.check import report  # noqa: PLC0415
+    from plotfeed.feeds.cli.check import report
 
     free, over_ground = (
         report(scene([SENSORS["active"] | named], approach(), seed=93))["sensors"][0]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road import Road, Table, fly, held, scene, staring, waypoint
 from scipy import stats
-from significance import (
+from support.road import Road, Table, fly, held, scene, staring, waypoint
+from support.significance import (
     Array,
     assert_counts,
     assert_law,
@@ -22,7 +22,7 @@ from significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.scene import SceneError
+from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 

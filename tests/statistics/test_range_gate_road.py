@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road import NS, SITE, START_NS, Road, flown, fly, held, scene, staring, waypoint
-from significance import assert_standard_normal, assert_uncorrelated
+from support.road import NS, SITE, START_NS, Road, flown, fly, held, scene, staring, waypoint
+from support.significance import assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef, wrap_180
 

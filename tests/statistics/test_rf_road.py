@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from road import NS, START_NS, Road, flown, fly, held, scene, staring, waypoint
 from scipy import stats
 from scipy.special import gammaincc, gammainccinv
-from significance import (
+from support.road import NS, START_NS, Road, flown, fly, held, scene, staring, waypoint
+from support.significance import (
     Array,
     assert_counts,
     assert_law,
@@ -23,7 +23,7 @@ from significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.scene import SceneError
+from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 

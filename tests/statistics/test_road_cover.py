@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from radar_equations import detected_power_density, mean_snr, sigma_range_m
-from road import Road, fly, held, radar, rotating, scene, staring
 from scipy import integrate
 from scipy.special import ndtr
-from significance import assert_sum
+from support.radar_equations import detected_power_density, mean_snr, sigma_range_m
+from support.road import Road, fly, held, radar, rotating, scene, staring
+from support.significance import assert_sum
 
 BLIND_M, FAR_M = 1000.0, 1100.0
 RCS_M2 = 2e-6

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from radar_equations import mean_snr, pd
-from road import NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 from scipy import stats
-from significance import Array, assert_chance, assert_sum
+from support.radar_equations import mean_snr, pd
+from support.road import NS, Road, flown, fly, held, radar, rotating, scene, waypoint
+from support.significance import Array, assert_chance, assert_sum
 
 RANGES_M = (2e3, 4e3, 5.5e3, 7e3, 8.5e3, 10e3, 11.5e3, 13e3, 15e3, 18e3)
 AT_EACH = 24

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
-from road import NS, SITE, START_NS, Table, fly, held, radar, rotating, scene
 from scipy import integrate
-from significance import (
+from support.radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
+from support.road import NS, SITE, START_NS, Table, fly, held, radar, rotating, scene
+from support.significance import (
     Array,
     assert_law,
     assert_mean,

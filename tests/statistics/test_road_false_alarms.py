@@ -7,9 +7,9 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from road import NS, START_NS, Table, fly, radar, rotating, scene, staring
 from scipy import stats
-from significance import Array, assert_counts, assert_law, assert_sum, assert_uncorrelated
+from support.road import NS, START_NS, Table, fly, radar, rotating, scene, staring
+from support.significance import Array, assert_counts, assert_law, assert_sum, assert_uncorrelated
 
 TURNS = 1200
 SECTORS = 5

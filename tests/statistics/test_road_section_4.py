@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from road import SITE, Road, fly, held
-from significance import assert_sum
+from support.road import SITE, Road, fly, held
+from support.significance import assert_sum
 
-from plotfeed.feeds.drones import Drone
-from plotfeed.feeds.scene import example
+from plotfeed.feeds.scene.drones import Drone
+from plotfeed.feeds.scene.scene import example
 
 TURNS = 100
 DRONES = 200

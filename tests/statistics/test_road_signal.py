@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from radar_equations import BOLTZMANN_J_K, detected_power_cdf, mean_snr
-from road import Table, fly, held, radar, scene
-from significance import assert_law
+from support.radar_equations import BOLTZMANN_J_K, detected_power_cdf, mean_snr
+from support.road import Table, fly, held, radar, scene
+from support.significance import assert_law
 
 RANGES_M = (2000.0, 7000.0, 11_000.0, 16_000.0, 18_000.0)
 """Mean signal-to-noise ratios from 50 dB to 12 dB, about the threshold."""

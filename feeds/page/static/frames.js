@@ -1,4 +1,4 @@
-// Reads the frames of feeds/page/frames.py: typed arrays laid over the message, nothing copied.
+// Reads the frames of feeds/page/updates.py: typed arrays laid over the message, nothing copied.
 
 export const Kind = { NEWS: 1, PLOTS: 2, PLOT_TRUTHS: 3, LOST_PLOTS: 4, DRONES: 5, TRACKS: 6, TRUE_NEWS: 7 };
 export const PlotFlag = { BEARING: 1, NOWHERE: 2 };

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from links import START_NS
 from pydantic import ValidationError
+from support.links import START_NS
 
-from plotfeed.feeds.impairment.asked import Asked
-from plotfeed.feeds.impairment.settings import Link
-from plotfeed.feeds.impairment.stage import Fate, Impairment, flip
+from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import Fate, Impairment, flip
+from plotfeed.feeds.scene.link_keys import LinkSettings
 
 chance = st.floats(0, 1)
 delay = st.one_of(st.floats(0, 1e9), st.floats(0, 100))
@@ -56,9 +56,9 @@ by_table = st.fixed_dictionaries(
 )
 
 
-def valid(keys: dict[str, Any]) -> Link | None:
+def valid(keys: dict[str, Any]) -> LinkSettings | None:
     try:
-        return Link.model_validate(keys)
+        return LinkSettings.model_validate(keys)
     except ValidationError:
         return None
 
@@ -70,7 +70,7 @@ messages = st.lists(st.tuples(steps_ns, st.integers(0, 1 << 28)), min_size=1, ma
 
 @given(links, links, messages, st.integers(0, (1 << 63) - 1), st.text(max_size=64))
 def test_any_link_passes_any_messages_on(
-    first: Link, second: Link, sent: list[tuple[int, int]], seed: int, name: str
+    first: LinkSettings, second: LinkSettings, sent: list[tuple[int, int]], seed: int, name: str
 ) -> None:
     def outcomes() -> list[Any]:
         impairment, due, found = Impairment(first, seed, name), START_NS, []
@@ -98,8 +98,8 @@ def test_any_link_passes_any_messages_on(
 
 
 @given(links)
-def test_any_link_says_what_it_asks(link: Link) -> None:
-    asked = Asked(link)
+def test_any_link_says_what_it_asks(link: LinkSettings) -> None:
+    asked = LinkExpectation(link)
     quantiles = asked.delay_quantile_ms(np.linspace(0, 1, 11))
     assert (np.diff(quantiles) >= 0).all()
     assert 0 <= asked.mean_loss <= 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from links import link
+from support.links import link
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 

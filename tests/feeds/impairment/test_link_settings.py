@@ -3,12 +3,17 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from links import link
 from pydantic import ValidationError
+from support.links import link
 
-from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, RandomLoss
-from plotfeed.feeds.impairment.settings import Link, Reorder
-from plotfeed.feeds.scene_problems import problems_of
+from plotfeed.feeds.scene.link_keys import (
+    FourState,
+    GilbertElliott,
+    LinkSettings,
+    RandomLoss,
+    ReorderSettings,
+)
+from plotfeed.feeds.scene.problems import problems_of
 
 RANDOM = {"kind": "random", "probability": 0.05}
 GILBERT = {"kind": "gilbert-elliott"}
@@ -17,7 +22,7 @@ FOUR = {"kind": "four-state", "p13": 0.02}
 
 def problem(keys: dict[str, Any]) -> str:
     with pytest.raises(ValidationError) as caught:
-        Link.model_validate(keys)
+        LinkSettings.model_validate(keys)
     ((key, text),) = problems_of(caught.value, keys)
     assert "\n" not in text
     return f"{key}: {text}"
@@ -94,7 +99,7 @@ def test_four_states_have_the_defaults_of_netem() -> None:
 
 
 def test_a_link_without_effect_is_clear() -> None:
-    assert Link().is_clear
+    assert LinkSettings().is_clear
     assert link(in_order=True, distribution="pareto", queue_messages=3).is_clear
     some: list[dict[str, Any]] = [
         {"latency_ms": 1.0},
@@ -109,7 +114,9 @@ def test_a_link_without_effect_is_clear() -> None:
     assert not any(link(**keys).is_clear for keys in some)
 
 
-@pytest.mark.parametrize("table", [Link, Reorder, RandomLoss, GilbertElliott, FourState])
-def test_every_key_says_what_it_is(table: type[Link]) -> None:
+@pytest.mark.parametrize(
+    "table", [LinkSettings, ReorderSettings, RandomLoss, GilbertElliott, FourState]
+)
+def test_every_key_says_what_it_is(table: type[LinkSettings]) -> None:
     for name, key in table.model_fields.items():
         assert key.description, name

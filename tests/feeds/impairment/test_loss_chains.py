@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from links import link
+from support.links import link
 
-from plotfeed.feeds.impairment.asked import Asked
-from plotfeed.feeds.impairment.loss_settings import FourState, GilbertElliott, RandomLoss
+from plotfeed.feeds.impairment.expected import LinkExpectation
 from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
+from plotfeed.feeds.scene.link_keys import FourState, GilbertElliott, RandomLoss
 
 inner = st.floats(0.01, 0.99)
 small = st.floats(-120, -0.1).map(lambda exponent: 10.0**exponent)
@@ -161,8 +161,8 @@ def test_four_states_by_hand(loss: dict[str, float], mean_loss: float, mean_burs
 
 
 def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
-    never = Asked(link(loss={"kind": "random", "probability": 0.0}))
-    always = Asked(link(loss={"kind": "random", "probability": 1.0}))
+    never = LinkExpectation(link(loss={"kind": "random", "probability": 0.0}))
+    always = LinkExpectation(link(loss={"kind": "random", "probability": 1.0}))
     assert math.isnan(never.mean_burst)
     assert np.isnan(never.burst_survival(3)).all()
     assert always.mean_burst == math.inf
@@ -170,14 +170,14 @@ def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
     assert math.isnan(never.lag_1_correlation)
     assert math.isnan(always.lag_1_correlation)
     assert (never.mean_loss, always.mean_loss) == (0, 1)
-    assert Asked(link()).mean_loss == Asked(link()).spread_of_loss(10) == 0
-    assert math.isnan(Asked(link()).mean_burst)
+    assert LinkExpectation(link()).mean_loss == LinkExpectation(link()).spread_of_loss(10) == 0
+    assert math.isnan(LinkExpectation(link()).mean_burst)
 
 
 def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None:
     rarely = {"kind": "gilbert-elliott", "p": 1e-310, "r": 1e-310}
-    assert Asked(link(loss=rarely)).spread_of_loss(1000) == math.inf
-    hardly_ends = Asked(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
+    assert LinkExpectation(link(loss=rarely)).spread_of_loss(1000) == math.inf
+    hardly_ends = LinkExpectation(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
     assert hardly_ends.mean_burst == pytest.approx(5e100)
     assert hardly_ends.spread_of_loss(1000) < 1e-50
 

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
-from links import NS, START_NS, due_times, link, passed
+from support.links import NS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.stage import Fate, Impairment
+from plotfeed.feeds.impairment.link import Fate, Impairment
 
 MS = 1_000_000
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from links import NS, OCTETS, START_NS, due_times, link, passed
+from support.links import NS, OCTETS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.draws import rows
-from plotfeed.feeds.impairment.stage import Copy, Fate, Impairment, Outcome, flip
+from plotfeed.feeds.impairment.link import Copy, Fate, Impairment, Outcome, flip
+from plotfeed.feeds.impairment.link_draws import rows
 from plotfeed.models.chance import Chance
 
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.2, "mean_burst": 4.0}

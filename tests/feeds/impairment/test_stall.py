@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from links import OCTETS, START_NS, due_times, link, passed
+from support.links import OCTETS, START_NS, due_times, link, passed
 
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.stage import Fate, Impairment
-from plotfeed.feeds.impairment.stall import MOST_REPEATS, waits_ns
+from plotfeed.feeds.impairment.link import MOST_REPEATS, Fate, Impairment, waits_ns
 
 MS = 1_000_000
 

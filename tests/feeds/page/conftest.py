@@ -3,12 +3,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import page_stage
 import pytest
-import road
-from chromium import chromium, looking
-from page_server import Served, on_stage
-from page_stage import Stage
+from support import page_stage, road
+from support.chromium import chromium, looking
+from support.page_server import Served, on_stage
+from support.page_stage import Stage
 
 from plotfeed.feeds.page.view import View
 

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from plotfeed.feeds.page.access import DEFAULT_PORT, Access, PageAddress
+from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAccess, PageAddress
 from plotfeed.proto.errors import PlotfeedError
 
 LOCAL = PageAddress("127.0.0.1", 8000)
@@ -40,7 +40,7 @@ def test_what_is_no_address_is_a_line(text: str) -> None:
 
 
 def test_on_loopback_only_names_of_loopback_are_ours() -> None:
-    access = Access(LOCAL)
+    access = PageAccess(LOCAL)
     for ours in ("localhost:8000", "127.0.0.1:8000", "[::1]:8000", "LOCALHOST", "127.0.0.1"):
         assert access.host_is_ours({"host": ours})
     for foreign in ("evil.example:8000", "127.0.0.1.evil.example", "192.168.0.1:8000", "", "[::2]"):
@@ -49,16 +49,16 @@ def test_on_loopback_only_names_of_loopback_are_ours() -> None:
 
 
 def test_bound_wider_addresses_and_this_machine_are_ours_but_not_any_name() -> None:
-    access = Access(WIDE)
+    access = PageAccess(WIDE)
     ours = ("192.168.0.1:8000", "[fe80::1]:8000", "localhost:8000", f"{socket.gethostname()}:8000")
     assert all(access.host_is_ours({"host": host}) for host in ours)
     assert not access.host_is_ours({"host": "evil.example:8000"})
 
 
 def test_a_token_is_drawn_where_others_can_get_and_nowhere_else() -> None:
-    assert Access(LOCAL).token is None
-    assert Access(LOCAL).is_token(None)
-    first, second = Access(WIDE).token, Access(WIDE).token
+    assert PageAccess(LOCAL).token is None
+    assert PageAccess(LOCAL).is_token(None)
+    first, second = PageAccess(WIDE).token, PageAccess(WIDE).token
     assert first
     assert second
     assert len(first) >= 24
@@ -66,7 +66,7 @@ def test_a_token_is_drawn_where_others_can_get_and_nowhere_else() -> None:
 
 
 def test_only_the_token_lets_in() -> None:
-    access = Access(WIDE, "right")
+    access = PageAccess(WIDE, "right")
     assert access.has_token({"cookie": f"a=b; {access.cookie}=right"})
     for cookie in (
         "",
@@ -83,7 +83,7 @@ def test_only_the_token_lets_in() -> None:
 
 
 def test_only_the_page_itself_is_of_our_origin() -> None:
-    access = Access(LOCAL)
+    access = PageAccess(LOCAL)
     host = {"host": "localhost:8000"}
     assert access.origin_is_ours(host | {"origin": "http://localhost:8000"})
     assert access.origin_is_ours(host | {"origin": "https://localhost:8000"})

@@ -9,25 +9,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-import road
-from brokers import free_port, mosquitto
-from mqtt_client import PATIENCE_S, Client
-from page_frames import Frame, read_frame
+from support import road
+from support.brokers import free_port, mosquitto
+from support.mqtt_client import PATIENCE_S, Client
+from support.page_frames import Frame, read_frame
 
-from plotfeed.feeds.broker_address import BrokerAddress
-from plotfeed.feeds.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.message import Message
-from plotfeed.feeds.observers import Extras, Observer
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
-from plotfeed.feeds.page.frames import Kind
+from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recorder import Recorder
-from plotfeed.feeds.scene import Scene
-from plotfeed.feeds.session import run
-from plotfeed.feeds.session_record import RecordedTelemetry, SessionRecorder
+from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.session_record import RecordedTelemetry, SessionRecorder
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.recorded import Stage
 
 SCENE = road.scene(
@@ -96,7 +96,7 @@ class Show:
         found: dict[str, Any] = self.news.get("details", {}).get(sensor, {}).get("link", {})
         return found
 
-    def column(self, kind: Kind, name: str) -> Any:
+    def column(self, kind: SectionKind, name: str) -> Any:
         return np.concatenate([frame.column(kind, name) for frame in self.frames])
 
 
@@ -113,7 +113,7 @@ def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> No
                 late_ms = (first_ns - plot.time_utc_ns) / 1e6
                 expected.append((int(entry.sensor == "other"), plot.time_utc_ns, late_ms))
     names = ("sensor", "t_utc_ms", "latency_ms")
-    columns = (show.column(Kind.PLOTS, name).tolist() for name in names)
+    columns = (show.column(SectionKind.PLOTS, name).tolist() for name in names)
     shown = sorted(zip(*columns, strict=True))
     assert len(shown) == len(expected) >= 8
     for plot, (sensor, t_utc_ns, late_ms) in zip(shown, sorted(expected), strict=True):
@@ -121,7 +121,7 @@ def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> No
         assert abs(plot[1] * 1e6 - t_utc_ns) < 1000
         assert plot[2] == pytest.approx(late_ms, rel=1e-6)
         assert plot[2] > (20.0 if sensor == 0 else -1e-3)
-    assert show.column(Kind.PLOT_TRUTHS, "drone").max() == 0
+    assert show.column(SectionKind.PLOT_TRUTHS, "drone").max() == 0
 
 
 def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() -> None:
@@ -231,8 +231,8 @@ def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> Non
                     tracker.publish("tracker/tracks", b"nonsense")
                     await asyncio.sleep(0.05)
                     frame = read_frame(view.update(road.START_NS, 0.0).public)
-                    if frame.of(Kind.TRACKS):
-                        seen["tracks"] = frame.column(Kind.TRACKS, "track")[0]
+                    if frame.of(SectionKind.TRACKS):
+                        seen["tracks"] = frame.column(SectionKind.TRACKS, "track")[0]
                     if "track_problem" in frame.news:
                         seen["problem"] = frame.news["track_problem"]
             assert seen["tracks"] == 4

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import road
 from pydantic import ValidationError
+from support import road
 
 from plotfeed.feeds.page import basemap
 from plotfeed.feeds.page.basemap import load_basemap
-from plotfeed.feeds.page.settings import BasemapImage, PagePart
-from plotfeed.feeds.parts import Site
+from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.output_keys import BasemapImage, PageKeys
 from plotfeed.proto.errors import PlotfeedError
 
 SITE = Site(latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0)
@@ -145,11 +145,11 @@ def test_only_images_are_images(tmp_path: Path) -> None:
 
 
 def test_the_keys_of_the_page_are_checked() -> None:
-    part = PagePart.model_validate(
+    part = PageKeys.model_validate(
         {"basemap": {"image": "a.png", "corners": [[1, 2], [1, 3], [0, 3], [0, 2]]}}
     )
     assert isinstance(part.basemap, BasemapImage)
-    assert PagePart.model_validate({"basemap": "a.geojson"}).basemap == "a.geojson"
+    assert PageKeys.model_validate({"basemap": "a.geojson"}).basemap == "a.geojson"
     wrong: list[dict[str, Any]] = [
         {"basemap": {"image": "a.png", "corners": [[1, 2], [1, 3], [0, 3]]}},
         {"basemap": {"image": "a.png", "corners": [[1, 2], [1, 3], [0, 3], [100, 2]]}},
@@ -160,4 +160,4 @@ def test_the_keys_of_the_page_are_checked() -> None:
     ]
     for tree in wrong:
         with pytest.raises(ValidationError):
-            PagePart.model_validate(tree)
+            PageKeys.model_validate(tree)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from chromium import until
-from page_server import Served, wait_for_command
-from page_stage import Stage
+from support.chromium import until
+from support.page_server import Served, wait_for_command
+from support.page_stage import Stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import road
-from chromium import until
-from page_frames import read_frame
-from page_server import Served, wait_for_command
-from page_stage import Stage
+from support import road
+from support.chromium import until
+from support.page_frames import read_frame
+from support.page_server import Served, wait_for_command
+from support.page_stage import Stage
 
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.frames import LAYOUTS, Kind
-from plotfeed.feeds.places import frame_at
+from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
+from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -62,7 +62,11 @@ def test_the_browser_reads_frames_as_they_were_written(page: Page) -> None:
             for name, values in columns:
                 read = np.array(values, dtype=np.float64)
                 np.testing.assert_array_equal(read, section.columns[name].astype(np.float64))
-    assert seen >= {Kind.PLOTS, Kind.PLOT_TRUTHS, Kind.DRONES, Kind.TRACKS} <= LAYOUTS.keys()
+    assert (
+        seen
+        >= {SectionKind.PLOTS, SectionKind.PLOT_TRUTHS, SectionKind.DRONES, SectionKind.TRACKS}
+        <= LAYOUTS.keys()
+    )
 
 
 def delivered_plots(stage: Stage) -> dict[str, list[tuple[float, float, float]]]:
@@ -106,7 +110,7 @@ def test_every_plot_that_was_delivered_is_shown_within_a_pixel(page: Page, stage
     )
     lost = read_frame(b"".join(stage.view.snapshot(stage.now_ns)[:2]))  # type: ignore[union-attr]
     expected = delivered_plots(stage)
-    assert len(shown) + len(lost.column(Kind.LOST_PLOTS, "flags")) == sum(
+    assert len(shown) + len(lost.column(SectionKind.LOST_PLOTS, "flags")) == sum(
         map(len, expected.values())
     )
     assert len(shown) > 50

@@ -7,12 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_frames import read_frame
+from support.page_frames import read_frame
 
-from plotfeed.feeds.page.frames import COUNT_MASK, LAYOUTS, FrameFlag, Kind, header, news, section
+from plotfeed.feeds.page.updates import (
+    COUNT_MASK,
+    LAYOUTS,
+    SectionKind,
+    UpdateFlag,
+    header,
+    news,
+    section,
+)
 
 
-def table(kind: Kind, rows: int, seed: int) -> dict[str, Any]:
+def table(kind: SectionKind, rows: int, seed: int) -> dict[str, Any]:
     """Any octets at all, as the columns of a layout."""
     rng = np.random.default_rng(seed)
     return {
@@ -27,7 +35,7 @@ def table(kind: Kind, rows: int, seed: int) -> dict[str, Any]:
     st.integers(0, 1 << 32),
     st.integers(0, 1 << 40),
 )
-def test_what_is_written_is_read(kind: Kind, rows: int, seed: int, first: int) -> None:
+def test_what_is_written_is_read(kind: SectionKind, rows: int, seed: int, first: int) -> None:
     columns = table(kind, rows, seed)
     (read,) = read_frame(header(7, 0) + section(kind, columns, first)).sections
     assert (read.kind, read.first) == (kind, first & COUNT_MASK)
@@ -38,7 +46,7 @@ def test_what_is_written_is_read(kind: Kind, rows: int, seed: int, first: int) -
 
 @given(st.lists(st.tuples(st.sampled_from(list(LAYOUTS)), st.integers(1, 5)), max_size=6))
 def test_sections_follow_each_other_and_columns_lie_where_typed_arrays_may(
-    kinds: list[tuple[Kind, int]],
+    kinds: list[tuple[SectionKind, int]],
 ) -> None:
     data = header(1, 0)
     for kind, rows in kinds:
@@ -52,7 +60,7 @@ def test_sections_follow_each_other_and_columns_lie_where_typed_arrays_may(
 
 
 def test_the_header_says_when_it_is_to_the_microsecond_and_what_the_frame_is() -> None:
-    frame = read_frame(header(1 << 60, 1_700_000_000_123_456_789, FrameFlag.SNAPSHOT))
+    frame = read_frame(header(1 << 60, 1_700_000_000_123_456_789, UpdateFlag.SNAPSHOT))
     assert frame.is_snapshot
     assert frame.number == 1 << 60
     assert abs(frame.now_ms - 1_700_000_000_123.4568) < 1e-3
@@ -60,7 +68,7 @@ def test_the_header_says_when_it_is_to_the_microsecond_and_what_the_frame_is() -
 
 
 @pytest.mark.parametrize("kind", list(LAYOUTS))
-def test_no_rows_take_no_room(kind: Kind) -> None:
+def test_no_rows_take_no_room(kind: SectionKind) -> None:
     assert section(kind, {name: [] for name, _ in LAYOUTS[kind]}) == b""
 
 
@@ -70,6 +78,6 @@ def test_news_are_utf_8() -> None:
 
 
 def test_columns_of_different_lengths_are_no_section() -> None:
-    columns = {name: np.ones(2) for name, _ in LAYOUTS[Kind.TRACKS]} | {"track": np.ones(3)}
+    columns = {name: np.ones(2) for name, _ in LAYOUTS[SectionKind.TRACKS]} | {"track": np.ones(3)}
     with pytest.raises(ValueError, match="equally long"):
-        section(Kind.TRACKS, columns)
+        section(SectionKind.TRACKS, columns)

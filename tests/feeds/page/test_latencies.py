@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.page.latencies import BINS, LOSSES_KEPT, LinkRecord
+from plotfeed.feeds.page.strips import BINS, LOSSES_KEPT, LinkRecord
 
 PROBABILITIES = np.linspace(0, 1, 1001)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import page_stage
 import pytest
-from chromium import axe, looking, new_context, requests, until
-from page_server import Served, on_stage
-from page_stage import Stage
+from support import page_stage
+from support.chromium import axe, looking, new_context, requests, until
+from support.page_server import Served, on_stage
+from support.page_stage import Stage
 
-from plotfeed.feeds.page.access import PageAddress
+from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.view import View
 
 if TYPE_CHECKING:

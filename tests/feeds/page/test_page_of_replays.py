@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
-from chromium import until
-from live_page import MS, Live, S, live, told
+from support.chromium import until
+from support.live_page import MS, Live, S, live, told
 
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:

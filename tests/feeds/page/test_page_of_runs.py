@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from brokers import free_port
-from chromium import looking, new_context, requests, until
-from live_page import (
+from support.brokers import free_port
+from support.chromium import looking, new_context, requests, until
+from support.live_page import (
     MS,
     SECTORS,
     START_NS,
@@ -27,13 +27,13 @@ from live_page import (
     scene_of_two,
     sectors_within,
 )
-from scene_files import scene_file
+from support.scene_files import scene_file
 
-from plotfeed.feeds.places import frame_at, site_frame
-from plotfeed.feeds.scene import Scene, load
+from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.log_reader import LogReader
+from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:

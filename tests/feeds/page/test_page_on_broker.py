@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from live_page import (
+from scipy import stats
+from support.live_page import (
     MS,
     PFA,
     SECTORS,
@@ -20,11 +21,10 @@ from live_page import (
     sectors_within,
     told,
 )
-from mqtt_client import Heard
-from scipy import stats
-from significance import assert_chance, assert_law, assert_sum
+from support.mqtt_client import Heard
+from support.significance import assert_chance, assert_law, assert_sum
 
-from plotfeed.feeds.desk import AHEAD_NS
+from plotfeed.feeds.session.sensor_task import AHEAD_NS
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:

@@ -13,25 +13,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import plotfeed
 from mcap.writer import Writer
-from page_frames import Frame, read_frame
-from scene_files import DRONE, radar, scene_file, scene_text
+from support.command import plotfeed
+from support.page_frames import Frame, read_frame
+from support.scene_files import DRONE, radar, scene_file, scene_text
 
-from plotfeed.feeds.fleet import knots
-from plotfeed.feeds.page.frames import Kind
-from plotfeed.feeds.page.recorded_plots import UNKNOWN_DRONE
+from plotfeed.feeds.page.page_recording import MAX_LISTED, PageRecording, recordings_in
+from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE
 from plotfeed.feeds.page.recorded_view import RecordedView
-from plotfeed.feeds.page.recording import Recording
-from plotfeed.feeds.page.recordings import MAX_LISTED, recordings_in
+from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.places import site_frame
-from plotfeed.feeds.recorder import SCENE_NAME
+from plotfeed.feeds.recording.recorder import SCENE_NAME
+from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.sensing.scene_drones import knots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.log_reader import LogReader
-from plotfeed.replay.log_records import Attachment
-from plotfeed.replay.log_writer import LogWriter
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.records import Attachment
 from plotfeed.replay.recorded import Recorded, Stage
 
 NS = 1_000_000_000
@@ -74,7 +73,7 @@ class Shown:
     """A recording on a view, brought to one time after the other."""
 
     def __init__(self, path: Path) -> None:
-        self.recording = Recording.open(path)
+        self.recording = PageRecording.open(path)
         self.view = View()
         self.frames: list[Frame] = []
 
@@ -95,13 +94,13 @@ class Shown:
                 update = self.view.update(t_ns, float(number))
                 self.frames.append(read_frame(update.public + update.truth))
 
-    def column(self, kind: Kind, name: str) -> Any:
+    def column(self, kind: SectionKind, name: str) -> Any:
         return np.concatenate([frame.column(kind, name) for frame in self.frames])
 
     @property
     def drones(self) -> list[str]:
         """Their names, by number."""
-        told = [news for frame in self.frames for news in frame.of(Kind.TRUE_NEWS)]
+        told = [news for frame in self.frames for news in frame.of(SectionKind.TRUE_NEWS)]
         found: list[str] = told[-1].news["drones"]
         return found
 
@@ -152,7 +151,7 @@ def expected(path: Path, from_ns: int = 0, until_ns: int = 1 << 62) -> dict[str,
     return found
 
 
-def compare(shown: Shown, kind: Kind, rows: Sequence[Any]) -> None:
+def compare(shown: Shown, kind: SectionKind, rows: Sequence[Any]) -> None:
     names = ("sensor", "t_utc_ms", "range_m", "latency_ms")
     got = sorted(zip(*(shown.column(kind, name).tolist() for name in names), strict=True))
     assert len(got) == len(rows)
@@ -169,11 +168,11 @@ def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_delive
     shown, wanted = Shown(session).at(*straight(WHOLE_S)), expected(session)
     assert len(wanted["shown"]) > 100
     assert len(wanted["lost"]) > 3
-    compare(shown, Kind.PLOTS, wanted["shown"])
-    compare(shown, Kind.LOST_PLOTS, wanted["lost"])
-    drones = shown.column(Kind.PLOT_TRUTHS, "drone").astype(int)
+    compare(shown, SectionKind.PLOTS, wanted["shown"])
+    compare(shown, SectionKind.LOST_PLOTS, wanted["lost"])
+    drones = shown.column(SectionKind.PLOT_TRUTHS, "drone").astype(int)
     names = shown.drones
-    order = np.argsort(shown.column(Kind.PLOTS, "t_utc_ms"), kind="stable")
+    order = np.argsort(shown.column(SectionKind.PLOTS, "t_utc_ms"), kind="stable")
     by_time = sorted(wanted["shown"], key=lambda row: row[1])
     assert sorted(names) == ["other", "visitor"]
     assert [names[drones[i]] if drones[i] >= 0 else "" for i in order] == [r[4] for r in by_time]
@@ -190,11 +189,11 @@ def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
     assert leapt.news["generation"] == 1  # it is the same scene, and nobody's zoom is lost
     glow_ns = round(shown.recording.scene.page.afterglow_s * NS)
     wanted = expected(session, at_ns - glow_ns, at_ns)["shown"]
-    times_ms = leapt.column(Kind.PLOTS, "t_utc_ms")
+    times_ms = leapt.column(SectionKind.PLOTS, "t_utc_ms")
     wanted_ms = sorted(row[1] / 1e6 for row in wanted if row[1] >= at_ns - glow_ns)
     assert sorted(times_ms[times_ms * 1e6 >= at_ns - glow_ns]) == pytest.approx(wanted_ms, abs=1e-3)
     wanted = expected(session, at_ns + 1, at_ns + NS)
-    assert len(after.column(Kind.PLOTS, "sensor")) == len(wanted["shown"]) > 0
+    assert len(after.column(SectionKind.PLOTS, "sensor")) == len(wanted["shown"]) > 0
     assert after.news["totals"]["plots"] == len(wanted["shown"]) + len(wanted["lost"])
 
 
@@ -237,15 +236,15 @@ def test_drones_are_where_they_were(session: Path) -> None:
     compared = 0
     for step, drawn in enumerate(shown.frames[30:], 30):
         t_s = (step + 1) * 0.1
-        for number, drone in enumerate(drawn.column(Kind.DRONES, "drone").tolist()):
+        for number, drone in enumerate(drawn.column(SectionKind.DRONES, "drone").tolist()):
             (flown,) = (d for d in scene.drone if d.id == shown.drones[drone])
             times_s, places = knots(scene.scene.site, flown)
             path_m = frame.from_ecef(places)
             true_m = [np.interp(t_s, times_s, path_m[:, k]) for k in range(2)]
-            east_m = drawn.column(Kind.DRONES, "east_m")[number]
-            north_m = drawn.column(Kind.DRONES, "north_m")[number]
+            east_m = drawn.column(SectionKind.DRONES, "east_m")[number]
+            north_m = drawn.column(SectionKind.DRONES, "north_m")[number]
             assert np.hypot(east_m - true_m[0], north_m - true_m[1]) < 0.5
-            compared += drawn.column(Kind.DRONES, "gone_ms")[number] == 0
+            compared += drawn.column(SectionKind.DRONES, "gone_ms")[number] == 0
     assert compared > 200
 
 
@@ -254,9 +253,9 @@ def test_plots_are_read_from_asterix_where_there_is_nothing_better(tmp_path: Pat
     shown = Shown(path).at(*straight(10.0))
     entries = [e for at_ns, e in ledger(path) if at_ns <= shown.recording.start_ns + 10 * NS]
     truths = [plot for entry in entries for plot in entry.plots if plot.drone]
-    assert len(shown.column(Kind.PLOTS, "range_m")) == sum(len(e.plots) for e in entries)
-    mine = shown.column(Kind.PLOT_TRUTHS, "drone") >= 0
-    off_m = shown.column(Kind.PLOTS, "range_m")[mine] - [plot.range_m for plot in truths]
+    assert len(shown.column(SectionKind.PLOTS, "range_m")) == sum(len(e.plots) for e in entries)
+    mine = shown.column(SectionKind.PLOT_TRUTHS, "drone") >= 0
+    off_m = shown.column(SectionKind.PLOTS, "range_m")[mine] - [plot.range_m for plot in truths]
     assert len(off_m) > 10
     assert np.abs(off_m).max() < 60.0
     assert not shown.recording.notes
@@ -276,8 +275,8 @@ def test_without_a_ledger_plots_are_shown_as_they_left_and_nobody_s(
         for m, b in batches
         for p in b.plots
     ]
-    compare(shown, Kind.PLOTS, wanted)
-    assert set(shown.column(Kind.PLOT_TRUTHS, "drone")) == {UNKNOWN_DRONE}
+    compare(shown, SectionKind.PLOTS, wanted)
+    assert set(shown.column(SectionKind.PLOT_TRUTHS, "drone")) == {UNKNOWN_DRONE}
     assert any("no ledger" in note for note in shown.recording.notes)
 
 
@@ -297,7 +296,7 @@ def test_a_sensor_whose_plots_cannot_be_read_is_named(session: Path, tmp_path: P
     kept = [m for m in messages(session) if not m.topic.startswith("plotfeed/far/")]
     path = written(tmp_path / "half.mcap", kept, scene_of(session))
     shown = Shown(path).at(*straight(5.0))
-    assert set(shown.column(Kind.PLOTS, "sensor")) == {0}
+    assert set(shown.column(SectionKind.PLOTS, "sensor")) == {0}
     assert any("far" in note for note in shown.recording.notes)
 
 
@@ -329,7 +328,7 @@ def test_what_cannot_be_shown_is_refused_in_a_line(
 ) -> None:
     path = written(tmp_path / "x.mcap", recorded, scene)
     with pytest.raises(PlotfeedError) as error:
-        Recording.open(path)
+        PageRecording.open(path)
     assert str(error.value).startswith("x.mcap: ")
     assert words in str(error.value)
     assert "\n" not in str(error.value)
@@ -367,7 +366,7 @@ def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: 
     )
     path = written(tmp_path / "hostile.mcap", [*hostile, *good], scene_of(session))
     shown = Shown(path).at(*straight(WHOLE_S, 0.5))
-    compare(shown, Kind.PLOTS, expected(session)["shown"])
+    compare(shown, SectionKind.PLOTS, expected(session)["shown"])
 
 
 def test_recordings_are_plotfeed_s_own_the_newest_first_and_not_too_many(tmp_path: Path) -> None:

@@ -7,22 +7,20 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-import page_stage
 import pytest
-import road
-from brokers import free_port
-from mqtt_client import PATIENCE_S
-from page_frames import Frame, read_frame
-from page_server import Served, on_stage, served
-from page_stage import Stage
+from support import page_stage, road
+from support.brokers import free_port
+from support.mqtt_client import PATIENCE_S
+from support.page_frames import Frame, read_frame
+from support.page_server import Served, on_stage, served
+from support.page_stage import Stage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from plotfeed.feeds.page import application
-from plotfeed.feeds.page.access import PageAddress
 from plotfeed.feeds.page.controls import MAX_COMMAND_OCTETS, NoControls
-from plotfeed.feeds.page.frames import Kind
-from plotfeed.feeds.page.listening import PageError
+from plotfeed.feeds.page.page_access import PageAddress, PageError
+from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 
 
@@ -133,13 +131,18 @@ def test_a_viewer_gets_a_snapshot_and_then_ten_updates_a_second(page: Served) ->
 def test_the_truth_is_sent_only_to_who_asks_for_it(page: Served) -> None:
     with page.feed() as plain, page.feed() as curious:
         assert answer(curious, '{"look": {"truth": true, "watch": ["radar"]}}') == {"looking": True}
-        assert any(frame.of(Kind.DRONES) for frame in frames(curious))
+        assert any(frame.of(SectionKind.DRONES) for frame in frames(curious))
         for _ in range(5):
             kinds = {section.kind for section in next_frame(plain).sections}
-            assert not kinds & {Kind.DRONES, Kind.PLOT_TRUTHS, Kind.LOST_PLOTS, Kind.TRUE_NEWS}
+            assert not kinds & {
+                SectionKind.DRONES,
+                SectionKind.PLOT_TRUTHS,
+                SectionKind.LOST_PLOTS,
+                SectionKind.TRUE_NEWS,
+            }
         answer(curious, '{"look": {"truth": false}}')
         assert any(frame.is_snapshot for frame in frames(curious))
-        assert not any(next_frame(curious).of(Kind.DRONES) for _ in range(5))
+        assert not any(next_frame(curious).of(SectionKind.DRONES) for _ in range(5))
 
 
 def test_details_are_told_of_what_anybody_watches(page: Served) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mqtt_client import PATIENCE_S
-from page_sessions import Begun, with_page
-from scene_files import scene_file, scene_text
+from support.mqtt_client import PATIENCE_S
+from support.page_sessions import Begun, with_page
+from support.scene_files import scene_file, scene_text
 
-from plotfeed.feeds.page.recordings import new_path, recordings_in
-from plotfeed.feeds.scene import Scene, load
-from plotfeed.replay.log_reader import LogReader
+from plotfeed.feeds.page.page_recording import new_path, recordings_in
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.replay.mcap.log_reader import LogReader
 
 
 async def ask(feed: Any, **command: Any) -> dict[str, Any]:

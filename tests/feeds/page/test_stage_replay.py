@@ -12,22 +12,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from brokers import free_port, mosquitto
-from command import plotfeed
-from mqtt_client import PATIENCE_S, Client, Heard
-from page_frames import Frame, read_frame
-from page_sessions import Begun, with_page
-from scene_files import radar, scene_text
+from support.brokers import free_port, mosquitto
+from support.command import plotfeed
+from support.mqtt_client import PATIENCE_S, Client, Heard
+from support.page_frames import Frame, read_frame
+from support.page_sessions import Begun, with_page
+from support.scene_files import radar, scene_text
 
-from plotfeed.feeds.clock import WallClock
 from plotfeed.feeds.page import replay_show
-from plotfeed.feeds.page.frames import Kind
 from plotfeed.feeds.page.replay_show import NOT_NOW
-from plotfeed.feeds.replay_settings import Moment, Selection
-from plotfeed.feeds.scene import load
+from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.feeds.replaying.replay_settings import Moment, Selection
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.log_reader import LogReader
-from plotfeed.replay.log_writer import LogWriter
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.log_writer import LogWriter
 from plotfeed.replay.recorded import Recorded
 
 NS = 1_000_000_000
@@ -192,7 +192,7 @@ def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
         batches = [m.payload for m in heard if m.topic == "lab/lab/plots"]
         batch = next(b for b in map(pb.PlotBatch.FromString, batches) if b.plots)
         assert before_ns - NS < batch.plots[0].time_utc_ns < WallClock().now_ns()
-        await viewer.until(lambda: any(len(f.of(Kind.PLOTS)) for f in viewer.frames))
+        await viewer.until(lambda: any(len(f.of(SectionKind.PLOTS)) for f in viewer.frames))
 
     play(checked)
 
@@ -262,7 +262,7 @@ def test_a_pause_holds_everything_until_it_goes_on(
         await viewer.done(replay={"position_s": 8.0})
         await viewer.until(lambda: viewer.replay["position_s"] == 8.0)
         await viewer.until(lambda: viewer.frames[-1].is_snapshot)
-        assert len(viewer.frames[-1].column(Kind.PLOTS, "sensor")) > 10
+        assert len(viewer.frames[-1].column(SectionKind.PLOTS, "sensor")) > 10
         await viewer.until(lambda: len({frame.now_ms for frame in viewer.frames[-5:]}) == 1)
         assert len(client.heard) == heard
         await viewer.done(replay={"paused": False})
@@ -475,12 +475,12 @@ def test_tracks_that_are_published_now_are_shown_in_recorded_time(
         await viewer.load()
         await viewer.done(replay={"position_s": 9.0})
         track = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
-        shown = lambda: [f for f in viewer.frames if len(f.of(Kind.TRACKS))]  # noqa: E731
+        shown = lambda: [f for f in viewer.frames if len(f.of(SectionKind.TRACKS))]  # noqa: E731
         while not shown():
             client.publish(TRACKS, json.dumps(track).encode())
             count = len(viewer.frames)
             await viewer.until(lambda: len(viewer.frames) > count)  # noqa: B023
-        t_ms = shown()[-1].column(Kind.TRACKS, "t_utc_ms")[0] - sent[0].log_time_ns / 1e6
+        t_ms = shown()[-1].column(SectionKind.TRACKS, "t_utc_ms")[0] - sent[0].log_time_ns / 1e6
         assert 0 <= t_ms <= SESSION_S * 1e3
 
     play(act)

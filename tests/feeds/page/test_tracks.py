@@ -6,23 +6,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-import road
-from asterix_tracks import tracks
 from hypothesis import given
 from hypothesis import strategies as st
-from page_frames import read_frame
+from support import road
+from support.asterix_tracks import tracks
+from support.page_frames import read_frame
 
-from plotfeed.feeds.page.frames import Kind, TrackFlag
-from plotfeed.feeds.page.shown_tracks import MAX_TRACKS, ShownTracks
-from plotfeed.feeds.page.tracks import (
+from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks
+from plotfeed.feeds.page.tracker_tracks import (
     DAY_NS,
     MAX_OCTETS,
     TrackNews,
     decode_tracks,
     east_north_m,
 )
+from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
-from plotfeed.proto.asterix.tracks_062 import TrackEncoder062
+from plotfeed.proto.asterix.encode_062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
 
 NOW_NS = road.START_NS
@@ -138,15 +138,15 @@ def test_a_track_is_shown_until_it_ends_or_is_silent_for_long() -> None:
     view.update(NOW_NS, 0.0)
     view.tracks(decoded([HERE, {**HERE, "track": 8}]))
     frame = read_frame(view.update(NOW_NS, 0.0).public)
-    assert frame.column(Kind.TRACKS, "track").tolist() == [7, 8]
+    assert frame.column(SectionKind.TRACKS, "track").tolist() == [7, 8]
     view.tracks(decoded({**HERE, "ended": True}))
     frame = read_frame(view.update(NOW_NS, 0.0).public)
-    assert frame.column(Kind.TRACKS, "flags").tolist() == [TrackFlag.ENDED]
-    alive = read_frame(view.snapshot(NOW_NS).public).column(Kind.TRACKS, "track")
+    assert frame.column(SectionKind.TRACKS, "flags").tolist() == [TrackFlag.ENDED]
+    alive = read_frame(view.snapshot(NOW_NS).public).column(SectionKind.TRACKS, "track")
     assert alive.tolist() == [8]
     later_ns = NOW_NS + 61 * 10**9
     view.update(later_ns, 0.0)
-    assert not read_frame(view.snapshot(later_ns).public).of(Kind.TRACKS)
+    assert not read_frame(view.snapshot(later_ns).public).of(SectionKind.TRACKS)
 
 
 def test_no_flood_of_tracks_takes_more_than_its_room() -> None:

@@ -4,23 +4,27 @@ import json
 from typing import Any
 
 import numpy as np
-import page_stage
 import pytest
-import road
-from page_frames import Frame, read_frame
-from page_stage import Stage
+from support import page_stage, road
+from support.page_frames import Frame, read_frame
+from support.page_stage import Stage
 
-from plotfeed.feeds.page.frames import Kind, PlotFlag
-from plotfeed.feeds.page.plots import MAX_KEPT
+from plotfeed.feeds.page.plot_store import MAX_KEPT
+from plotfeed.feeds.page.updates import PlotFlag, SectionKind
 from plotfeed.feeds.page.view import Update, View
-from plotfeed.feeds.station import SectorReport, Station
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor, SectorReport
+from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.scan import Sector
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 NS = road.NS
-TRUE_KINDS = {Kind.PLOT_TRUTHS, Kind.LOST_PLOTS, Kind.DRONES, Kind.TRUE_NEWS}
+TRUE_KINDS = {
+    SectionKind.PLOT_TRUTHS,
+    SectionKind.LOST_PLOTS,
+    SectionKind.DRONES,
+    SectionKind.TRUE_NEWS,
+}
 SECTOR = Sector(5, 0, road.START_NS, road.START_NS + NS, 0.0, 360.0)
 
 
@@ -80,21 +84,21 @@ def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
         public, everything = frames(stage.view.update(stage.now_ns, stage.now_ns / NS))
         assert not TRUE_KINDS & {section.kind for section in public.sections}
         assert "drone-0" not in json.dumps(public.news)
-        told = everything.of(Kind.PLOT_TRUTHS)
+        told = everything.of(SectionKind.PLOT_TRUTHS)
         assert [(s.first, s.rows) for s in told] == [
-            (s.first, s.rows) for s in public.of(Kind.PLOTS)
+            (s.first, s.rows) for s in public.of(SectionKind.PLOTS)
         ]
     public, everything = frames(stage.view.snapshot(stage.now_ns))
     assert not TRUE_KINDS & {section.kind for section in public.sections}
-    assert everything.column(Kind.DRONES, "drone").tolist() == list(range(40))
-    (names,) = everything.of(Kind.TRUE_NEWS)
+    assert everything.column(SectionKind.DRONES, "drone").tolist() == list(range(40))
+    (names,) = everything.of(SectionKind.TRUE_NEWS)
     assert names.news["drones"] == [f"drone-{i:03}" for i in range(40)]
 
 
 def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     far = road.radar(id="far", position_enu_m=[12_000.0, -7000.0, 80.0])
     scene = road.scene([road.radar(), far], seed=1)
-    station = Station(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
+    station = EmulatedSensor(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
     view = View()
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
@@ -103,10 +107,12 @@ def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
     expected = road.SITE.from_ecef(station.frame.to_ecef(measured))
     for name, column in (("east_m", 0), ("north_m", 1)):
-        np.testing.assert_allclose(frame.column(Kind.PLOTS, name), expected[:, column], atol=5e-3)
-    np.testing.assert_array_equal(frame.column(Kind.PLOTS, "sensor"), 1)
-    np.testing.assert_allclose(frame.column(Kind.PLOTS, "snr_db"), 20.0)
-    np.testing.assert_allclose(frame.column(Kind.PLOTS, "latency_ms"), 1250.0)
+        np.testing.assert_allclose(
+            frame.column(SectionKind.PLOTS, name), expected[:, column], atol=5e-3
+        )
+    np.testing.assert_array_equal(frame.column(SectionKind.PLOTS, "sensor"), 1)
+    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "snr_db"), 20.0)
+    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
 
 
 def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() -> None:
@@ -115,8 +121,8 @@ def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() 
     view.account(report(plots(1, range_m=nothing, elevation_deg=nothing)), [sent()])
     view.account(report(plots(1, range_m=nothing, azimuth_deg=nothing)), [sent()])
     frame = read_frame(view.update(road.START_NS, 0.0).public)
-    assert frame.column(Kind.PLOTS, "flags").tolist() == [PlotFlag.BEARING, PlotFlag.NOWHERE]
-    east_m, north_m = (frame.column(Kind.PLOTS, name) for name in ("east_m", "north_m"))
+    assert frame.column(SectionKind.PLOTS, "flags").tolist() == [PlotFlag.BEARING, PlotFlag.NOWHERE]
+    east_m, north_m = (frame.column(SectionKind.PLOTS, name) for name in ("east_m", "north_m"))
     assert np.hypot(east_m[0], north_m[0]) == pytest.approx(20_000.0)  # the edge of cover
     assert np.degrees(np.arctan2(east_m[0], north_m[0])) == pytest.approx(10.0)
     assert np.isnan([east_m[1], north_m[1]]).all()
@@ -128,16 +134,16 @@ def test_plots_are_delivered_by_the_first_message_that_brings_them() -> None:
     north_message = sent("plotfeed/radar/asterix/034", sent_utc_ns=SECTOR.end_ns)
     view.account(report(plots(3)), [late, north_message, sent()])
     frame = read_frame(view.update(road.START_NS, 0.0).public)
-    np.testing.assert_allclose(frame.column(Kind.PLOTS, "latency_ms"), 1250.0)
+    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
 
 
 def test_what_no_message_brought_is_seen_with_the_truth_alone() -> None:
     view = view_of_radar()
     view.account(report(plots(3)), [lost(), sent("plotfeed/radar/asterix/034")])
     public, everything = frames(view.update(road.START_NS, 0.0))
-    assert not public.of(Kind.PLOTS)
-    assert np.isnan(everything.column(Kind.LOST_PLOTS, "latency_ms")).all()
-    assert len(everything.column(Kind.LOST_PLOTS, "east_m")) == 3
+    assert not public.of(SectionKind.PLOTS)
+    assert np.isnan(everything.column(SectionKind.LOST_PLOTS, "latency_ms")).all()
+    assert len(everything.column(SectionKind.LOST_PLOTS, "east_m")) == 3
 
 
 def test_merged_drones_are_counted_for_who_sees_the_truth() -> None:
@@ -147,7 +153,7 @@ def test_merged_drones_are_counted_for_who_sees_the_truth() -> None:
     merged = plots(3, drone=np.zeros(3, np.int64), merged_drones=others)
     view.account(report(merged), [sent()])
     _, everything = frames(view.update(road.START_NS, 0.0))
-    assert everything.column(Kind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
+    assert everything.column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
 
 
 def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
@@ -157,12 +163,12 @@ def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
         view.account(report(plots(4)), [sent()])
         now_ns = road.START_NS + second * NS
         frame = read_frame(view.update(now_ns, float(second)).public)
-        numbers.append(frame.of(Kind.PLOTS)[0].first)
+        numbers.append(frame.of(SectionKind.PLOTS)[0].first)
     assert numbers == list(range(0, 400, 4))
     public, everything = frames(view.snapshot(now_ns))
     assert public.is_snapshot
-    assert [s.first for s in public.of(Kind.PLOTS)] == numbers[-61:]
-    assert [s.first for s in everything.of(Kind.PLOT_TRUTHS)] == numbers[-61:]
+    assert [s.first for s in public.of(SectionKind.PLOTS)] == numbers[-61:]
+    assert [s.first for s in everything.of(SectionKind.PLOT_TRUTHS)] == numbers[-61:]
     assert len(public.news["seconds"]) == 99
 
 
@@ -171,7 +177,7 @@ def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
     for _ in range(60):
         view.account(report(plots(1000)), [sent()])
         view.update(road.START_NS, 0.0)
-    kept = len(read_frame(view.snapshot(road.START_NS).public).column(Kind.PLOTS, "sensor"))
+    kept = len(read_frame(view.snapshot(road.START_NS).public).column(SectionKind.PLOTS, "sensor"))
     assert MAX_KEPT - 1000 <= kept <= MAX_KEPT
 
 
@@ -184,11 +190,11 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     frame = read_frame(update.public)
     assert update.is_snapshot
     assert frame.is_snapshot
-    assert not frame.of(Kind.PLOTS)
+    assert not frame.of(SectionKind.PLOTS)
     assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["other"]
     assert not view.update(road.START_NS, 0.0).is_snapshot
     view.account(report(plots(4), "radar"), [sent()])  # of the scene before: nobody's
-    assert not read_frame(view.update(road.START_NS, 0.0).public).of(Kind.PLOTS)
+    assert not read_frame(view.update(road.START_NS, 0.0).public).of(SectionKind.PLOTS)
 
 
 def test_news_are_told_once_and_again_in_every_snapshot() -> None:
@@ -275,11 +281,11 @@ def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
     later_ns = road.START_NS + 12 * NS
     view.truth(later_ns, both.rows(np.array([1])), ["a", "b"])
     _, frame = frames(view.update(later_ns, 0.0))
-    assert frame.column(Kind.DRONES, "gone_ms").tolist() == [12_000.0, 0.0]
-    np.testing.assert_allclose(frame.column(Kind.DRONES, "east_m"), [100.0, 0.0], atol=1e-4)
+    assert frame.column(SectionKind.DRONES, "gone_ms").tolist() == [12_000.0, 0.0]
+    np.testing.assert_allclose(frame.column(SectionKind.DRONES, "east_m"), [100.0, 0.0], atol=1e-4)
     view.truth(later_ns + 30 * NS, both.rows(np.array([1])), ["a", "b"])
     _, frame = frames(view.update(later_ns + 30 * NS, 0.0))
-    assert frame.column(Kind.DRONES, "drone").tolist() == [1]
+    assert frame.column(SectionKind.DRONES, "drone").tolist() == [1]
 
 
 def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
@@ -308,4 +314,4 @@ def test_the_site_may_be_anywhere() -> None:
         view.scene(road.scene([road.radar()], seed=1, scene=general))
         view.account(report(plots(4)), [sent()])
         frame = read_frame(view.update(road.START_NS, 0.0).public)
-        assert np.isfinite(frame.column(Kind.PLOTS, "east_m")).all()
+        assert np.isfinite(frame.column(SectionKind.PLOTS, "east_m")).all()

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import plots
-from asterix_oracle import items_of, read_blocks, values_of
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.asterix_input import plots
+from support.asterix_oracle import items_of, read_blocks, values_of
 
-from plotfeed.proto.asterix.bearings_205 import BearingEncoder205, Message205
-from plotfeed.proto.asterix.decode import Record, decode
+from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.encode_205 import BearingEncoder205, Message205
 from plotfeed.proto.errors import EncodeError
 
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73}

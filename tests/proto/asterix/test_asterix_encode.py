@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import every_path, numeric_slots, text_constants
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.asterix_input import every_path, numeric_slots, text_constants
 
 from plotfeed.proto.asterix.cat048 import CAT048
-from plotfeed.proto.asterix.decode import CATEGORIES, decode
-from plotfeed.proto.asterix.encode import CROSSOVER, Encoder, blocks_of
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
+from plotfeed.proto.asterix.codec.encode import CROSSOVER, Encoder, blocks_of
+from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
     Overflow,

@@ -4,7 +4,7 @@ import re
 from types import ModuleType
 
 import pytest
-from asterix_table import rows
+from support.asterix_table import rows
 
 from plotfeed.proto.asterix import (
     cat015,
@@ -17,14 +17,7 @@ from plotfeed.proto.asterix import (
     cat129,
     cat205,
 )
-from plotfeed.proto.asterix.layout import (
-    Category,
-    Extended,
-    Fixed,
-    Group,
-    Raw,
-    Spare,
-)
+from plotfeed.proto.asterix.codec.layout import Category, Extended, Fixed, Group, Raw, Spare
 
 ROW = re.compile(r"^(\d+) +(I\d{3}/\w+) +(\d+)(\S*)", re.MULTILINE)
 

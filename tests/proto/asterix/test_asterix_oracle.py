@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
-from asterix_oracle import items_of, read_blocks, values_of
-from shared_files import shared
+from support.asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
+from support.asterix_oracle import items_of, read_blocks, values_of
+from support.shared_files import shared
 
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
@@ -18,10 +18,11 @@ from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.cat063 import CAT063
 from plotfeed.proto.asterix.cat205 import CAT205
-from plotfeed.proto.asterix.decode import CATEGORIES, FURTHER, Record, Value, blocks, decode
-from plotfeed.proto.asterix.encode import Encoder, blocks_of
-from plotfeed.proto.asterix.layout import Category, Quantity, Raw
-from plotfeed.proto.asterix.plots import FOOT_M, NM_M, PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.codec.decode import CATEGORIES, FURTHER, Record, Value, blocks, decode
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
+from plotfeed.proto.asterix.codec.report_profiles import FOOT_M, NM_M
+from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 
 RECORDING = "recordings/croatia_cat_034_048.pcap"
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import plots
-from asterix_oracle import items_of, read_blocks, values_of
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.asterix_input import plots
+from support.asterix_oracle import items_of, read_blocks, values_of
 
-from plotfeed.proto.asterix.decode import Record, decode
-from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.errors import EncodeError
 
 MANY = 100

@@ -5,10 +5,10 @@ import pytest
 
 from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.cat205 import CAT205
-from plotfeed.proto.asterix.decode import decode
-from plotfeed.proto.asterix.encode import Encoder, blocks_of
-from plotfeed.proto.asterix.layout import Category, Raw, repeated, repeated_fx
-from plotfeed.proto.asterix.profile import profile
+from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.codec.layout import Category, Raw, repeated, repeated_fx
+from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.errors import EncodeError
 
 REPEATING = Category(

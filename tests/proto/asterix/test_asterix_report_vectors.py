@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_input import plots
-from asterix_tracks import tracks
+from support.asterix_input import plots
+from support.asterix_tracks import tracks
 
-from plotfeed.proto.asterix.bearings_205 import BearingEncoder205
-from plotfeed.proto.asterix.plots_015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.sensors_063 import Condition, SensorStatus, SensorStatusEncoder063
-from plotfeed.proto.asterix.status_025 import Operation, State, StatusEncoder025
-from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
-from plotfeed.proto.asterix.tracks_062 import TrackEncoder062
+from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.encode_025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.encode_062 import TrackEncoder062
+from plotfeed.proto.asterix.encode_063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.encode_205 import BearingEncoder205
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "reports.json").read_text())
 SOURCE = 25, 3
@@ -79,8 +79,8 @@ def test_tracks_in_062(vector: dict[str, Any], n: int) -> None:
 
 def test_systems_in_016() -> None:
     system = VECTORS["system"]
-    transmitters = [Station(**station) for station in system["transmitters"]]
-    receiver = Station(**system["receiver"])
+    transmitters = [Component(**station) for station in system["transmitters"]]
+    receiver = Component(**system["receiver"])
     encoder = SystemEncoder016(
         *SOURCE,
         period_s=10,

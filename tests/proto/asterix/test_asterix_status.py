@@ -7,18 +7,18 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from asterix_oracle import items_of, read_blocks, values_of
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.asterix_oracle import items_of, read_blocks, values_of
 
-from plotfeed.proto.asterix.decode import decode
-from plotfeed.proto.asterix.sensors_063 import Condition, SensorStatus, SensorStatusEncoder063
-from plotfeed.proto.asterix.status_025 import Operation, State, StatusEncoder025
-from plotfeed.proto.asterix.system_016 import Pair, Station, SystemEncoder016
+from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.encode_025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.encode_063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9
-MAST = Station(identity=1, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
+MAST = Component(identity=1, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
 PAIR = Pair(identity=1, transmitter=1, receiver=1)
 STATUS = StatusEncoder025(25, 3, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
 

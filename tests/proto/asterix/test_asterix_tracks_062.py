@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asterix_oracle import items_of, read_blocks, values_of
-from asterix_tracks import tracks
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_tracks import tracks
 
-from plotfeed.proto.asterix.decode import Record, decode
-from plotfeed.proto.asterix.reports import FOOT_M
-from plotfeed.proto.asterix.tracks_062 import TrackEncoder062
+from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.report_profiles import FOOT_M
+from plotfeed.proto.asterix.encode_062 import TrackEncoder062
 from plotfeed.proto.errors import EncodeError
 
 ENCODER = TrackEncoder062(25, 3)

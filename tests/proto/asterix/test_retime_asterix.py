@@ -7,13 +7,13 @@ from random import Random
 from typing import Any
 
 import pytest
-from asterix_input import udp_payloads
 from hypothesis import example, given
 from hypothesis import strategies as st
-from shared_files import shared
+from support.asterix_input import udp_payloads
+from support.shared_files import shared
 
-from plotfeed.proto.asterix.decode import CATEGORIES, Record, blocks, decode, records_in
-from plotfeed.proto.asterix.layout import (
+from plotfeed.proto.asterix.codec.decode import CATEGORIES, Record, blocks, decode, records_in
+from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
     Compound,
@@ -24,8 +24,7 @@ from plotfeed.proto.asterix.layout import (
     Item,
     Repetitive,
 )
-from plotfeed.proto.asterix.retime import Retimer
-from plotfeed.proto.asterix.time_items import TimeFinder, is_time_of_day
+from plotfeed.proto.asterix.codec.retime_asterix import Retimer, TimeFinder, is_time_of_day
 from plotfeed.proto.errors import DecodeError
 
 NS = 1_000_000_000

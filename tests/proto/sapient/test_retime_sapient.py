@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.sapient.decode_sapient import retime_sapient
 from plotfeed.proto.sapient.envelope import envelope
-from plotfeed.proto.sapient.retime import retime_sapient
 
 NS = 1_000_000_000
 START = 1_767_268_800 * NS + 123_456_000

@@ -1,0 +1,258 @@
+"""The figures of a chart: one a stage, one of batch sizes, one of whole configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.accuracy_chart.chart_text import errors_text, ns_text
+from plotfeed.feeds.accuracy_chart.charted import Charted, ChartedSensor
+from plotfeed.feeds.accuracy_chart.labels import Label, place_labels
+from plotfeed.feeds.accuracy_chart.whole import LITTLE, Configuration, MeasuredStage
+from plotfeed.models.state import Floats
+from plotfeed.proto.errors import PlotfeedError
+
+COLUMNS = 2
+PANEL_INCHES = (6.6, 4.7)
+LEFT_INCHES, RIGHT_INCHES, BELOW_INCHES, ABOVE_INCHES = 0.95, 0.15, 0.55, 0.4
+TITLE_INCHES, LEGEND_INCHES = 0.4, 0.5
+DPI = 110
+LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e6
+"""Smaller shares are none, and larger ones are drawn there."""
+SCENE, FRONT, OTHER, CHEAP, QUIET = "#c2410c", "#1d4ed8", "#64748b", "#15803d", "#94a3b8"
+INK = "#1e293b"
+COST_LABEL = "ns a target-scan"
+SHARE_LABEL = "error added, beside the sensor's own"
+
+Panel = Callable[[Any], list[Label]]
+
+
+def need_matplotlib() -> None:
+    """Raise `PlotfeedError` if it is not there."""
+    try:
+        import matplotlib.figure  # noqa: F401 - an extra
+    except ImportError:
+        raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
+
+
+def draw(chart: Charted, folder: Path, picture: str) -> list[Path]:
+    """Draw all figures into a folder, as .png or .svg; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, title, panels in _figures(chart):
+        path = folder / f"{name}.{picture}"
+        _draw(f"{title}: scene {chart.scene}", panels, path)
+        paths.append(path)
+    return paths
+
+
+def _figures(chart: Charted) -> list[tuple[str, str, Mapping[str, Panel]]]:
+    """File name, title, and a panel for each sensor that has something to show."""
+    stages: dict[str, tuple[str, dict[str, Panel]]] = {}
+    for sensor in chart.sensors:
+        for stage in sensor.stages:
+            _, panels = stages.setdefault(stage.name, (stage.question, {}))
+            panels[sensor.name] = partial(_stage_panel, sensor, stage)
+    found: list[tuple[str, str, Mapping[str, Panel]]] = [
+        (name.replace(" ", "-"), question, panels) for name, (question, panels) in stages.items()
+    ]
+    if chart.sensors:
+        batches: dict[str, Panel] = {"": partial(_batches_panel, chart.sensors)}
+        whole: dict[str, Panel] = {s.name: partial(_whole_panel, s) for s in chart.sensors}
+        found.append(("batches", "What a target costs in company, by their number", batches))
+        found.append(("configurations", "Whole configurations: one way of every stage", whole))
+    return found
+
+
+def _draw(title: str, panels: Mapping[str, Panel], path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    width = PANEL_INCHES[0] * columns
+    height = PANEL_INCHES[1] * rows + TITLE_INCHES + LEGEND_INCHES
+    figure: Any = Figure(figsize=(width, height), dpi=DPI)
+    canvas: Any = FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=12 if columns > 1 else 10, y=1 - 0.25 / height)
+    for i, (name, panel) in enumerate(panels.items()):
+        down, along = divmod(i, columns)
+        left = along * PANEL_INCHES[0] + LEFT_INCHES
+        low = height - TITLE_INCHES - (down + 1) * PANEL_INCHES[1] + BELOW_INCHES
+        inner_width = PANEL_INCHES[0] - LEFT_INCHES - RIGHT_INCHES
+        inner_height = PANEL_INCHES[1] - BELOW_INCHES - ABOVE_INCHES
+        axes = figure.add_axes(
+            (left / width, low / height, inner_width / width, inner_height / height)
+        )
+        axes.set_title(name, fontsize=11, loc="left", fontweight="bold")
+        place_labels(axes, panel(axes), canvas.get_renderer())
+    if "" not in panels:  # of which it would say nothing
+        _legend(figure, columns)
+    figure.savefig(path)
+
+
+def _legend(figure: Any, columns: int) -> None:
+    from matplotlib.lines import Line2D
+
+    marks: list[tuple[str, dict[str, Any]]] = [
+        ("what the scene has", {"color": SCENE, "marker": "D", "lw": 0}),
+        ("on the front: nothing is both cheaper and better", {"color": FRONT, "marker": "o"}),
+        ("other", {"color": OTHER, "marker": "o", "lw": 0}),
+        ("a tenth of the sensor's own error", {"color": CHEAP, "ls": "--"}),
+    ]
+    handles = [Line2D([], [], label=text, **how) for text, how in marks]
+    figure.legend(
+        handles=handles, loc="lower center", ncol=2 * columns, fontsize=8.5, frameon=False
+    )
+
+
+def _stage_panel(sensor: ChartedSensor, stage: MeasuredStage, axes: Any) -> list[Label]:
+    ns = np.array([way.time.median_ns for way in stage.ways])
+    scale = _Shares.of([way.share for way in stage.ways])
+    shares = scale.drawn([way.share for way in stage.ways])
+    for i, way in enumerate(stage.ways):
+        span_ns = ([ns[i] - way.time.low_ns], [way.time.high_ns - ns[i]])
+        axes.errorbar([ns[i]], [shares[i]], xerr=span_ns, color=QUIET, lw=1, zorder=1)
+    _scatter(axes, ns, shares, [way.alternative.ours for way in stage.ways], stage.front)
+    front = list(stage.front)
+    _finish(axes, sensor, scale, ns, (ns[front], shares[front]))
+    return [
+        Label(
+            x=float(x),
+            y=float(y),
+            text=f"{way.alternative.name}\n{errors_text(way.alternative.errors)}",
+            color=SCENE if way.alternative.ours else INK,
+        )
+        for x, y, way in zip(ns, shares, stage.ways, strict=True)
+    ]
+
+
+def _whole_panel(sensor: ChartedSensor, axes: Any) -> list[Label]:
+    whole, front = sensor.whole, sensor.whole.front
+    scale = _Shares.of([*whole.shares, whole.scene.share])
+    axes.scatter(
+        whole.ns, scale.drawn(whole.shares), s=3, color=QUIET, alpha=0.25, lw=0, rasterized=True
+    )
+    marked = [("as the scene has it", whole.scene, SCENE, "D")]
+    if whole.cheapest is not None:
+        marked.append(("the cheapest that adds little", whole.cheapest, CHEAP, "o"))
+    labels = []
+    for text, found, color, marker in marked:
+        (y,) = scale.drawn([found.share])
+        axes.scatter([found.ns], [y], s=70, color=color, marker=marker, zorder=5)
+        labels.append(Label(x=found.ns, y=float(y), text=_told(text, found), color=color))
+    steps = np.array([c.ns for c in front]), scale.drawn([c.share for c in front])
+    _finish(axes, sensor, scale, np.append(whole.ns, whole.scene.ns), steps)
+    return labels
+
+
+def _told(text: str, found: Configuration) -> str:
+    return f"{text}: {ns_text(found.ns)} ns\n{errors_text(found.errors)}"
+
+
+def _batches_panel(sensors: Sequence[ChartedSensor], axes: Any) -> list[Label]:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    labels = []
+    for i, sensor in enumerate(sensors):
+        sizes = np.array(list(sensor.batches))
+        times = list(sensor.batches.values())
+        medians = np.array([t.median_ns for t in times])
+        color = f"C{i}"
+        axes.fill_between(
+            sizes, [t.low_ns for t in times], [t.high_ns for t in times], color=color, alpha=0.15
+        )
+        axes.plot(sizes, medians, marker="o", ms=4, color=color)
+        labels.append(
+            Label(x=float(sizes[-1]), y=float(medians[-1]), text=sensor.name, color=color)
+        )
+    axes.margins(x=0.18)
+    _log_axis(axes.xaxis, axes.get_xlim())
+    _log_axis(axes.yaxis, axes.get_ylim())
+    axes.set_xlabel("targets at once")
+    axes.set_ylabel(f"{COST_LABEL}, from place to plot")
+    axes.grid(visible=True, alpha=0.2)
+    return labels
+
+
+def _scatter(
+    axes: Any, ns: Floats, shares: Floats, ours: Sequence[bool], front: Sequence[int]
+) -> None:
+    for i, (x, y) in enumerate(zip(ns, shares, strict=True)):
+        color = SCENE if ours[i] else FRONT if i in front else OTHER
+        axes.scatter([x], [y], s=60, color=color, marker="D" if ours[i] else "o", zorder=4)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shares:
+    """A logarithmic axis of shares, on which no error lies a step below the least one."""
+
+    none: float
+    has_none: bool
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, shares: Sequence[float]) -> _Shares:
+        """Room for those, and for the tenth below which errors do not matter."""
+        some = [min(s, LARGEST_SHARE) for s in shares if s > LEAST_SHARE] or [LITTLE]
+        none = 10.0 ** (np.floor(np.log10(min(*some, LITTLE))) - 1)
+        has_none = any(s <= LEAST_SHARE for s in shares)
+        low = none / 5 if has_none else min(*some, LITTLE) / 20
+        return cls(float(none), has_none, float(low), float(max(*some, LITTLE) * 30))
+
+    def drawn(self, shares: Any) -> Floats:
+        """Where they are drawn."""
+        values = np.minimum(np.asarray(shares, dtype=np.float64), LARGEST_SHARE)
+        return np.where(values > LEAST_SHARE, values, self.none)
+
+
+def _finish(
+    axes: Any, sensor: ChartedSensor, scale: _Shares, ns: Floats, front: tuple[Floats, Floats]
+) -> None:
+    """Axes, the front in steps, and the tenth below which errors do not matter."""
+    axes.set_title(f"its own: {errors_text(sensor.own)}", fontsize=8, loc="right", color=OTHER)
+    axes.step(*front, where="post", color=FRONT, lw=1.2, alpha=0.7, zorder=2)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(ns.min() / 2.5, ns.max() * 4)
+    axes.set_ylim(scale.low, scale.high)
+    axes.axhline(LITTLE, color=CHEAP, ls="--", lw=1, zorder=0)
+    axes.axhspan(scale.low, LITTLE, color=CHEAP, alpha=0.05, zorder=0, lw=0)
+    _log_axis(axes.xaxis, axes.get_xlim())
+    _log_axis(axes.yaxis, (scale.low, scale.high), none=scale.none * scale.has_none)
+    axes.set_xlabel(COST_LABEL)
+    axes.set_ylabel(SHARE_LABEL)
+    axes.grid(visible=True, alpha=0.2)
+
+
+def _log_axis(axis: Any, limits: tuple[float, float], none: float = 0.0) -> None:
+    """Ticks at powers of ten, between them too where there are few; nothing is at `none`."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    low, high = np.log10(limits[0]), np.log10(limits[1])
+    powers = np.arange(np.ceil(low), np.floor(high) + 1)
+    step = max(1, round(len(powers) / 8))
+    ticks = [10.0**p for p in powers if p % step == 0]
+    if high - low < 2.5:
+        ticks = [m * 10.0**p for p in np.arange(np.floor(low), high) for m in (1, 2, 5)]
+    ticks = [none, *(t for t in ticks if limits[0] <= t <= limits[1] and t > none * 2)]
+
+    def text(value: float, _: int) -> str:
+        return "none" if value == none else _number(value)
+
+    axis.set_major_locator(FixedLocator(ticks[0 if none else 1 :]))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(text))
+
+
+def _number(value: float) -> str:
+    """As people write it, and very large and very small ones as powers of ten."""
+    if 1e-3 <= value < 1e6:
+        return f"{value:,.0f}" if value >= 1 else f"{value:g}"
+    return f"$10^{{{round(np.log10(value))}}}$"

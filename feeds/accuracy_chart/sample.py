@@ -1,0 +1,228 @@
+"""Where a scene's drones may be seen from one of its sensors: the places at which methods differ.
+
+Places are drawn from the volume that the scene's own drones fly through, in the sensor's cover.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.state import Columns, Floats, Ints, Signature, Signatures, Targets
+from plotfeed.models.truth import FOREVER_NS, Trajectories
+
+USUAL_SPEED_M_S = 20.0
+"""Of drones in a scene that flies none."""
+FEWEST_IN_COVER = 50
+"""With fewer places in the drones' volume that it covers, a sensor gets places of its own."""
+MIN_DRAWS, MAX_DRAWS = 8, 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places(Columns):
+    """Places of drones, as telemetry would tell them, and how they move; (n,) and (n, 3).
+
+    `drone` is a row of the scene's signatures.
+    """
+
+    drone: Ints
+    latitude_deg: Floats
+    longitude_deg: Floats
+    height_m: Floats
+    velocity_ecef_m_s: Floats
+
+    @property
+    def ecef_m(self) -> Floats:
+        """The same places; (n, 3)."""
+        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
+
+    def drawn(self, which: Ints) -> Places:
+        """Those rows, of which some may be there more than once."""
+        return self.holding({name: column[which] for name, column in vars(self).items()})
+
+    def geodetic(self, row: int) -> tuple[float, float, float]:
+        """Latitude, longitude and height of one of them."""
+        return (
+            float(self.latitude_deg[row]),
+            float(self.longitude_deg[row]),
+            float(self.height_m[row]),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flown:
+    """What the scene's drones do: some of their states, ECEF, and what of them can be sensed."""
+
+    drone: Ints
+    position_ecef_m: Floats
+    velocity_ecef_m_s: Floats
+    signatures: Signatures
+
+
+class _Noting(Trajectories):
+    """Trajectories that note when each drone is there."""
+
+    def __init__(self, *, stale_after_s: float) -> None:
+        super().__init__(stale_after_s=stale_after_s)
+        self.spans: dict[str, tuple[int, int]] = {}
+
+    def add_sample(self, drone: str, t_utc_ns: int, **others: Any) -> None:
+        super().add_sample(drone, t_utc_ns, **others)
+        first, last = self.spans.get(drone, (t_utc_ns, t_utc_ns))
+        self.spans[drone] = min(first, t_utc_ns), max(last, t_utc_ns)
+
+    def add_path(self, drone: str, t_utc_ns: Sequence[int], *others: Any, **more: Any) -> None:
+        super().add_path(drone, t_utc_ns, *others, **more)
+        self.spans[drone] = t_utc_ns[0], t_utc_ns[-1]
+
+
+def flown(scene: Scene, n: int, rng: np.random.Generator) -> Flown:
+    """About `n` states of the scene's drones, at random times of their flights."""
+    trajectories = _Noting(stale_after_s=scene.telemetry.stale_after_s)
+    launch(scene, trajectories, 0)
+    spans = np.array([trajectories.spans[name] for name in trajectories.names], np.int64)
+    draws = int(np.clip(n // max(len(spans), 1), MIN_DRAWS, MAX_DRAWS))
+    drones, positions, velocities = [np.zeros(0, np.int64)], [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for _ in range(draws if len(spans) else 0):
+        share = rng.random(len(spans))
+        t_ns = spans[:, 0] + (share * (spans[:, 1] - spans[:, 0])).astype(np.int64)
+        state = trajectories.state_at(np.minimum(t_ns, FOREVER_NS - 1), np.arange(len(spans)))
+        drones.append(state.drone)
+        positions.append(state.position_ecef_m)
+        velocities.append(state.velocity_ecef_m_s)
+    return Flown(
+        drone=np.concatenate(drones),
+        position_ecef_m=np.concatenate(positions),
+        velocity_ecef_m_s=np.concatenate(velocities),
+        signatures=trajectories.signatures if len(spans) else _unknown(scene),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Viewpoint:
+    """A sensor of the scene, its model, and where it stands."""
+
+    sensor: Sensor
+    model: SensorModel
+    frame: LocalFrame
+
+    @classmethod
+    def of(cls, scene: Scene, sensor: Sensor) -> Viewpoint:
+        """That sensor."""
+        site = scene.scene.site
+        model: Any = sensor.model(site)
+        if getattr(model, "merging", None) is not None:
+            # Places are drawn by the thousand: their echoes would melt into one.
+            model = replace(model, merging=None)
+        return cls(sensor, model, frame_at(site, sensor.position_enu_m))
+
+
+def places(
+    scene: Scene, watcher: Viewpoint, states: Flown, n: int, rng: np.random.Generator
+) -> tuple[Places, Floats]:
+    """Up to `n` places at which a sensor looks, with the Pd there; uniform in a volume.
+
+    That of the drones, or, where the sensor covers hardly any of it, of the sensor itself.
+    """
+    drone, velocity_m_s = _movers(scene, states, n, rng)
+    for volume in (_within_flights, _within_cover):
+        place_ecef_m = volume(scene, watcher, states, n, rng)
+        if place_ecef_m is None:
+            continue
+        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(place_ecef_m)
+        found = Places(
+            drone=drone,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            height_m=height_m,
+            velocity_ecef_m_s=velocity_m_s,
+        )
+        pd = looked_at(watcher.model, targets_at(found, watcher.frame, states.signatures), rng)
+        covered = ~np.isnan(pd)
+        if covered.sum() >= FEWEST_IN_COVER:
+            break
+    return found.rows(covered), pd[covered]
+
+
+def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targets:
+    """Those drones as the sensor at that frame has them before it; each its own drone."""
+    enu_m = frame.from_ecef(found.ecef_m)
+    n = len(found)
+    emitters = signatures.emitters
+    return Targets(
+        drone=np.arange(n),
+        t_utc_ns=np.zeros(n, np.int64),
+        position_enu_m=enu_m,
+        true_position_enu_m=enu_m,
+        velocity_enu_m_s=frame.rotate_from_ecef(found.velocity_ecef_m_s),
+        signatures=Signatures(
+            rcs_m2=signatures.rcs_m2[found.drone],
+            sound_power_db=signatures.sound_power_db[found.drone],
+            emitters=[emitters[i] for i in found.drone.tolist()],
+        ),
+    )
+
+
+def looked_at(model: SensorModel, targets: Targets, rng: np.random.Generator) -> Floats:
+    """Probability that any look at each target detects it; NaN for those never looked at."""
+    looks, _ = model.observe(targets, rng)
+    missed = np.full(len(targets), np.nan)
+    missed[looks.drone] = 1.0
+    np.multiply.at(missed, looks.drone, 1.0 - np.nan_to_num(looks.pd))
+    return 1.0 - missed
+
+
+def _unknown(scene: Scene) -> Signatures:
+    """A drone that tells nothing of itself."""
+    plain = Signature(rcs_m2=scene.telemetry.rcs_m2, sound_power_db=scene.telemetry.sound_power_db)
+    return Signatures(
+        rcs_m2=np.array([plain.rcs_m2]),
+        sound_power_db=np.array([plain.sound_power_db]),
+        emitters=[plain.emitters],
+    )
+
+
+def _movers(scene: Scene, states: Flown, n: int, rng: np.random.Generator) -> tuple[Ints, Floats]:
+    """Drones, and velocities that they have at some time."""
+    if len(states.drone):
+        row = rng.integers(0, len(states.drone), n)
+        return states.drone[row], states.velocity_ecef_m_s[row]
+    level = aer_to_enu(rng.uniform(0, 360, n), 0.0, USUAL_SPEED_M_S)
+    return np.zeros(n, np.int64), site_frame(scene.scene.site).rotate_to_ecef(level)
+
+
+def _within_flights(
+    scene: Scene, _watcher: Viewpoint, states: Flown, n: int, rng: np.random.Generator
+) -> Floats | None:
+    """In the box around all that is flown, along the axes of the site; None if nothing is."""
+    if not len(states.drone):
+        return None
+    site = site_frame(scene.scene.site)
+    enu_m = site.from_ecef(states.position_ecef_m)
+    return site.to_ecef(rng.uniform(enu_m.min(axis=0), enu_m.max(axis=0), (n, 3)))
+
+
+def _within_cover(
+    _scene: Scene, watcher: Viewpoint, _states: Flown, n: int, rng: np.random.Generator
+) -> Floats | None:
+    """Uniform in range and in the angles that the sensor covers; up to 60 degrees without such."""
+    sensor = watcher.sensor
+    low_deg = max(getattr(sensor, "elevation_min_deg", 0.0), -5.0)
+    high_deg = getattr(sensor, "elevation_max_deg", 60.0)
+    enu_m = aer_to_enu(
+        rng.uniform(
+            getattr(sensor, "azimuth_min_deg", 0.0), getattr(sensor, "azimuth_max_deg", 360.0), n
+        ),
+        rng.uniform(min(low_deg, high_deg), high_deg, n),
+        rng.uniform(getattr(sensor, "range_min_m", 0.0), sensor.range_max_m, n),
+    )
+    return watcher.frame.to_ecef(enu_m)

@@ -1,0 +1,170 @@
+"""Beam timing: when a rotating radar looks at each drone, and where the drone is then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from plotfeed.feeds.accuracy_chart.case import Case
+from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.models.beam.scan import Sector, nth_sector
+from plotfeed.models.beam.sweep import meetings
+from plotfeed.models.frames import enu_to_aer, wrap_180
+from plotfeed.models.state import NS, Bools, Floats, Ints, Signature, TruthState
+from plotfeed.models.truth import Trajectories
+
+OURS = "beam passage, a turn at once"
+SOME_SCAN = 1000
+BISECTIONS = 70
+"""They halve a scan down to the last bit of a float."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """The seen drones flying straight on through one scan, so that they are there in its middle."""
+
+    case: Case
+    trajectories: Trajectories
+    sectors: list[Sector]
+
+    @property
+    def start_ns(self) -> int:
+        """Of the scan, when its beam is at north."""
+        return self.sectors[0].start_ns
+
+    @property
+    def period_ns(self) -> int:
+        """Of a turn."""
+        return self.sectors[-1].end_ns - self.start_ns
+
+    def enu_m(self, t_ns: Ints) -> Floats:
+        """Where each is at a time of its own; (n,) in, (n, 3) out."""
+        return self.case.frame.from_ecef(self.trajectories.state_at(t_ns, self.all).position_ecef_m)
+
+    def azimuths_deg(self, t_ns: Ints) -> Floats:
+        """The same as azimuths; (n,)."""
+        return enu_to_aer(self.enu_m(t_ns))[0]
+
+    @property
+    def all(self) -> Ints:
+        """Every drone."""
+        return np.arange(len(self.case.seen))
+
+
+def beam(case: Case) -> ChartStage | None:
+    """Against the instant at which the beam meets each drone; None for a sensor that stares."""
+    scan = case.sensor.scan
+    if not isinstance(scan, RotatingScan):
+        return None
+    flights = _flights(case, scan.sectors)
+    passed, true_enu_m = crossings(flights)
+    ways: dict[str, Callable[[], tuple[Ints, Floats]]] = {
+        "instant of the scan": partial(_at_the_end, flights),
+        "instant of the sector": partial(_at_sector_ends, flights),
+        "one step from north": partial(_from_north, flights, 1),
+        "three steps from north": partial(_from_north, flights, 3),
+        "beam passage, sector by sector": partial(_sector_by_sector, flights),
+        OURS: partial(_passages, flights),
+    }
+    return ChartStage(
+        name="beam timing",
+        question="How to find where drones are when the beam is there",
+        alternatives=tuple(
+            Alternative(
+                name=name,
+                run=way,
+                units=len(case.seen),
+                errors=_errors(case, way, passed, true_enu_m),
+                ours=name == OURS,
+            )
+            for name, way in ways.items()
+        ),
+    )
+
+
+def crossings(flights: Flights) -> tuple[Bools, Floats]:
+    """Which drones the beam meets once within the scan, and where they are then, by bisection."""
+    period_s = flights.period_ns / NS
+    start_enu_m = flights.enu_m(np.full(len(flights.all), flights.start_ns))
+    velocity_m_s = flights.case.velocity_enu_m_s
+    start_deg = enu_to_aer(start_enu_m)[0]
+
+    def ahead_deg(t_s: Floats) -> Floats:
+        azimuth_deg = enu_to_aer(start_enu_m + t_s[:, None] * velocity_m_s)[0]
+        return start_deg + wrap_180(azimuth_deg - start_deg) - 360 * t_s / period_s
+
+    low, high = np.zeros(len(start_deg)), np.full(len(start_deg), period_s)
+    passed = (ahead_deg(low) >= 0) & (ahead_deg(high) < 0)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        later = ahead_deg(middle) > 0
+        low, high = np.where(later, middle, low), np.where(later, high, middle)
+    return passed, start_enu_m + low[:, None] * velocity_m_s
+
+
+def _flights(case: Case, n_sectors: int) -> Flights:
+    period_ns = round(case.sensor.scan.period_s * NS)
+    sectors = [nth_sector(SOME_SCAN, i, period_ns, n_sectors) for i in range(n_sectors)]
+    middle_ns = sectors[0].start_ns + period_ns // 2
+    reach_m = case.seen.velocity_ecef_m_s * (2 * period_ns / NS)
+    times_ns = [middle_ns - 2 * period_ns, middle_ns + 2 * period_ns]
+    trajectories = Trajectories(stale_after_s=1.0)
+    for row, (place_m, far_m) in enumerate(zip(case.seen.ecef_m, reach_m, strict=True)):
+        knots_m = np.stack([place_m - far_m, place_m + far_m])
+        trajectories.add_path(f"drone-{row}", times_ns, knots_m, signature=Signature(rcs_m2=1.0))
+    return Flights(case, trajectories, sectors)
+
+
+def _errors(
+    case: Case, way: Callable[[], tuple[Ints, Floats]], passed: Bools, true_enu_m: Floats
+) -> dict[str, float]:
+    drone, enu_m = way()
+    drone, first = np.unique(drone, return_index=True)
+    met = passed[drone]
+    rows = drone[met]
+    return case.errors(enu_m[first][met], true_enu_m[rows], rows)
+
+
+def _at_the_end(flights: Flights) -> tuple[Ints, Floats]:
+    """All at the end of the scan."""
+    end_ns = np.full(len(flights.all), flights.start_ns + flights.period_ns)
+    return flights.all, flights.enu_m(end_ns)
+
+
+def _at_sector_ends(flights: Flights) -> tuple[Ints, Floats]:
+    """Each at the end of the sector that it was in when the scan began."""
+    start_deg = flights.azimuths_deg(np.full(len(flights.all), flights.start_ns))
+    n = len(flights.sectors)
+    index = np.nan_to_num(start_deg * n / 360).astype(np.int64) % n
+    ends_ns = np.array([sector.end_ns for sector in flights.sectors])
+    return flights.all, flights.enu_m(ends_ns[index])
+
+
+def _from_north(flights: Flights, steps: int) -> tuple[Ints, Floats]:
+    """Each when the beam is where the drone was a step before, first of all at the scan's start."""
+    t_ns = np.full(len(flights.all), flights.start_ns)
+    for _ in range(steps):
+        share = np.nan_to_num(flights.azimuths_deg(t_ns)) / 360
+        t_ns = flights.start_ns + np.rint(share * flights.period_ns).astype(np.int64)
+    return flights.all, flights.enu_m(t_ns)
+
+
+def _sector_by_sector(flights: Flights) -> tuple[Ints, Floats]:
+    """As the engine does it where telemetry comes in between."""
+    found, border = [], None
+    for sector in flights.sectors:
+        met = meetings([sector], flights.case.frame, flights.trajectories, border)
+        border = met.borders[-1]
+        found.append(met.truth)
+    truth = TruthState.joined(found)
+    return truth.drone, flights.case.frame.from_ecef(truth.position_ecef_m)
+
+
+def _passages(flights: Flights) -> tuple[Ints, Floats]:
+    """As the engine does it while nothing new is heard of the drones: a turn at once."""
+    truth = meetings(flights.sectors, flights.case.frame, flights.trajectories).truth
+    return truth.drone, flights.case.frame.from_ecef(truth.position_ecef_m)

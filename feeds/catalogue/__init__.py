@@ -1,1 +1,0 @@
-"""The commercial sensors of the paper's tables, one file each: `plotfeed.feeds.presets` reads."""

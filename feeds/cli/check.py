@@ -1,0 +1,258 @@
+"""What a scene's sensors will do, before anything runs: Pd and errors against range, warnings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.geometry import geodetic, site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
+from plotfeed.models.sensors.sensor_model import Prediction
+from plotfeed.models.state import Emitter, Floats, Signature, Signatures, Targets
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.batch import decibels
+from plotfeed.proto.errors import PlotfeedError
+
+
+def draw_predictions(curves: dict[str, Any], path: Path) -> None:
+    """Pd, and rms errors of range and azimuth, against range; PNG, SVG or PDF by the name."""
+    figure, axes = _subplots(3)
+    for name, (ranges_m, predicted) in curves.items():
+        ranges_km = ranges_m / 1000
+        axes[0].plot(ranges_km, predicted.pd, label=name)
+        for axis, sigma in zip(
+            axes[1:], (predicted.sigma_range_m, predicted.sigma_azimuth_deg), strict=True
+        ):
+            if np.isfinite(sigma).any():
+                axis.semilogy(ranges_km, sigma, label=name)
+    for axis, title in zip(
+        axes,
+        ("probability of detection", "rms range error, m", "rms azimuth error, degrees"),
+        strict=True,
+    ):
+        axis.set_title(title)
+        axis.set_xlabel("range, km")
+        axis.grid(visible=True, alpha=0.3)
+        axis.legend()
+    try:
+        figure.savefig(path, dpi=120)
+    except ValueError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
+
+
+def _subplots(count: int) -> tuple[Any, Any]:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
+    figure = Figure(figsize=(5 * count, 4.2), layout="constrained")
+    return figure, figure.subplots(1, count)
+
+
+ROWS = 10
+DEFAULT_HEIGHT_M = 50.0
+DEFAULT_SPEED_M_S = 15.0
+EFFECTS = ("bias", "drift", "multipath", "doppler", "merging")
+"""Keys of what a sensor models only if its scene names it."""
+RANGES_SEARCHED = 2000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TestTarget:
+    """The target that the tables are for: what of it can be sensed, on what line it comes."""
+
+    signature: Signature
+    azimuth_deg: float
+    """From the site; it comes straight in."""
+    above_site_m: float
+    speed_m_s: float = DEFAULT_SPEED_M_S
+
+
+def print_check(
+    scene: Scene, *, rcs_m2: float | None, as_json: bool, chart: Path | None = None
+) -> None:
+    """Print what `report` finds, as tables or as JSON, and draw it if there is a place to."""
+    found = report(scene, rcs_m2)
+    if chart is not None:
+        draw_predictions(curves(scene, rcs_m2), chart)
+    if as_json:
+        click.echo(json.dumps(found))
+        return
+    click.echo(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
+    for sensor in found["sensors"]:
+        for line in table_lines(sensor):
+            click.echo(line)
+
+
+def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
+    """Tables and warnings of every sensor; raises `PlotfeedError` if a flight cannot be flown."""
+    launch(scene, Trajectories(stale_after_s=scene.telemetry.stale_after_s), 0)
+    target = scene_target(scene, rcs_m2)
+    return {
+        "scene": scene.scene.name,
+        "drones": len(scene.drone),
+        "sensors": [sensor_report(scene.scene.site, s, target) for s in scene.sensor],
+    }
+
+
+def curves(scene: Scene, rcs_m2: float | None, points: int = 400) -> dict[str, Any]:
+    """Ranges and predictions of every sensor, by its id."""
+    target = scene_target(scene, rcs_m2)
+    return {s.id: _predicted(scene.scene.site, s, target, points) for s in scene.sensor}
+
+
+def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
+    """The scene's first drone, on the line from where it starts to the site."""
+    settings = scene.telemetry
+    drone = next(iter(scene.drone), None)
+    azimuth_deg, above_site_m = 0.0, DEFAULT_HEIGHT_M
+    if drone is not None and drone.path:
+        place = geodetic(scene.scene.site, drone.path[0])
+        start_enu_m = site_frame(scene.scene.site).from_ecef(geodetic_to_ecef(*place))
+        azimuth_deg = float(np.nan_to_num(enu_to_aer(start_enu_m)[0]))
+        above_site_m = float(place[2]) - scene.scene.site.height_m
+    stated_rcs_m2 = drone.rcs_m2 if drone else None
+    stated_sound_db = drone.sound_power_db if drone else None
+    return TestTarget(
+        signature=Signature(
+            rcs_m2=next(v for v in (rcs_m2, stated_rcs_m2, settings.rcs_m2) if v is not None),
+            sound_power_db=settings.sound_power_db if stated_sound_db is None else stated_sound_db,
+            emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters) if drone else (),
+        ),
+        azimuth_deg=azimuth_deg,
+        above_site_m=above_site_m,
+        speed_m_s=drone.speed_m_s if drone and drone.speed_m_s else DEFAULT_SPEED_M_S,
+    )
+
+
+def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, Any]:
+    """One sensor's table and warnings."""
+    model = sensor.model(site)
+    ranges_m, predicted = _predicted(site, sensor, target, ROWS)
+    return {
+        "id": sensor.id,
+        "type": sensor.type,
+        "target": _described(target.signature),
+        "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
+        "false_alarms_per_scan": model.false_alarms_per_scan,
+        "effects": _effects(sensor),
+        "table": _rows(ranges_m, predicted),
+        "warnings": sensor.warnings(site),
+    }
+
+
+def _effects(sensor: Sensor) -> dict[str, dict[str, Any]]:
+    """What the scene names of what is not modelled without; the keys that are not as they are."""
+    parts = {name: getattr(sensor, name, None) for name in EFFECTS}
+    return {name: part.model_dump(exclude_none=True) for name, part in parts.items() if part}
+
+
+def _described(signature: Signature) -> str:
+    """What of the target the sensors can sense, in words."""
+    parts = []
+    if np.isfinite(signature.rcs_m2):
+        parts.append(f"{signature.rcs_m2:g} m2")
+    if np.isfinite(signature.sound_power_db):
+        parts.append(f"{signature.sound_power_db:g} dB")
+    parts.extend(f"{e.eirp_dbm:g} dBm at {e.frequency_hz / 1e6:g} MHz" for e in signature.emitters)
+    return ", ".join(parts) or "nothing to sense"
+
+
+def _predicted(
+    site: Site, sensor: Sensor, target: TestTarget, points: int
+) -> tuple[Floats, Prediction]:
+    """What to expect at equal steps of range from the sensor, up to its instrumented one."""
+    ranges_m = np.linspace(0, sensor.range_max_m, points + 1)[1:]
+    return ranges_m, sensor.model(site).predict(_targets_at(sensor, target, ranges_m))
+
+
+def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets:
+    """The target at these slant ranges, in the height that it flies at where that can be."""
+    above_m = target.above_site_m - sensor.position_enu_m[2]
+    up_m = np.clip(above_m, -ranges_m, ranges_m)
+    ground_m = np.sqrt(ranges_m**2 - up_m**2)
+    azimuth = np.radians(target.azimuth_deg)
+    enu_m = np.stack([ground_m * np.sin(azimuth), ground_m * np.cos(azimuth), up_m], axis=-1)
+    n = len(ranges_m)
+    return Targets(
+        drone=np.zeros(n, np.int64),
+        t_utc_ns=np.zeros(n, np.int64),
+        position_enu_m=enu_m,
+        true_position_enu_m=enu_m,
+        velocity_enu_m_s=-target.speed_m_s * enu_m / ranges_m[:, None],
+        signatures=Signatures(
+            rcs_m2=np.array([target.signature.rcs_m2]),
+            sound_power_db=np.array([target.signature.sound_power_db]),
+            emitters=[target.signature.emitters],
+        ),
+    )
+
+
+def _range_of_pd(site: Site, sensor: Sensor, target: TestTarget, pd: float) -> float | None:
+    """The furthest range at which Pd is at least that; None if it is nowhere."""
+    ranges_m, predicted = _predicted(site, sensor, target, RANGES_SEARCHED)
+    reached = np.flatnonzero(predicted.pd >= pd)
+    return float(ranges_m[reached[-1]]) if len(reached) else None
+
+
+def _rows(ranges_m: Floats, predicted: Prediction) -> list[dict[str, float | None]]:
+    """The table; what a sensor does not measure is None."""
+    columns = {"range_m": ranges_m, "snr_db": decibels(predicted.snr)}
+    columns |= {f.name: getattr(predicted, f.name) for f in fields(predicted) if f.name != "snr"}
+    columns = {name: column for name, column in columns.items() if column is not None}
+    return [
+        {
+            name: float(column[i]) if np.isfinite(column[i]) else None
+            for name, column in columns.items()
+        }
+        for i in range(len(ranges_m))
+    ]
+
+
+def table_lines(sensor: dict[str, Any]) -> list[str]:
+    """One sensor's report as text."""
+    furthest_m = sensor["range_at_pd_80_percent_m"]
+    reach = "nowhere" if furthest_m is None else f"to {furthest_m / 1000:.2f} km"
+    heading = (
+        f"{sensor['id']} ({sensor['type']}), target of {sensor['target']}: "
+        f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
+    )
+    named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]
+    return ["", heading, *named, *row_lines(sensor)]
+
+
+def _effect_line(name: str, keys: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} {value:g}" for key, value in keys.items())
+    return f"  with {name}: {told or 'by its cells and beams'}"
+
+
+def row_lines(sensor: dict[str, Any]) -> list[str]:
+    """The table of a sensor's report, and its warnings, as text."""
+    heading = "  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg"
+    measures_rates = "sigma_range_rate_m_s" in sensor["table"][0]
+    lines = [heading + "   range rate m/s" * measures_rates]
+    for row in sensor["table"]:
+        cells = [
+            _cell(row["range_m"] / 1000, 10, 2),
+            _cell(row["snr_db"], 9, 1),
+            _cell(row["pd"], 8, 3),
+            _cell(row["sigma_range_m"], 14, 2),
+            _cell(row["sigma_azimuth_deg"], 14, 3),
+            _cell(row["sigma_elevation_deg"], 16, 3),
+            _cell(row["sigma_range_rate_m_s"], 17, 3) if measures_rates else "",
+        ]
+        lines.append("".join(cells))
+    return lines + [f"  warning: {text}" for text in sensor["warnings"]]
+
+
+def _cell(value: float | None, width: int, digits: int) -> str:
+    return "-".rjust(width) if value is None else f"{value:{width}.{digits}f}"

@@ -1,0 +1,231 @@
+"""A replay in a terminal: its destinations, a line of counts that lives, keys that steer it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.replaying.control import ReplayControl
+from plotfeed.feeds.replaying.destinations import Destinations, WayOut, ways_out
+from plotfeed.feeds.replaying.read_ahead import ReplaySource
+from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.files import FileFormat, FileSource, format_of
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
+from plotfeed.replay.recorded import Damage
+
+SKIP_S = 10.0
+HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
+
+
+def _faster(control: ReplayControl) -> None:
+    control.set_speed(min(control.speed * 2, MAX_SPEED))
+
+
+def _slower(control: ReplayControl) -> None:
+    control.set_speed(max(control.speed / 2, MIN_SPEED))
+
+
+KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
+    b"\x1b[C": lambda control: control.skip(SKIP_S),
+    b"\x1b[D": lambda control: control.skip(-SKIP_S),
+    b" ": lambda control: control.toggle(),
+    b"+": _faster,
+    b"=": _faster,
+    b"-": _slower,
+    b"q": lambda control: control.stop(),
+}
+"""What a terminal sends, and what is done then; the arrows first, for they hold other keys."""
+
+
+def press(control: ReplayControl, typed: bytes) -> None:
+    """Do what keys ask for; what is no key of ours is passed over."""
+    while typed:
+        key = next((key for key in KEYS if typed.startswith(key)), typed[:1])
+        typed = typed[len(key) :]
+        if key in KEYS:
+            KEYS[key](control)
+
+
+@contextlib.contextmanager
+def steered_by_keys(control: ReplayControl, stdin: TextIO = sys.stdin) -> Iterator[bool]:
+    """Meanwhile keys steer it, inside a running loop; gives whether there are any."""
+    if not _is_ours(stdin):
+        yield False
+        return
+    terminal = stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    loop = asyncio.get_running_loop()
+    tty.setcbreak(terminal)
+    loop.add_reader(terminal, lambda: press(control, os.read(terminal, 64)))
+    try:
+        yield True
+    finally:
+        loop.remove_reader(terminal)
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _is_ours(stdin: TextIO) -> bool:
+    """Whether it is a terminal, in whose foreground we are; else asking it would stop us."""
+    try:
+        return stdin.isatty() and os.tcgetpgrp(stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):
+        return False
+
+
+TERMINAL_EVERY_S = 0.5
+LOG_EVERY_S = 10.0
+MAX_DAMAGES_TOLD = 20
+FAILED = 1
+
+
+def replay_in_terminal(
+    path: Path,
+    destinations: Destinations,
+    settings: ReplaySettings,
+    *,
+    date_utc_ns: int = 0,
+    as_json: bool = False,
+) -> int:
+    """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`.
+
+    `date_utc_ns` is midnight of the day on which a file without dates begins.
+    """
+    with opened(path, date_utc_ns) as (source, damage):
+        return asyncio.run(_replay(path, source, damage, destinations, settings, as_json=as_json))
+
+
+@contextlib.contextmanager
+def opened(
+    path: Path, date_utc_ns: int = 0
+) -> Iterator[tuple[ReplaySource, Callable[[], Sequence[Damage]]]]:
+    """A file as a source, and what of it could not be read so far."""
+    form = format_of(path)
+    if form is FileFormat.MCAP:
+        with LogReader(path) as log:
+            yield log, lambda: log.damage
+    else:
+        source = FileSource(path, form, date_utc_ns=date_utc_ns)
+        yield source, lambda: source.damage
+
+
+async def _replay(
+    path: Path,
+    source: ReplaySource,
+    damage: Callable[[], Sequence[Damage]],
+    destinations: Destinations,
+    settings: ReplaySettings,
+    *,
+    as_json: bool,
+) -> int:
+    control, totals = ReplayControl(), ReplayTotals()
+    async with ways_out(destinations, waits=settings.fastest) as outs:
+        with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
+            if not as_json:
+                _introduce(path, destinations, has_keys=has_keys)
+            telling = asyncio.create_task(_tell(control, totals, quiet=as_json), name="tell")
+            began_s = time.monotonic()
+            try:
+                await replay(source, outs, settings, control=control, totals=totals)
+            finally:
+                telling.cancel()
+                await asyncio.gather(telling, return_exceptions=True)
+    took_s = time.monotonic() - began_s
+    summary = _summary(totals, outs, took_s)
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(("\r\033[K" if sys.stdout.isatty() else "") + _line(totals, settings, took_s))
+        _tell_of_the_rest(totals)
+    found = damage()
+    for each in found[:MAX_DAMAGES_TOLD]:
+        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+    if signal.SIGINT in signals:
+        return INTERRUPTED
+    return FAILED if totals.undelivered or (found and not totals.messages) else 0
+
+
+def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
+    click.echo(f"{path}")
+    for broker in to.brokers:
+        click.echo(f"  MQTT  {broker}")
+    for udp in to.udp:
+        click.echo(f"  UDP   {udp.destination}")
+    if to.recorded_udp:
+        click.echo("  UDP   where each datagram once went")
+    if has_keys:
+        click.echo(HELP)
+    sys.stdout.flush()
+
+
+async def _tell(control: ReplayControl, totals: ReplayTotals, *, quiet: bool) -> None:
+    """The line of counts: over itself in a terminal, now and then in a log."""
+    in_terminal = sys.stdout.isatty()
+    while not quiet:
+        await asyncio.sleep(TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S)
+        lap, position_ns = control.position
+        where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(control.speed):g}"
+        text = f"{where}{'  paused' if control.is_paused else ''}  messages {totals.messages}"
+        sys.stdout.write(f"\r\033[K{text}" if in_terminal else f"{text}\n")
+        sys.stdout.flush()
+
+
+def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
+    text = f"messages {totals.messages}  octets {totals.octets}  in {took_s:.2f} s"
+    if settings.fastest:
+        text += f", {totals.messages / max(took_s, 1e-9):.0f} a second"
+    else:
+        p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
+        late = f"{p50_us / 1e3:.3f} p99 {p99_us / 1e3:.3f} most {totals.worst_ns / 1e6:.3f}"
+        text += f"  late p50 {late} ms"
+    for name in ("lost", "duplicated", "undelivered", "ended"):
+        if count := getattr(totals, name):
+            text += f"  {name} {count}"
+    return text if totals.laps < 2 else f"{text}  laps {totals.laps}"
+
+
+def _tell_of_the_rest(totals: ReplayTotals) -> None:
+    for why, count in totals.skipped.items():
+        click.echo(f"plotfeed: {count} messages were not sent: {why}", err=True)
+    for what, count in totals.left.items():
+        click.echo(f"plotfeed: times left alone {count} times: {what}", err=True)
+
+
+def _summary(
+    totals: ReplayTotals, outs: Sequence[WayOut], took_s: float
+) -> dict[str, float | dict[str, int]]:
+    p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
+    return {
+        "messages": totals.messages,
+        "octets": totals.octets,
+        "laps": totals.laps,
+        "duration_s": took_s,
+        "lost": totals.lost,
+        "duplicated": totals.duplicated,
+        "undelivered": totals.undelivered,
+        "ended": totals.ended,
+        "refused": sum(getattr(out, "refused", 0) for out in outs),
+        "skipped": dict(totals.skipped),
+        "times_left_alone": dict(totals.left),
+        "lateness_p50_us": p50_us,
+        "lateness_p99_us": p99_us,
+        "lateness_p999_us": p999_us,
+        "lateness_max_us": totals.worst_ns / 1e3,
+    }

@@ -1,0 +1,144 @@
+"""What `plotfeed sensors` prints: all presets, or one with the origin of each of its keys."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
+from plotfeed.feeds.scene.presets.preset import Preset, names, preset
+from plotfeed.feeds.scene.presets.rules import PresetTarget, short
+from plotfeed.feeds.scene.presets.solver import SITE
+
+DISCLAIMER = "Models of published figures, not measurements of the products."
+
+
+def print_presets(name: str | None, *, as_json: bool) -> None:
+    """Print one preset, or a line on each."""
+    if name is None:
+        found: Any = [summary(preset(each)) for each in names()]
+        lines = _list_lines(found)
+    else:
+        found = details(preset(name))
+        lines = detail_lines(found)
+    click.echo(json.dumps(found) if as_json else "\n".join(lines))
+
+
+def summary(shown: Preset) -> dict[str, Any]:
+    """What it is, and how far it sees the target that its source quotes."""
+    return {
+        "name": shown.name,
+        "title": shown.title,
+        "maker": shown.maker,
+        "type": shown.type,
+        "source": shown.source,
+        "target": str(shown.target),
+        "range_at_pd_80_percent_m": reach_m(shown, shown.target),
+    }
+
+
+def details(shown: Preset) -> dict[str, Any]:
+    """All that `summary` says, every key with its mark, and what to expect against range."""
+    report = sensor_report(SITE, shown.sensor, _test_target(shown.target))
+    return {
+        **summary(shown),
+        "target_note": shown.target.note,
+        "other_targets": [
+            {
+                "target": str(other),
+                "quoted_range_m": other.range_m,
+                "range_at_pd_80_percent_m": reach_m(shown, other),
+                "note": other.note,
+            }
+            for other in shown.other_target
+        ],
+        "left_out": list(shown.left_out),
+        "keys": [asdict(marked) for marked in shown.marked_keys()],
+        **{name: report[name] for name in ("false_alarms_per_scan", "table", "warnings")},
+    }
+
+
+def reach_m(shown: Preset, target: PresetTarget) -> float | None:
+    """The furthest range at which that target's Pd is at least 0.8; None if it is nowhere."""
+    found = sensor_report(SITE, shown.sensor, _test_target(target))["range_at_pd_80_percent_m"]
+    return None if found is None else float(found)
+
+
+def shown_value(value: Any) -> str:
+    """A key's value as short as it can be read."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {shown_value(part)}" for key, part in value.items())
+    if value in (None, "", ()):
+        return "-"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(shown_value, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return short(value) if isinstance(value, float) else str(value)
+
+
+def shown_reach(range_m: float | None) -> str:
+    """A range of detection."""
+    if range_m is None:
+        return "nowhere"
+    return f"{range_m:.0f} m" if range_m < 1000 else f"{range_m / 1000:.2f} km"
+
+
+def _test_target(target: PresetTarget) -> TestTarget:
+    return TestTarget(
+        signature=target.signature, azimuth_deg=0.0, above_site_m=target.above_sensor_m
+    )
+
+
+def _list_lines(found: list[dict[str, Any]]) -> list[str]:
+    rows = [
+        (
+            each["name"],
+            each["type"],
+            shown_reach(each["range_at_pd_80_percent_m"]),
+            each["target"],
+            f"{each['maker']} {each['title']} ({each['source']})",
+        )
+        for each in found
+    ]
+    return [*_aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows]), "", DISCLAIMER]
+
+
+def detail_lines(found: dict[str, Any]) -> list[str]:
+    """One preset as text."""
+    lines = [
+        f"{found['name']}: {found['maker']} {found['title']}, {found['type']}, {found['source']}",
+        f"For {found['target']}. {found['target_note']}",
+        DISCLAIMER,
+        "",
+    ]
+    rows = [(key["key"], shown_value(key["value"]), key["mark"], why(key)) for key in found["keys"]]
+    lines += _aligned([("key", "value", "mark", "why"), *rows])
+    for other in found["other_targets"]:
+        lines += [
+            "",
+            f"For {other['target']}: Pd 0.8 to {shown_reach(other['range_at_pd_80_percent_m'])}, "
+            f"quoted {shown_reach(other['quoted_range_m'])}. {other['note']}",
+        ]
+    if found["left_out"]:
+        lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
+    reach = shown_reach(found["range_at_pd_80_percent_m"])
+    alarms = f"{found['false_alarms_per_scan']:.3g} false alarms a scan"
+    return [*lines, "", f"Pd 0.8 to {reach}, {alarms}", *row_lines(found)]
+
+
+def why(key: dict[str, Any]) -> str:
+    """The rule by which a key was derived, if it was, and its note."""
+    return f"{key['rule']}. {key['note']}" if key["rule"] else str(key["note"])
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """Columns as wide as their widest cell; the last one runs on."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-1]
+    return [
+        "  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[-1]])
+        for row in rows
+    ]

@@ -1,0 +1,79 @@
+"""What a session has done so far."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plotfeed.models.state import FALSE_ALARM
+from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:  # else whoever only counts waits for all sensors
+    from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+
+LATENESS_KEPT = 100_000
+LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
+"""Fates that a link decides on, as the scene asks."""
+
+
+@dataclass(slots=True)
+class SessionCounters:
+    """Counts of a session; they only grow."""
+
+    drones: int = 0
+    scan: int = 0
+    looks: int = 0
+    plots: int = 0
+    false_alarms: int = 0
+    messages: int = 0
+    """Sent, each copy counted."""
+    lost: int = 0
+    """By links, as the scene asks."""
+    duplicated: int = 0
+    stale: int = 0
+    """Not sent, because who they were for would not take them so late."""
+    undelivered: int = 0
+    """For want of a connection, or of room to wait for one."""
+    ended: int = 0
+    """Still on their way when the session ended."""
+    missed_scans: int = 0
+    telemetry: int = 0
+    refused: int = 0
+    last_refusal: str = ""
+    controls: int = 0
+    """Changes that were asked for while the session ran, and made."""
+    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
+
+    def add(self, report: SectorReport) -> None:
+        """Count what one sector brought."""
+        self.scan = max(self.scan, report.sector.scan)
+        self.looks += len(report.looks)
+        self.plots += len(report.plots)
+        if len(report.plots):
+            self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
+
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
+        """Count what became of a message."""
+        if fate == pb.SENT:
+            self.messages += 1
+            self.duplicated += copy > 0
+            self.lateness_ns.append(lateness_ns)
+        elif fate in LOSSES:
+            self.lost += 1
+        elif fate == pb.STALE:
+            self.stale += 1
+        elif fate == pb.ENDED:
+            self.ended += 1
+        else:
+            self.undelivered += 1
+
+
+def lateness_us(lateness_ns: Sequence[int], *percentiles: float) -> list[float]:
+    """Percentiles of how late messages left, microseconds; zeros if none did."""
+    if not lateness_ns:
+        return [0.0] * len(percentiles)
+    return [float(p) / 1e3 for p in np.percentile(np.asarray(lateness_ns), percentiles)]

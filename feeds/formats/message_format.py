@@ -1,0 +1,121 @@
+"""What formats have in common: topics, attributes, sizes of blocks, and what is periodic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.beam.scan import Sector
+from plotfeed.models.state import NS, Ints, Looks, Plots, TruthState
+
+MAX_BLOCK_OCTETS = 65535
+"""What the length field of an ASTERIX data block can say."""
+SERVICE_PERIOD_NS = 10 * NS
+"""How often a sensor says where it stands and that it works."""
+
+
+class MessageFormat(Protocol):
+    """Makes the messages that carry one sector's plots."""
+
+    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+        """Due when the sector ends, in the order in which they are to leave."""
+
+
+FormatMaker = Callable[[Scene, Sensor], MessageFormat]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What came of one sector, and a way to ask where drones, by index, truly are at a time."""
+
+    sector: Sector
+    looks: Looks
+    plots: Plots
+    truth_at: Callable[[int, Ints], TruthState]
+
+
+class TrackFormat(Protocol):
+    """Makes the messages of a sensor that tracks, which for us takes the truth."""
+
+    def messages(self, seen: Seen) -> list[Message]:
+        """Due when the sector ends, in the order in which they are to leave."""
+
+
+TrackFormatMaker = Callable[[Scene, Sensor], TrackFormat]
+Reporter = Callable[[Seen], list[Message]]
+"""The messages of a sector in one format, whatever that needs to know."""
+
+
+class Topics:
+    """Addresses a sensor's messages, with CloudEvents attributes as MQTT 5 user properties."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._root = f"{scene.mqtt.prefix}/{sensor.id}"
+        self._sensor = sensor.id
+        self._qos = scene.mqtt.qos
+        self._alike: tuple[Sector | None, tuple[tuple[str, str], ...]] = (None, ())
+
+    def asterix(self, sector: Sector, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
+        """A message for each data block, given with its category, numbered within its category."""
+        counts: dict[int, int] = {}
+        messages = []
+        for category, block in blocks:
+            counts[category] = counts.get(category, -1) + 1
+            messages.append(
+                self.message(
+                    f"asterix/{category:03d}",
+                    f"application/x-asterix; cat={category}",
+                    block,
+                    sector,
+                    counts[category],
+                )
+            )
+        return messages
+
+    def message(
+        self, kind: str, content_type: str, payload: bytes, sector: Sector, number: int = 0
+    ) -> Message:
+        """One message; `number` tells those of one kind and sector apart."""
+        return Message(
+            topic=f"{self._root}/{kind}",
+            payload=payload,
+            content_type=content_type,
+            due_utc_ns=sector.end_ns,
+            qos=self._qos,
+            properties=(
+                ("id", f"{kind.replace('/', '-')}-{sector.scan}-{sector.index}-{number}"),
+                ("type", f"plotfeed.{kind.replace('/', '.')}"),
+                *self._alike_of(sector),
+            ),
+        )
+
+    def _alike_of(self, sector: Sector) -> tuple[tuple[str, str], ...]:
+        """The attributes that all messages of a sector share, worked out once."""
+        if self._alike[0] is not sector:
+            of_sector = attributes(
+                self._root,
+                "",
+                "",
+                sector.end_ns,
+                sensor=self._sensor,
+                scan=sector.scan,
+                sector=sector.index,
+            )
+            own = {"id", "type"}
+            self._alike = (sector, tuple(pair for pair in of_sector if pair[0] not in own))
+        return self._alike[1]
+
+
+def max_block_octets(scene: Scene, sensor: Sensor) -> int:
+    """What a data block may hold so that it fits wherever the sensor's messages go."""
+    datagrams = (udp.max_octets for udp in scene.udp if udp.takes(sensor.id))
+    return min(datagrams, default=MAX_BLOCK_OCTETS)
+
+
+def comes_up(period_ns: int, sector: Sector) -> bool:
+    """Whether something periodic, at whole multiples of its period, is due in a sector."""
+    return sector.end_ns // period_ns != sector.start_ns // period_ns

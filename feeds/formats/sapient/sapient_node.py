@@ -1,0 +1,246 @@
+"""A sensor of the scene as SAPIENT knows it: what it is, where it looks, what it will tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+
+from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.models.beam.scan import Sector
+from plotfeed.models.frames import aer_to_enu, wrap_360
+from plotfeed.models.sensors.sensor_model import Prediction
+from plotfeed.models.state import NS, Emitter, Signatures, Targets
+from plotfeed.proto.sapient.encode_detections import (
+    AGE,
+    BISTATIC_RANGE,
+    BISTATIC_RANGE_RATE,
+    RANGE_RATE,
+    SNR,
+    TRANSMITTER,
+    Manner,
+)
+from plotfeed.proto.sapient.encode_node import Field, Node, NodeType, SapientQuantity
+from plotfeed.proto.sapient.envelope import node_id
+
+MIN_GAP_NS = 80_000_000
+ROUNDING_NS = 2000
+"""By which rounding to nanoseconds and microseconds may shorten a gap."""
+
+
+class Groups:
+    """Runs of as many sectors as take 80 ms, counted from 1970.
+
+    So a sector's group does not depend on when the session began, or on what was missed.
+    """
+
+    def __init__(self, period_ns: int, sectors: int) -> None:
+        self._sectors = sectors
+        self.size = -(-MIN_GAP_NS * sectors // period_ns)
+        whole = self.size * period_ns % (1000 * sectors) == 0
+        if not whole and self.size * period_ns < (MIN_GAP_NS + ROUNDING_NS) * sectors:
+            self.size += 1
+        self.longest_ns = -(-self.size * period_ns // sectors)
+
+    def number(self, sector: Sector) -> int:
+        """The group that a sector is in."""
+        return self._count(sector) // self.size
+
+    def ends_with(self, sector: Sector) -> bool:
+        """Whether it is the last of its group."""
+        return (self._count(sector) + 1) % self.size == 0
+
+    def _count(self, sector: Sector) -> int:
+        return sector.scan * self._sectors + sector.index
+
+
+NODE_TYPES: dict[str, NodeType] = {
+    "active_radar": "RADAR",
+    "mimo_radar": "RADAR",
+    "passive_radar": "RADAR",
+    "acoustic": "ACOUSTIC",
+    "rf": "PASSIVE_RF",
+    "camera": "CAMERA",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """What the plots of a sensor hold."""
+
+    snr: bool
+    azimuth: bool
+    place: bool
+    """In three dimensions."""
+    range_rate: bool
+
+
+def groups_of(sensor: Sensor) -> Groups:
+    """Which of its sectors are reported together."""
+    sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
+    return Groups(round(sensor.scan.period_s * NS), sectors)
+
+
+def manner_of(scene: Scene, sensor: Sensor) -> Manner:
+    """What its detections say."""
+    settings = scene.sapient
+    confidence = settings.detection_confidence
+    pfa = getattr(sensor, "pfa", None)
+    if confidence is None and pfa is not None:
+        confidence = 1.0 - pfa
+    return Manner(
+        detection_confidence=confidence,
+        default_class=settings.default_class,
+        class_confidence=settings.default_class_confidence,
+        band_hz=_band_hz(sensor),
+        transmitters=_transmitters(sensor),
+        tells_age=isinstance(sensor.scan, RotatingScan) or groups_of(sensor).size > 1,
+    )
+
+
+def node_of(scene: Scene, sensor: Sensor) -> Node:
+    """What it registers as."""
+    site, manner, measures = scene.scene.site, manner_of(scene, sensor), measures_of(scene, sensor)
+    frame = frame_at(site, sensor.position_enu_m)
+    rate_per_s = sensor.model(site).false_alarms_per_scan / sensor.scan.period_s
+    return Node(
+        seed=scene.scene.seed,
+        sensor=sensor.id,
+        node_id=node_id(scene.scene.seed, sensor.id),
+        node_type=NODE_TYPES.get(sensor.type, "OTHER"),
+        sub_type=sensor.type.replace("_", " "),
+        latitude_deg=frame.latitude_deg,
+        longitude_deg=frame.longitude_deg,
+        height_m=frame.height_m,
+        field=_field(sensor),
+        scanning=isinstance(sensor.scan, RotatingScan),
+        settle_s=sensor.scan.period_s,
+        latency_s=groups_of(sensor).longest_ns / NS,
+        status_interval_s=scene.sapient.status_interval_s,
+        tells_location=tells_location(scene, measures),
+        capabilities=(
+            SapientQuantity(name="range", units="m", value=f"{sensor.range_max_m:g}"),
+            SapientQuantity(name="scan period", units="s", value=f"{sensor.scan.period_s:g}"),
+        ),
+        performance=(SapientQuantity(name="FAR", units="per second", value=f"{rate_per_s:.6g}"),),
+        objects=_objects(manner, measures),
+        signals=_signals(manner),
+        classes=_classes(sensor, manner),
+        model=sensor.preset or sensor.type,
+        software_version=version("plotfeed"),
+    )
+
+
+def tells_location(scene: Scene, measures: Measures) -> bool:
+    """Whether detections are places on the Earth, rather than range and bearing.
+
+    Of a detector that finds no direction it is its own place: to a consumer, a missing azimuth may
+    be north.
+    """
+    return not measures.azimuth or (measures.place and scene.sapient.location == "location")
+
+
+def measures_of(scene: Scene, sensor: Sensor) -> Measures:
+    """By what the model predicts of a target amidst its cover."""
+    predicted = _predicted(scene.scene.site, sensor)
+    azimuth, elevation, distance, snr = (
+        bool(np.isfinite(column[0]))
+        for column in (
+            predicted.sigma_azimuth_deg,
+            predicted.sigma_elevation_deg,
+            predicted.sigma_range_m,
+            predicted.snr,
+        )
+    )
+    return Measures(
+        snr=snr,
+        azimuth=azimuth,
+        place=azimuth and elevation and distance,
+        range_rate=predicted.sigma_range_rate_m_s is not None,
+    )
+
+
+def _predicted(site: Site, sensor: Sensor) -> Prediction:
+    field = _field(sensor)
+    band_hz = _band_hz(sensor) or (0.0, 0.0)
+    enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
+    return sensor.model(site).predict(
+        Targets(
+            drone=np.zeros(1, np.int64),
+            t_utc_ns=np.zeros(1, np.int64),
+            position_enu_m=enu_m,
+            true_position_enu_m=enu_m,
+            signatures=Signatures(
+                rcs_m2=np.ones(1),
+                sound_power_db=np.full(1, 100.0),
+                emitters=[(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),)],
+            ),
+        )
+    )
+
+
+def _field(sensor: Sensor) -> Field:
+    """The cover; all directions where the sensor has no limits."""
+    azimuths = [
+        getattr(sensor, f"azimuth_{end}_deg", d) for end, d in (("min", -180), ("max", 180))
+    ]
+    elevations = [
+        getattr(sensor, f"elevation_{end}_deg", d) for end, d in (("min", -90), ("max", 90))
+    ]
+    return Field(
+        azimuth_deg=float(wrap_360(sum(azimuths) / 2)),
+        horizontal_extent_deg=float(azimuths[1] - azimuths[0]),
+        elevation_deg=sum(elevations) / 2,
+        vertical_extent_deg=float(elevations[1] - elevations[0]),
+        range_max_m=sensor.range_max_m,
+    )
+
+
+def _transmitters(sensor: Sensor) -> tuple[str, ...]:
+    """Of a sensor that says by whose signal it found something."""
+    if not isinstance(sensor, PassiveRadarKeys):
+        return ()
+    return tuple(t.id for t in sensor.transmitters)
+
+
+def _band_hz(sensor: Sensor) -> tuple[float, float] | None:
+    """Of a receiver of what drones emit."""
+    low_hz, high_hz = (getattr(sensor, f"frequency_{end}_hz", None) for end in ("min", "max"))
+    return None if low_hz is None or high_hz is None else (low_hz, high_hz)
+
+
+def _objects(manner: Manner, measures: Measures) -> tuple[SapientQuantity, ...]:
+    rate = BISTATIC_RANGE_RATE if manner.transmitters else RANGE_RATE
+    told = {
+        SapientQuantity(name=SNR, units="dB"): measures.snr,
+        SapientQuantity(name=BISTATIC_RANGE, units="m"): bool(manner.transmitters),
+        SapientQuantity(name=rate, units="m/s"): measures.range_rate,
+        SapientQuantity(name=TRANSMITTER, units="name"): bool(manner.transmitters),
+        SapientQuantity(name=AGE, units="s"): manner.tells_age,
+    }
+    return tuple(quantity for quantity, is_told in told.items() if is_told)
+
+
+def _signals(manner: Manner) -> tuple[SapientQuantity, ...]:
+    if manner.band_hz is None:
+        return ()
+    return (
+        SapientQuantity(name="amplitude", units="dBm"),
+        *(
+            SapientQuantity(name=f"{part} frequency", units="Hz")
+            for part in ("start", "centre", "stop")
+        ),
+    )
+
+
+def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
+    if manner.default_class is not None:
+        return (manner.default_class,)
+    found = (getattr(sensor, "kind", ""), *getattr(sensor, "decodes", ()))
+    return tuple(name for name in found if name)

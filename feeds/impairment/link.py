@@ -1,0 +1,233 @@
+"""What becomes of each message on an impaired link: a function of the message and of chance."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+from enum import StrEnum
+from typing import NamedTuple
+
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.impairment.link_draws import Draws
+from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
+from plotfeed.feeds.scene.link_keys import LinkSettings, ReorderSettings
+
+
+class RateQueue:
+    """First in, first out, at a rate that may change; without a rate nobody waits."""
+
+    def __init__(self, link: LinkSettings) -> None:
+        self._ends: deque[int] = deque()
+        self.free_utc_ns = 0
+        """When all that has been taken is sent."""
+        self.change(link)
+
+    def change(self, link: LinkSettings) -> None:
+        """For what comes from now on; what was taken leaves when it was going to."""
+        self._ns_per_octet = 0.0 if link.rate_kbit_s is None else 8e6 / link.rate_kbit_s
+        self._overhead_octets = link.overhead_octets
+        self._most = link.queue_messages
+
+    def take(self, t_utc_ns: int, octets: int) -> int | None:
+        """When a message that comes now has been sent; None if the queue is full."""
+        start_ns = max(t_utc_ns, self.free_utc_ns)
+        if not self._ns_per_octet:
+            return start_ns
+        ends = self._ends
+        while ends and ends[0] <= t_utc_ns:
+            ends.popleft()
+        if len(ends) >= self._most:
+            return None
+        self.free_utc_ns = start_ns + round((octets + self._overhead_octets) * self._ns_per_octet)
+        ends.append(self.free_utc_ns)
+        return self.free_utc_ns
+
+
+LEAST_MARGIN_MS = 200.0
+MOST_MS = 120_000.0
+MOST_REPEATS = 15
+"""As Linux, which then gives up; here the last of them arrives, since nothing is to be lost."""
+
+
+def waits_ns(law: DelayLaw) -> tuple[int, ...]:
+    """From a message's first sending to its n-th repeat, for n from 0 to the most.
+
+    The way back is taken to be like the way there, and to vary on its own.
+    """
+    deviation_ms = math.sqrt(2) * law.mean_deviation_ms()
+    time_out_ms = 2 * law.mean_ms() + max(LEAST_MARGIN_MS, 4 * deviation_ms)
+    waits, total_ms = [0], 0.0
+    for n in range(MOST_REPEATS):
+        total_ms += min(time_out_ms * 2**n, MOST_MS)
+        waits.append(round(total_ms * 1e6))
+    return tuple(waits)
+
+
+class Fate(StrEnum):
+    """What becomes of a message."""
+
+    SENT = "sent"
+    LOST = "lost"
+    QUEUE_FULL = "queue_full"
+    OUTAGE = "outage"
+    HELD = "held"
+    """The link is down and loses nothing: pass it on again when it is up."""
+
+
+class Copy(NamedTuple):
+    """A message as it leaves the link."""
+
+    due_utc_ns: int
+    flipped_bit: int | None
+    """Of the payload, counted from the most significant bit of its first octet."""
+
+
+class Outcome(NamedTuple):
+    """A message's fate, and the copies that leave; a second one is a duplicate."""
+
+    fate: Fate
+    copies: tuple[Copy, ...]
+
+
+_new = tuple.__new__  # half the time of a named tuple's own constructor
+SENT = Fate.SENT  # looked up once: an enumeration takes its time
+LOST = Outcome(Fate.LOST, ())
+QUEUE_FULL = Outcome(Fate.QUEUE_FULL, ())
+OUTAGE = Outcome(Fate.OUTAGE, ())
+HELD = Outcome(Fate.HELD, ())
+
+
+def flip(payload: bytes, bit: int) -> bytes:
+    """The payload with that bit the other way round."""
+    octets = bytearray(payload)
+    octets[bit // 8] ^= 0x80 >> bit % 8
+    return bytes(octets)
+
+
+class Impairment:
+    """A link. It is told of every message, in the order of due times, also while it is clear.
+
+    What it does depends on the seed, its name, the times and sizes of messages, and nothing else.
+    """
+
+    def __init__(self, link: LinkSettings, seed: int, name: str) -> None:
+        self._draws = Draws(link, seed, name)
+        self._queue = RateQueue(link)
+        self._chain: LossChain | None = None
+        self._state = 0
+        self._now_utc_ns = self._latest_utc_ns = 0
+        self._not_reordered = 0
+        self._set(link)
+
+    @property
+    def link(self) -> LinkSettings:
+        """What it does now."""
+        return self._link
+
+    def change(self, link: LinkSettings) -> None:
+        """Do this from now on; what is on its way, the order and the state of loss carry on."""
+        self._draws.change(link)
+        self._queue.change(link)
+        self._set(link)
+
+    def _set(self, link: LinkSettings) -> None:
+        self._link = link
+        self._is_clear, self._keeps_order = link.is_clear, link.keeps_order
+        before, self._chain = self._chain, None if link.loss is None else chain_of(link.loss)
+        if self._chain is not None:
+            known = before is not None and self._state < before.start == self._chain.start
+            self._state = self._state if known else self._chain.start
+        self._duplicate, self._corrupt, self._reorder = link.duplicate, link.corrupt, link.reorder
+        self._is_plain = self._is_clear or not (
+            link.duplicate or link.corrupt or link.reorder or link.rate_kbit_s
+        )
+        stalls = link.on_loss == "stall"
+        self._waits_ns = waits_ns(DelayLaw.of(link)) if stalls else None
+        self._stopped = (HELD if stalls else OUTAGE) if link.down else None
+
+    def pass_on(self, due_utc_ns: int, octets: int) -> Outcome:
+        """What becomes of a message that is due then, with a payload of that size.
+
+        One that is due before the last one counts as due with that.
+        """
+        last_utc_ns = self._now_utc_ns
+        t_utc_ns = self._now_utc_ns = due_utc_ns if due_utc_ns > last_utc_ns else last_utc_ns
+        draws = self._draws
+        i = draws.next(t_utc_ns)
+        if self._is_clear:
+            delay_ns = 0
+        else:
+            repeats = 0 if self._chain is None else self._repeats(self._chain, i)
+            if self._stopped is not None:
+                return self._stopped
+            delay_ns = draws.delay_ns[i]
+            if repeats:
+                if self._waits_ns is None:
+                    return LOST
+                delay_ns += self._waits_ns[repeats]
+        if self._is_plain:
+            free_utc_ns = self._queue.free_utc_ns
+            sent_utc_ns = t_utc_ns if t_utc_ns > free_utc_ns else free_utc_ns
+            return _new(
+                Outcome, (SENT, (_new(Copy, (self._in_order(sent_utc_ns + delay_ns), None)),))
+            )
+        return self._changed(t_utc_ns, octets, delay_ns, i)
+
+    def _changed(self, t_utc_ns: int, octets: int, delay_ns: int, i: int) -> Outcome:
+        """Where more is asked than delay and loss."""
+        first = self._leave(t_utc_ns, octets, delay_ns, i)
+        if first is None:
+            return QUEUE_FULL
+        if self._duplicate and self._draws.duplicate[i] < self._duplicate:
+            delay_ns = self._draws.copy_delay_ns[i]
+            second = self._leave(t_utc_ns, octets, delay_ns, i, again=True)
+            if second is not None:
+                return Outcome(SENT, (first, second))
+        return Outcome(SENT, (first,))
+
+    def _repeats(self, chain: LossChain, i: int) -> int:
+        """How often it must be sent again: 0 if it passes, 1 if nobody repeats what is lost."""
+        before, u, v = self._state, self._draws.state[i], self._draws.loss[i]
+        state = self._state = chain.targets[before][bisect_right(chain.edges[before], u)]
+        if v >= chain.emissions[state]:
+            return 0
+        if self._waits_ns is None or self._stopped is not None:
+            return 1
+        repeats, self._state = chain.repeats(before, u, v, MOST_REPEATS)
+        return repeats
+
+    def _leave(
+        self, t_utc_ns: int, octets: int, delay_ns: int, i: int, *, again: bool = False
+    ) -> Copy | None:
+        """A copy of the i-th message, or its second one `again`; None if the queue is full."""
+        sent_utc_ns = self._queue.take(t_utc_ns, octets)
+        if sent_utc_ns is None:
+            return None
+        if self._reorder is not None and self._overtakes(self._reorder, i, again=again):
+            delay_ns = 0
+        bit = self._flipped_bit(octets, i, again=again) if self._corrupt else None
+        return Copy(self._in_order(sent_utc_ns + delay_ns), bit)
+
+    def _in_order(self, due_utc_ns: int) -> int:
+        if due_utc_ns >= self._latest_utc_ns:
+            self._latest_utc_ns = due_utc_ns
+        elif self._keeps_order:
+            return self._latest_utc_ns
+        return due_utc_ns
+
+    def _overtakes(self, reorder: ReorderSettings, i: int, *, again: bool) -> bool:
+        u = self._draws.reorder[i]
+        if again:
+            u = left_of(u, reorder.probability)
+        self._not_reordered += 1
+        if self._not_reordered < reorder.gap or u >= reorder.probability:
+            return False
+        self._not_reordered = 0
+        return True
+
+    def _flipped_bit(self, octets: int, i: int, *, again: bool) -> int | None:
+        u, place = self._draws.corrupt[i], self._draws.bit[i] * 8 * octets
+        if again:
+            u, place = left_of(u, self._corrupt), place % 1 * 8 * octets
+        return int(place) if u < self._corrupt and octets else None

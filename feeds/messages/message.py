@@ -1,0 +1,62 @@
+"""A message: what goes out, whatever carries it, what came in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from plotfeed.proto.utc import iso_utc
+
+PROTOBUF = "application/x-protobuf"
+JSON = "application/json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """A payload, where it goes, and when it is due there.
+
+    `properties` become MQTT 5 user properties; whoever cannot read those finds the same in the
+    payload.
+    """
+
+    topic: str
+    payload: bytes
+    content_type: str
+    due_utc_ns: int
+    properties: tuple[tuple[str, str], ...] = ()
+    retain: bool = False
+    qos: int = 0
+    packets: dict[int, bytes] = field(init=False, default_factory=dict, compare=False, repr=False)
+    """The message as MQTT packets, by version, where they were made ahead of time."""
+
+
+def attributes(
+    source: str, kind: str, number: str, t_utc_ns: int, **more: object
+) -> tuple[tuple[str, str], ...]:
+    """Of a message about that time; `number` tells those of one source and kind apart."""
+    return (
+        ("specversion", "1.0"),
+        ("id", f"{kind.replace('/', '-')}-{number}"),
+        ("source", source),
+        ("type", f"plotfeed.{kind.replace('/', '.')}"),
+        ("time", iso_utc(t_utc_ns)),
+        *[(name, str(value)) for name, value in more.items()],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceivedMessage:
+    """As it came, over MQTT 5 or, without content type and properties, 3.1.1."""
+
+    topic: str
+    payload: bytes
+    content_type: str | None
+    properties: tuple[tuple[str, str], ...]
+    """User properties."""
+    retain: bool
+    """Whether it was published so; over MQTT 3.1.1, whether it was there before we were."""
+    qos: int
+    """The lower one of what it was published with and 1."""
+
+
+OnHeard = Callable[[ReceivedMessage], None]

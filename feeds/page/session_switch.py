@@ -1,0 +1,254 @@
+"""One session after the other under one page: restarted, of another scene, recorded, replayed."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.controls import refused
+from plotfeed.feeds.page.page_recording import PageRecording, new_path, recordings_in
+from plotfeed.feeds.page.replay_show import EXPECTED, REFUSES, WISHES, ReplayShow
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
+from plotfeed.feeds.scene.scene import Scene, example, load
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.session import Session
+
+TELL_EVERY_S = 0.5
+EXAMPLES = ("section-4",)
+
+
+class SessionSwitch(Observer):
+    """Takes a viewer's wishes that concern whole sessions, and records the one that runs."""
+
+    def __init__(self, scene: Scene, view: View, folder: Path) -> None:
+        """Recordings are those in `folder`; scenes to choose from are those beside this one."""
+        self.scene = scene
+        """Of the session that runs, or ran before the replay that does."""
+        self.show: ReplayShow | None = None
+        """The replay that runs in place of a session."""
+        self.ending = asyncio.Event()
+        """Set when the session that runs shall end."""
+        self.goes_on = True
+        """Whether another one follows then."""
+        self._view = view
+        self._folder = folder
+        self._scenes = _scenes_beside(scene)
+        self._asked: PageRecording | None = None
+        self._notes: list[str] = []
+        self._session: Session | None = None
+        self._recorder: SessionRecorder | None = None
+        self._telling: asyncio.Task[None] | None = None
+
+    def begin(self) -> PageRecording | None:
+        """A session, or that replay, is about to run: the last one, unless another is wanted."""
+        self.ending.clear()
+        self.goes_on = False
+        asked, self._asked = self._asked, None
+        return asked
+
+    async def replay(
+        self, recording: PageRecording, addresses: Sequence[BrokerAddress], basemap: Basemap | None
+    ) -> None:
+        """Replay it until something else is wanted; if it fails, a session is."""
+        self.show = ReplayShow(recording, self._view)
+        self._tell_choice()
+        try:
+            await self.show.run(addresses, basemap, self.ending)
+        except (PlotfeedError, OSError) as error:
+            self._notes = [f"The replay has ended: {one_line(error)}"]
+            self.goes_on = True
+        finally:
+            self.show = None
+
+    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """Do as a viewer asks; commands for a session's sensor or clock come without a session."""
+        if "session" in command:
+            return self._another(command["session"])
+        if "replay" in command:
+            return await self._replay(command["replay"])
+        if self.show is not None:
+            return self._in_replay(self.show, command)
+        if "record" in command:
+            return await self._record(command["record"])
+        return refused("no session runs")
+
+    # What the session tells.
+
+    def begun(self, session: Session) -> None:
+        """It stands, and its time begins."""
+        self._session = session
+        self._tell_choice()
+        self._view.session({"replay": {}, "record": {"on": False}, "notes": self._notes})
+        self._telling = asyncio.create_task(self._tell(), name="page-record")
+
+    def ended(self) -> None:
+        """It is over, and with it its recording."""
+        self._session = None
+        if self._telling is not None:
+            self._telling.cancel()
+        if self._recorder is not None:
+            self._recorder.ended()
+            self._recorder.recorder.close()
+            self._recorder = None
+
+    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Recorded, if a recording runs; as all that follows."""
+        if self._recorder is not None:
+            self._recorder.took(topic, payload, content_type, t_utc_ns)
+
+    def before(self, message: Message) -> None:
+        """On its way into a link."""
+        if self._recorder is not None:
+            self._recorder.before(message)
+
+    def after(self, message: Message, sent_utc_ns: int) -> None:
+        """On its way out."""
+        if self._recorder is not None:
+            self._recorder.after(message, sent_utc_ns)
+
+    def ledger(self, message: Message) -> None:
+        """An entry is complete."""
+        if self._recorder is not None:
+            self._recorder.ledger(message)
+
+    def _another(self, wish: object) -> Mapping[str, Any]:
+        """End the session that runs, for the same scene again or for another one."""
+        if not isinstance(wish, dict) or not ({"restart", "scene"} & wish.keys()):
+            return refused("session: expected restart or scene")
+        try:
+            if "scene" in wish:
+                name = str(wish["scene"])
+                if name not in self._scenes:
+                    return refused(f"session.scene: there is no {name!r}")
+                self.scene = self._scenes[name]()
+        except (PlotfeedError, OSError) as error:
+            return refused(one_line(error))
+        self._end_for(None)
+        return {"ok": True, "in_force": {"scene": self.scene.scene.name}}
+
+    async def _replay(self, wish: object) -> Mapping[str, Any]:
+        """Replay a recording, or do something with the replay that runs."""
+        if isinstance(wish, dict) and "load" in wish:
+            return await self._load(wish["load"])
+        if self.show is None:
+            known = isinstance(wish, dict) and not wish.keys().isdisjoint({*WISHES, "stop"})
+            return refused("replay: none runs" if known else EXPECTED)
+        if isinstance(wish, dict) and wish.get("stop"):
+            return self._another({"restart": True})
+        return self.show.apply(wish)
+
+    async def _load(self, name: object) -> Mapping[str, Any]:
+        """End what runs for that recording, once it is known that it can be shown."""
+        recordings = self._tell_choice()
+        if not isinstance(name, str) or name not in recordings:
+            return refused(f"replay.load: there is no recording {str(name)[:80]!r}")
+        try:
+            recording = await asyncio.to_thread(PageRecording.open, recordings[name])
+        except PlotfeedError as error:
+            return refused(one_line(error))
+        self._end_for(recording)
+        return {"ok": True, "in_force": {"file": name}}
+
+    def _in_replay(self, show: ReplayShow, command: dict[str, Any]) -> Mapping[str, Any]:
+        """What is meant for a session: its clock is that of the replay."""
+        subject = next(key for key in ("sensor", "clock", "record") if key in command)
+        if subject != "clock":
+            return refused(REFUSES[subject])
+        wish = command["clock"]
+        if isinstance(wish, dict) and "step_s" in wish:
+            return refused(REFUSES["step"])
+        return show.apply(wish)
+
+    def _end_for(self, recording: PageRecording | None) -> None:
+        """End what runs for a replay of that one, or for a session."""
+        self._asked, self._notes = recording, []
+        self.goes_on = True
+        self.ending.set()
+
+    def _tell_choice(self) -> Mapping[str, Path]:
+        """Scenes and recordings to choose from, as they are now; the latter."""
+        recordings = recordings_in(self._folder)
+        if self._recorder is not None:
+            recordings.pop(self._recorder.recorder.path.name, None)
+        self._view.session({"scenes": list(self._scenes), "recordings": list(recordings)})
+        return recordings
+
+    async def _record(self, wish: object) -> Mapping[str, Any]:
+        if not isinstance(wish, dict) or not ({"start", "stop"} & wish.keys()):
+            return refused("record: expected start or stop")
+        if wish.get("stop"):
+            return await self._stop_recording()
+        if self._session is None or self._recorder is not None:
+            return refused("record: it runs already" if self._session else "no session runs")
+        path = new_path(self._folder, self.scene.scene.name, datetime.now(UTC))
+        try:
+            recorder = Recorder(
+                path, attachments=attachments_of(self.scene, self._session.clock.now_ns())
+            )
+        except (PlotfeedError, OSError) as error:
+            return refused(f"record: {error}")
+        observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
+        observer.begun(self._session)
+        for desk in self._session.desks.values():
+            observer.after(desk.settings, self._session.clock.now_ns())
+        self._recorder = observer
+        return {"ok": True, "in_force": {"file": path.name}}
+
+    async def _stop_recording(self) -> Mapping[str, Any]:
+        observer, self._recorder = self._recorder, None
+        if observer is None:
+            return refused("record: none runs")
+        observer.ended()
+        await observer.recorder.stop()
+        self._view.session({"record": {"on": False, "file": observer.recorder.path.name}})
+        self._tell_choice()
+        if observer.recorder.failure:
+            return refused(observer.recorder.failure)
+        return {"ok": True, "in_force": {"file": observer.recorder.path.name}}
+
+    async def _tell(self) -> None:
+        """How far the recording is."""
+        loop, began_s = asyncio.get_running_loop(), 0.0
+        while True:
+            await asyncio.sleep(TELL_EVERY_S)
+            if self._recorder is None:
+                began_s = 0.0
+                continue
+            began_s = began_s or loop.time()
+            recorder = self._recorder.recorder
+            told = {
+                "on": True,
+                "file": recorder.path.name,
+                "octets": recorder.octets,
+                "seconds": round(loop.time() - began_s),
+            }
+            self._view.session({"record": told})
+
+
+def one_line(error: Exception) -> str:
+    """The first line of what went wrong."""
+    why = error.strerror if isinstance(error, OSError) else None
+    return (why or str(error)).partition("\n")[0]
+
+
+def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:
+    """Scenes by name: those that come with plotfeed, and files beside the one that runs."""
+    found: dict[str, Callable[[], Scene]] = {
+        name: (lambda name=name: example(name))  # type: ignore[misc]
+        for name in EXAMPLES
+    }
+    if scene.text:
+        files: Sequence[Path] = sorted(scene.folder.glob("*.toml"))[:100]
+        found |= {path.stem: (lambda path=path: load(path)) for path in files}  # type: ignore[misc]
+    return found

@@ -1,0 +1,235 @@
+"""What the strips of a page show of each sensor: Pd against range, what its link did."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import Floats, Looks
+
+RANGE_BINS = 25
+MAX_PARTS = 48
+"""Sectors that are counted at once: the session must not wait for all of an update's."""
+
+
+class DetectionRecord:
+    """Looks of all sensors in bins of range, since each sensor's settings last changed."""
+
+    def __init__(self, range_max_m: Floats) -> None:
+        self._width_m = range_max_m / RANGE_BINS
+        self._waiting: list[tuple[int, Looks]] = []
+        self._counts = np.zeros((4, len(range_max_m), RANGE_BINS))
+
+    def add(self, sensor: int, looks: Looks) -> None:
+        """Looks of one sector of a sensor, by number."""
+        if not len(looks):
+            return
+        self._waiting.append((sensor, looks))
+        if len(self._waiting) >= MAX_PARTS:
+            self.fold()
+
+    def begin(self, sensor: int) -> None:
+        """That sensor's settings changed."""
+        self.fold()
+        self._counts[:, sensor] = 0
+
+    def fold(self) -> None:
+        """Count what waits, all at once."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return
+        sensor = np.repeat([s for s, _ in waiting], [len(looks) for _, looks in waiting])
+        range_m, pd = _joined(waiting, "range_m"), _joined(waiting, "pd")
+        detected = _joined(waiting, "detected")
+        at = np.clip((range_m / self._width_m[sensor]).astype(np.int64), 0, RANGE_BINS - 1)
+        cell = sensor * RANGE_BINS + at
+        for row, weights in enumerate((np.ones(len(pd)), detected, pd, pd * (1 - pd))):
+            counted = np.bincount(cell, weights, minlength=self._counts[row].size)
+            self._counts[row] += counted.reshape(self._counts[row].shape)
+
+    def summary(self, sensor: int) -> dict[str, Any]:
+        """By range, from 0 in steps of `width_m`: looks, detections, sum and variance expected."""
+        looks, detected, expected, variance = self._counts[:, sensor]
+        return {
+            "width_m": float(self._width_m[sensor]),
+            "looks": looks.astype(int).tolist(),
+            "detected": detected.astype(int).tolist(),
+            "expected": np.round(expected, 3).tolist(),
+            "variance": np.round(variance, 3).tolist(),
+        }
+
+
+def _joined(parts: Sequence[tuple[int, Looks]], column: str) -> Floats:
+    return np.concatenate([getattr(looks, column) for _, looks in parts], dtype=np.float64)
+
+
+LATENCIES_KEPT = 3000
+LOSSES_KEPT = 3000
+BINS = 40
+QUANTILES = 201
+
+
+class LinkRecord:
+    """One link, since its settings last changed."""
+
+    def __init__(self) -> None:
+        self._asked_ms: Floats = np.zeros(0)
+        self.begin()
+
+    def begin(self, asked_ms: ArrayLike | None = None, since_utc_ns: int = 0) -> None:
+        """Settings changed then; `asked_ms` is a sample of the delays that they ask for."""
+        self._since_utc_ns = since_utc_ns
+        if asked_ms is not None:
+            sample = np.asarray(asked_ms, dtype=np.float64)
+            self._asked_ms = (
+                np.quantile(sample, np.linspace(0, 1, QUANTILES)) if len(sample) else np.zeros(0)
+            )
+        self._latency_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._messages = self._lost = self._bursts = self._duplicates = 0
+        self._lost_numbers: deque[int] = deque()
+        self._lost_lately: set[int] = set()
+
+    def sent(self, due_utc_ns: int, sent_utc_ns: int, *, duplicate: bool) -> None:
+        """A message, or a duplicate of one, that was handed over then left at that time."""
+        if due_utc_ns < self._since_utc_ns:
+            return
+        if duplicate:
+            self._duplicates += 1
+            return
+        self._latency_ms.append((sent_utc_ns - due_utc_ns) / 1e6)
+        self._messages += 1
+
+    def lost(self, number: int, due_utc_ns: int) -> None:
+        """That message of the link did not leave; numbers may come in any order."""
+        if due_utc_ns < self._since_utc_ns:
+            return
+        self._messages += 1
+        self._lost += 1
+        lately = self._lost_lately
+        # A burst of its own, or a part of one, or what joins two.
+        self._bursts += 1 - (number - 1 in lately) - (number + 1 in lately)
+        lately.add(number)
+        self._lost_numbers.append(number)
+        if len(self._lost_numbers) > LOSSES_KEPT:
+            lately.discard(self._lost_numbers.popleft())
+
+    def summary(self) -> dict[str, Any]:
+        """Shares and moments, and the histogram of latencies beside the one asked for."""
+        latency_ms = np.array(self._latency_ms)
+        return {
+            "messages": self._messages,
+            "lost": self._lost,
+            "duplicates": self._duplicates,
+            "mean_burst": self._lost / self._bursts if self._bursts else None,
+            "mean_ms": float(latency_ms.mean()) if len(latency_ms) else None,
+            "sigma_ms": float(latency_ms.std()) if len(latency_ms) else None,
+            "asked_mean_ms": float(np.mean(self._asked_ms)) if len(self._asked_ms) else None,
+            **_histogram(latency_ms, self._asked_ms),
+        }
+
+
+def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:
+    """Shares of both in the same bins: from `low_ms`, each of `width_ms`."""
+    both = np.concatenate([latency_ms, asked_ms])
+    low_ms, high_ms = np.quantile(both, (0.003, 0.997)) if len(both) else (0.0, 1.0)
+    low_ms, width_ms = _nice_bins(float(low_ms), float(high_ms))
+    edges_ms: Floats = low_ms + width_ms * np.arange(BINS + 1, dtype=np.float64)
+    return {
+        "low_ms": low_ms,
+        "width_ms": width_ms,
+        "delivered": _shares(_below(np.sort(latency_ms), edges_ms)),
+        "asked": _shares(_below_quantiles(asked_ms, edges_ms)),
+    }
+
+
+def _shares(below: Floats) -> list[float]:
+    """The share within each bin, of those below its edges."""
+    return [round(float(x), 5) for x in np.diff(below)]
+
+
+def _below(ordered_ms: Floats, edges_ms: Floats) -> Floats:
+    """The share of an ordered sample below each edge; empty without a sample."""
+    if not len(ordered_ms):
+        return np.zeros(0)
+    return np.searchsorted(ordered_ms, edges_ms, side="left") / len(ordered_ms)
+
+
+def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:
+    """The same for a distribution by its quantiles at equal steps, straight between them."""
+    if not len(quantiles_ms):
+        return np.zeros(0)
+    probability = np.linspace(0, 1, len(quantiles_ms))
+    just_below_ms = edges_ms - 1e-9 * (edges_ms[1] - edges_ms[0])
+    below: Floats = np.interp(just_below_ms, quantiles_ms, probability, 0.0, 1.0)
+    return below
+
+
+def _nice_bins(low_ms: float, high_ms: float) -> tuple[float, float]:
+    """Bins of a round width that hold an interval: the first edge, and the width."""
+    least = max((high_ms - low_ms) * 1.1, high_ms * 0.02, 0.04) / BINS
+    decade = 10.0 ** np.floor(np.log10(least))
+    width_ms = next(float(step * decade) for step in (1, 2, 2.5, 5, 10) if step * decade >= least)
+    slack_ms = (BINS * width_ms - (high_ms - low_ms)) / 2
+    first_ms = np.floor(max(low_ms - slack_ms, 0.0) / width_ms) * width_ms
+    return float(first_ms), width_ms
+
+
+HISTORY_S = 120
+MAX_LATENESS = 20_000
+"""Messages of a second whose lateness is taken; what comes on top is not."""
+
+
+class Rates:
+    """Counts of the second under way, and of those before it.
+
+    Seconds are those of the wall clock: what a tracker has to cope with.
+    """
+
+    def __init__(self, sensors: int) -> None:
+        self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY_S)
+        self._sensors = sensors
+        self._second: int | None = None
+        self._begin()
+
+    def plots(self, sensor: int, count: int) -> None:
+        """That many plots of a sensor, by number, were delivered."""
+        self._plots[sensor] += count
+
+    def sent(self, lateness_ns: int) -> None:
+        """A message left so long after its link let it."""
+        self._messages += 1
+        if len(self._lateness_ns) < MAX_LATENESS:
+            self._lateness_ns.append(lateness_ns)
+
+    def lost(self) -> None:
+        """A message did not leave."""
+        self._lost += 1
+
+    def over(self, monotonic_s: float) -> list[dict[str, Any]]:
+        """The second that is over since the last call; empty ones after it are left out."""
+        second = int(monotonic_s)
+        if self._second is None:
+            self._second = second
+        if second == self._second:
+            return []
+        p50_us, p99_us = np.percentile(self._lateness_ns or [0], (50, 99)) / 1e3
+        ended = {
+            "plots": self._plots,
+            "messages": self._messages,
+            "lost": self._lost,
+            "late_p50_us": round(float(p50_us), 1),
+            "late_p99_us": round(float(p99_us), 1),
+        }
+        self._second = second
+        self._begin()
+        self.history.append(ended)
+        return [ended]
+
+    def _begin(self) -> None:
+        self._plots = [0] * self._sensors
+        self._messages = self._lost = 0
+        self._lateness_ns: list[int] = []

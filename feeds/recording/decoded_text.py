@@ -1,0 +1,270 @@
+"""A message's content as text: one line for each record, plot or look in it, or JSON objects."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from google.protobuf import json_format
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+from google.protobuf.message import Message as ProtobufMessage
+
+from plotfeed.feeds.formats.sapient.extra import need_sapient
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
+from plotfeed.proto.asterix.codec.decode import CATEGORIES, Record, decode_lenient
+from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.utc import iso_utc
+
+ENVELOPE = frozenset({"timestamp", "node_id", "destination_id", "additional_information"})
+MAX_TEXT = 2000
+
+
+def sapient_line(message: Mapping[str, Any]) -> str:
+    """When, who in short, what kind of message, and what is in it."""
+    (kind,) = message.keys() - ENVELOPE
+    content: Mapping[str, Any] = message[kind]
+    parts = {
+        "detection_report": _detection,
+        "registration": _registration,
+        "status_report": _status,
+    }
+    words = parts[kind](content) if kind in parts else iter([json.dumps(content)[:MAX_TEXT]])
+    node = str(message.get("node_id", "?"))[:8]
+    return "  ".join([str(message.get("timestamp", "?")), node, kind, *words])
+
+
+def _detection(report: Mapping[str, Any]) -> Iterator[str]:
+    for place in ("range_bearing", "location"):
+        yield from _numbers(report.get(place, {}))
+    for found in report.get("classification", ()):
+        below = "".join(f"/{sub.get('type')}" for sub in found.get("sub_class", ()))
+        yield f"class {found.get('type')}{below} {found.get('confidence', '')}".rstrip()
+    for info in report.get("object_info", ()):
+        yield f"{info.get('type')} {info.get('value')}"
+    for signal in report.get("signal", ()):
+        yield from _numbers(signal)
+    if "id" in report:
+        yield f"id {report['id']}"
+
+
+def _registration(registration: Mapping[str, Any]) -> Iterator[str]:
+    yield str(registration.get("name"))
+    for node in registration.get("node_definition", ()):
+        yield " ".join([str(node.get("node_type")), *node.get("node_sub_type", ())])
+    yield str(registration.get("icd_version"))
+
+
+def _status(report: Mapping[str, Any]) -> Iterator[str]:
+    yield from (str(report.get(name)) for name in ("system", "info", "mode"))
+    yield from _numbers(report.get("node_location", {}))
+
+
+def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
+    """Those of a part; its enumerations say the same in every message."""
+    for name, value in fields.items():
+        if isinstance(value, int | float):
+            yield f"{name} {value:.9g}"
+
+
+MAX_TEXT = 2000
+MESSAGE_TYPE = "messageType="
+"""In the content type of protobuf, before the full name of the message."""
+SAPIENT = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+OURS: Mapping[str, type[ProtobufMessage]] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+}
+UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
+"""What a message may be."""
+
+
+Categories = Mapping[int, Category]
+EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
+"""Of categories that not all senders write alike."""
+
+
+def categories_of(editions: Iterable[str]) -> Categories:
+    """The layouts to read ASTERIX by, with those editions in place of the usual ones."""
+    return {**CATEGORIES, **{EDITIONS[name].number: EDITIONS[name] for name in editions}}
+
+
+def record_line(record: Record, *, as_json: bool) -> str:
+    """Of one record of ASTERIX."""
+    return _record_json(record) if as_json else _record_line(record)
+
+
+def message_lines(
+    topic: str,
+    payload: bytes,
+    content_type: str | None,
+    *,
+    as_json: bool,
+    categories: Categories = CATEGORIES,
+) -> Iterator[str]:
+    """The lines of one MQTT message. What cannot be decoded says so in its line."""
+    kind = _kind(topic, content_type)
+    try:
+        if kind == "asterix":
+            yield from _asterix(topic, payload, categories, as_json=as_json)
+        elif kind == "sapient":
+            yield from _sapient(topic, payload, as_json=as_json)
+        elif isinstance(kind, str):
+            yield from _json(topic, payload, as_json=as_json)
+        else:
+            message = kind.FromString(payload)
+            yield from _protobuf(topic, message, as_json=as_json)
+    except UNREADABLE as error:
+        text = f"{len(payload)} octets that are not what the topic says: {error}"
+        yield _object(topic, {"error": text}) if as_json else f"{topic}  {text}"
+
+
+def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
+    """By content type, or by topic where it says nothing, as MQTT 3.1.1 carries none."""
+    said = _message_type(content_type or "")
+    if said == SAPIENT or said in OURS:
+        return OURS.get(said, "sapient")
+    levels = topic.split("/")
+    if (content_type or "").startswith("application/x-asterix") or "asterix" in levels[-2:]:
+        return "asterix"
+    if (content_type or "").startswith("application/json") or levels[-1] in ("errors", "status"):
+        return "json"
+    if levels[-1] == "sapient":
+        return "sapient"
+    if levels[-2:-1] == ["telemetry"]:
+        return pb.Telemetry
+    kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
+    return kinds.get(levels[-1], "json")
+
+
+def _message_type(content_type: str) -> str:
+    """The protobuf message that a content type names; empty if it names none."""
+    return content_type.partition(MESSAGE_TYPE)[2].partition(";")[0].strip(' "')
+
+
+def _asterix(topic: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[str]:
+    records, errors = decode_lenient(payload, categories)
+    for record in records:
+        if as_json:
+            yield _object(topic, {"category": record.category, "items": _plain(record.items)})
+        else:
+            yield f"{topic}  {_record_line(record)}"
+    for error in errors:
+        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+
+
+def _sapient(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+    try:
+        need_sapient()
+    except PlotfeedError as error:
+        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+        return
+    from plotfeed.proto.sapient.decode_sapient import decode
+
+    message = decode(payload)
+    if as_json:
+        yield _object(topic, {"SapientMessage": message})
+    else:
+        yield f"{topic}  {sapient_line(message)}"
+
+
+def _record_line(record: Record) -> str:
+    """Time of day, then every item but the source's own name for the category."""
+    items = dict(record.items)
+    if not items:
+        return f"CAT{record.category:03d}  {record.octets.hex()}"
+    time_of_day = items.pop(f"I{record.category:03d}/{_TIME_ITEM.get(record.category, '')}", None)
+    when = _clock(time_of_day) if isinstance(time_of_day, float) else "            "
+    parts = "  ".join(f"{name.partition('/')[2]} {_short(value)}" for name, value in items.items())
+    return f"CAT{record.category:03d}  {when}  {parts}"
+
+
+_TIME_ITEM = {
+    15: "145",
+    16: "140",
+    25: "070",
+    34: "030",
+    48: "140",
+    62: "070",
+    63: "030",
+    129: "070",
+    205: "030",
+}
+
+
+def _clock(time_of_day_s: float) -> str:
+    minutes, seconds = divmod(time_of_day_s, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours:02d}:{minutes:02d}:{seconds:06.3f}"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return " ".join(f"{name}={_short(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        return "[" + ", ".join(_short(part) for part in value) + "]"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, bytes):
+        return value.hex()
+    # What others sent shall not move the cursor of a terminal.
+    text = str(value)
+    return text if text.isprintable() else ascii(text)
+
+
+def _record_json(record: Record) -> str:
+    found: dict[str, Any] = {"category": record.category, "items": _plain(record.items)}
+    if not record.items:
+        found["octets"] = record.octets.hex()
+    return json.dumps(found)
+
+
+def _plain(value: Any) -> Any:
+    """With octets as hexadecimal text, as JSON needs them."""
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def _protobuf(topic: str, message: ProtobufMessage, *, as_json: bool) -> Iterator[str]:
+    if as_json:
+        fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
+        yield _object(topic, {type(message).__name__: fields})
+        return
+    if isinstance(message, pb.PlotBatch):
+        place = f"{topic}  scan {message.scan} sector {message.sector}"
+        for plot in message.plots:
+            yield f"{place}  {iso_utc(plot.time_utc_ns)}  {_fields(plot, 'time_utc_ns')}"
+        return
+    if isinstance(message, pb.Ledger):
+        place = f"{topic}  {message.sensor} scan {message.scan} sector {message.sector}"
+        for look in message.looks:
+            yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look, 'time_utc_ns')}"
+        for truth in message.plots:
+            whose = truth.drone or "false alarm"
+            yield f"{place}  plot {iso_utc(truth.time_utc_ns)}  of {whose}"
+        return
+    text = json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)
+    yield f"{topic}  {text}"
+
+
+def _fields(message: ProtobufMessage, *left_out: str) -> str:
+    return "  ".join(
+        f"{field.name} {_short(value)}"
+        for field, value in message.ListFields()
+        if field.name not in left_out
+    )
+
+
+def _json(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+    value = json.loads(payload)
+    yield _object(topic, value) if as_json else f"{topic}  {json.dumps(value)[:MAX_TEXT]}"
+
+
+def _object(topic: str, value: Any) -> str:
+    return json.dumps({"topic": topic, "message": value})

@@ -1,0 +1,218 @@
+"""A broker's messages, or datagrams, into a file: until it is stopped, or is full of them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import click
+
+from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.messages.topic_filter import checked
+from plotfeed.feeds.recording.record_mqtt import BrokerSource
+from plotfeed.feeds.recording.record_udp import UdpSource
+from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.transport.mqtt.address import (
+    DEFAULT_PORTS,
+    AddressError,
+    BrokerAddress,
+    without_secrets,
+)
+from plotfeed.feeds.transport.udp import Endpoint
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.recorded import Recorded
+
+DEFAULT_FILTER = "plotfeed/#"
+SUFFIX = ".mcap"
+TERMINAL_EVERY_S = 0.5
+LOG_EVERY_S = 10.0
+FAILED = 1
+MAX_TOPICS = 65_536
+"""That are counted."""
+
+
+class CaptureSource(Protocol):
+    """Where messages come from."""
+
+    shown: str
+    """How to name it, without secrets."""
+
+    @property
+    def lost(self) -> int | None:
+        """Messages that are known to have been lost before they could be heard."""
+
+    async def open(self, hear: Callable[[Recorded], None]) -> None:
+        """Call `hear` with each message from now on; raises `PlotfeedError`."""
+
+    async def close(self) -> None:
+        """Hear no more. More than once is as good as once."""
+
+
+def source_of(url: str, access: dict[str, Any], interface: str | None) -> CaptureSource:
+    """Of mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
+
+    `access` holds the keyword arguments of `BrokerAddress.parse`.
+    """
+    scheme, _, rest = url.partition("://")
+    shown = without_secrets(url)
+    if scheme == "udp":
+        try:
+            return UdpSource(Endpoint.parse(rest.rstrip("/")), interface)
+        except ValueError as error:
+            raise AddressError(f"{shown}: {error}") from None
+    if scheme not in DEFAULT_PORTS:
+        raise AddressError(
+            f"{shown!r}: expected mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
+        )
+    if interface is not None:
+        raise AddressError("--interface: only for udp://")
+    place, _, topic_filter = rest.partition("/")
+    address = BrokerAddress.parse(f"{scheme}://{place}", **access)
+    return BrokerSource(address, checked(topic_filter or DEFAULT_FILTER))
+
+
+def record_source(
+    url: str,
+    target: Path,
+    access: dict[str, Any],
+    *,
+    interface: str | None,
+    duration: float | None,
+    count: int | None,
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Record until it is stopped or has enough; the exit code.
+
+    Raises `PlotfeedError`, and `OSError` if the file cannot be written.
+    """
+    source = source_of(url, access, interface)
+    if target.suffix.lower() != SUFFIX:
+        raise PlotfeedError(
+            f"{target}: expected a name that ends in {SUFFIX}, of which plotfeed convert makes more"
+        )
+    if target.exists() and not force:
+        raise PlotfeedError(f"{target}: is there already; --force writes another in its place")
+    return asyncio.run(_Recording(source, target, count, force=force, quiet=as_json).run(duration))
+
+
+class _Recording:
+    """One source into one file."""
+
+    def __init__(
+        self, source: CaptureSource, target: Path, count: int | None, *, force: bool, quiet: bool
+    ) -> None:
+        self._source = source
+        self._target = target
+        self._count = count
+        self._force = force
+        self._quiet = quiet
+        self._stop = asyncio.Event()
+        self._topics: set[str] = set()
+        self._early: list[Recorded] = []
+        """What comes before there is a file for it."""
+        self._recorder: Recorder | None = None
+
+    async def run(self, duration_s: float | None) -> int:
+        """The exit code."""
+        began_s = time.monotonic()
+        try:
+            with stopped_by_signals(self._stop.set) as signals:
+                await self._source.open(self._hear)
+                recorder = self._recorder = Recorder(self._target, force=self._force)
+                try:
+                    await self._work(recorder, duration_s)
+                    await self._source.close()
+                finally:
+                    await recorder.stop()
+        finally:
+            await self._source.close()
+        self._conclude(recorder, time.monotonic() - began_s)
+        if recorder.failure:
+            return FAILED
+        return INTERRUPTED if signal.SIGINT in signals else 0
+
+    async def _work(self, recorder: Recorder, duration_s: float | None) -> None:
+        for recorded in self._early:
+            self._hear(recorded)
+        if not self._quiet:
+            click.echo(f"recording {self._source.shown} to {self._target}; stop: Ctrl-C")
+            sys.stdout.flush()
+        flushing = asyncio.create_task(recorder.run(), name="flush")
+        stopping = asyncio.create_task(self._stop.wait(), name="stop")
+        telling = asyncio.create_task(self._tell(recorder), name="tell")
+        tasks = {flushing, stopping, telling}
+        await asyncio.wait(tasks, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _hear(self, recorded: Recorded) -> None:
+        if self._recorder is None:
+            self._early.append(recorded)
+            return
+        if self._count is not None:
+            if self._recorder.messages >= self._count:
+                return
+            if self._recorder.messages == self._count - 1:
+                self._stop.set()
+        self._recorder.write(recorded)
+        if len(self._topics) < MAX_TOPICS:
+            self._topics.add(recorded.topic)
+
+    async def _tell(self, recorder: Recorder) -> None:
+        """The line of counts: over itself in a terminal, now and then in a log."""
+        in_terminal = sys.stdout.isatty()
+        messages = 0
+        while True:
+            every_s = TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S
+            await asyncio.sleep(every_s)
+            if self._quiet:
+                continue
+            rate = (recorder.messages - messages) / every_s
+            messages = recorder.messages
+            text = f"{self._line(recorder)}  {rate:.0f}/s"
+            sys.stdout.write(f"\r\033[K{text}" if in_terminal else f"{text}\n")
+            sys.stdout.flush()
+
+    def _line(self, recorder: Recorder) -> str:
+        text = (
+            f"messages {recorder.messages}  topics {len(self._topics)}  "
+            f"{recorder.octets / 1e6:.2f} MB"
+        )
+        lost = (self._source.lost or 0) + recorder.dropped + recorder.refused
+        return f"{text}  lost {lost}" if lost else text
+
+    def _conclude(self, recorder: Recorder, lasted_s: float) -> None:
+        """The totals, and what is missing."""
+        lost = self._source.lost
+        if self._quiet:
+            totals = {
+                "file": str(self._target),
+                "messages": recorder.messages,
+                "octets": recorder.octets,
+                "topics": len(self._topics),
+                "seconds": round(lasted_s, 3),
+                "lost": lost,
+                "dropped": recorder.dropped,
+                "refused": recorder.refused,
+            }
+            click.echo(json.dumps(totals))
+        else:
+            start = "\r\033[K" if sys.stdout.isatty() else ""
+            click.echo(f"{start}{self._line(recorder)}")
+        for many, why in (
+            (lost, "datagrams were lost: the socket had no room"),
+            (recorder.dropped, "messages were dropped: the disk is slower"),
+            (recorder.refused, "messages were not recorded: no such file can hold them"),
+        ):
+            if many:
+                click.echo(f"plotfeed: {many} {why}", err=True)
+        if recorder.failure:
+            click.echo(f"plotfeed: {recorder.failure}", err=True)

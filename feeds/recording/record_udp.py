@@ -1,0 +1,207 @@
+"""Datagrams as they come to this machine, with the time at which its kernel took them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from plotfeed.feeds.transport.udp import Endpoint, UdpError
+from plotfeed.models.state import NS
+from plotfeed.replay.asterix_blocks import content_type
+from plotfeed.replay.pcap.packets import SOURCE, UDP_TOPIC
+from plotfeed.replay.recorded import Recorded
+
+IS_LINUX = sys.platform == "linux"
+# Of Linux, and unknown to Python.
+SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_MEMINFO = 33, 35, 55
+IP_PKTINFO, IPV6_RECVPKTINFO, IPV6_PKTINFO = 8, 49, 50
+TIMESPEC = struct.Struct("@ll")
+"""Seconds and nanoseconds."""
+MEMINFO = struct.Struct("@9I")
+"""Of which the last is how many datagrams the socket had no room for."""
+BUFFER_OCTETS = 32 << 20
+"""What comes while this program does something else; the kernel may allow less."""
+LARGEST_OCTETS = 1 << 16
+EXTRA_OCTETS = 256
+AT_ONCE = 256
+"""Datagrams, until something else has its turn."""
+SETTLING_S = 1.0
+"""At first the kernel may give a datagram the time at which it is read, as it has no other yet.
+
+Those after it, which it stamped as they came, would then be earlier; a socket hands on in order.
+"""
+LAST_TURNS = 1000
+"""At the end, should they never cease to come."""
+
+
+class UdpSource:
+    """What comes to one port, of one address, of a group, or of all addresses."""
+
+    def __init__(self, endpoint: Endpoint, interface: str | None = None) -> None:
+        """`interface` is where a group is joined; raises `UdpError`."""
+        if interface is not None and not endpoint.address.is_multicast:
+            raise UdpError(f"--interface: only for multicast, which {endpoint.address} is not")
+        host = str(endpoint.address)
+        self.shown = f"udp://{f'[{host}]' if ':' in host else host}:{endpoint.port}"
+        self.has_kernel_times = False
+        """Whether times are those of the kernel, not of this program."""
+        self._endpoint = endpoint
+        self._interface = interface
+        self._topic = _topic(endpoint.address, endpoint.port)
+        self._is_any = endpoint.address.is_unspecified
+        self._socket: socket.socket | None = None
+        self._hear: Callable[[Recorded], None] = _forget
+        self._lost: int | None = None
+        self._latest_ns = 0
+        self._settled_s = 0.0
+
+    @property
+    def lost(self) -> int | None:
+        """Datagrams for which the socket had no room; None if the kernel does not tell."""
+        if self._socket is None or not IS_LINUX:
+            return self._lost
+        try:
+            told = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+            return int(MEMINFO.unpack(told)[-1])
+        except (OSError, struct.error):
+            return None
+
+    async def open(self, hear: Callable[[Recorded], None]) -> None:
+        """Call `hear` with each datagram from now on; raises `UdpError`."""
+        family = socket.AF_INET if self._endpoint.address.version == 4 else socket.AF_INET6
+        self._hear = hear
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._prepare(opened)
+            if self._endpoint.address.is_multicast:
+                self._join(opened)
+        except OSError as error:
+            opened.close()
+            raise UdpError(f"{self.shown}: {error.strerror or error}") from None
+        self._socket = opened
+        self._settled_s = time.monotonic() + SETTLING_S
+        asyncio.get_running_loop().add_reader(opened, self._take, opened)
+
+    async def close(self) -> None:
+        """Hear what is there already, and no more."""
+        opened = self._socket
+        if opened is None:
+            return
+        asyncio.get_running_loop().remove_reader(opened)
+        for _ in range(LAST_TURNS):
+            if self._take(opened) < AT_ONCE:
+                break
+        self._lost, self._socket = self.lost, None
+        opened.close()
+
+    def _take(self, opened: socket.socket) -> int:
+        """What has come, up to a number that takes no long time; how many."""
+        is_settling = time.monotonic() < self._settled_s
+        for n in range(AT_ONCE):
+            try:
+                payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
+            except OSError:  # there is nothing, or only word of an error
+                return n
+            topic, at_ns = self._told(extras)
+            if is_settling:
+                at_ns = self._latest_ns = max(at_ns, self._latest_ns)
+            self._hear(
+                Recorded(
+                    topic=topic,
+                    payload=payload,
+                    log_time_ns=at_ns,
+                    publish_time_ns=at_ns,
+                    content_type=content_type(payload),
+                    properties=((SOURCE, _place(*sender[:2])),),
+                )
+            )
+        return AT_ONCE
+
+    def _told(self, extras: Sequence[tuple[int, int, bytes]]) -> tuple[str, int]:
+        """Topic and time, as far as the kernel says them."""
+        topic, at_ns = self._topic, 0
+        for level, kind, data in extras:
+            if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
+                seconds, ns = TIMESPEC.unpack(data[: TIMESPEC.size])
+                at_ns = seconds * NS + ns
+            elif self._is_any:
+                topic = self._topic_of(level, kind, data) or topic
+        return topic, at_ns or time.time_ns()
+
+    def _prepare(self, ears: socket.socket) -> None:
+        address = self._endpoint.address
+        ears.setblocking(False)
+        ears.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
+        with contextlib.suppress(OSError):  # beyond the limit for everybody, which needs a right
+            if IS_LINUX:
+                ears.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
+        with contextlib.suppress(OSError):
+            if IS_LINUX:
+                ears.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+                self.has_kernel_times = True
+        if address.is_multicast:  # others on this machine may hear the group too
+            ears.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if self._is_any and IS_LINUX:  # where a datagram went is not known otherwise
+            if address.version == 4:
+                ears.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
+            else:
+                ears.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
+        found = socket.getaddrinfo(
+            str(address), self._endpoint.port, ears.family, socket.SOCK_DGRAM
+        )
+        place = found[0][4]
+        if address.is_multicast and address.version == 6:  # whose scope may need its interface
+            place = (*place[:3], self._index())
+        ears.bind(place)
+
+    def _join(self, ears: socket.socket) -> None:
+        group = self._endpoint.address
+        if group.version == 4:
+            member = group.packed + _interface_4(self._interface)
+            ears.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        else:
+            member = group.packed + struct.pack("@I", self._index())
+            ears.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+
+    def _index(self) -> int:
+        """Of the interface for a group of IPv6; 0 is the system's own choice."""
+        name = self._interface or getattr(self._endpoint.address, "scope_id", None)
+        return socket.if_nametoindex(name) if name else 0
+
+    def _topic_of(self, level: int, kind: int, data: bytes) -> str:
+        """By a struct in_pktinfo or in6_pktinfo; empty if it is none."""
+        port = self._endpoint.port
+        if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
+            return _topic(ipaddress.IPv4Address(data[8:12]), port)
+        if (level, kind) == (socket.IPPROTO_IPV6, IPV6_PKTINFO):
+            return _topic(ipaddress.IPv6Address(data[:16]), port)
+        return ""
+
+
+def _place(address: object, port: int) -> str:
+    """As topics and properties have it."""
+    return f"{str(address).partition('%')[0]}/{port}"
+
+
+def _topic(address: object, port: int) -> str:
+    return f"{UDP_TOPIC}{_place(address, port)}"
+
+
+def _interface_4(interface: str | None) -> bytes:
+    """The end of a struct ip_mreqn: an address, or the number of a name; neither is the route's."""
+    if interface is None:
+        return struct.pack("@4si", b"", 0)
+    try:
+        return struct.pack("@4si", ipaddress.IPv4Address(interface).packed, 0)
+    except ValueError:
+        return struct.pack("@4si", b"", socket.if_nametoindex(interface))
+
+
+def _forget(_recorded: Recorded) -> None:
+    """Before it is open."""

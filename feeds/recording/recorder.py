@@ -1,0 +1,225 @@
+"""Recording beside what a session, a broker or a socket does, without holding it up.
+
+Messages are put together where they come in, which takes microseconds. Compressing a chunk and
+writing it, which takes a millisecond and on a slow disk any time, is done by a thread in between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.proto.errors import EncodeError, PlotfeedError
+from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.records import Attachment
+from plotfeed.replay.recorded import Recorded, Stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+FLUSH_EVERY_S = 0.25
+MAX_WAITING_CHUNKS = 64
+"""Of 256 KiB, for a disk that stands still; then messages are dropped, and counted."""
+SCENE_NAME = "scene.toml"
+
+
+def scene_attachment(toml: str, now_utc_ns: int) -> Attachment:
+    """The scene of a session, so that its record can be run again."""
+    return Attachment(
+        name=SCENE_NAME,
+        media_type="application/toml",
+        data=toml.encode(),
+        log_time_ns=now_utc_ns,
+    )
+
+
+class Recorder:
+    """A file that takes messages until it is closed. A full disk ends it, not the session."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        attachments: Iterable[Attachment] = (),
+        force: bool = False,
+        waits: bool = False,
+    ) -> None:
+        """`force` replaces a file; `waits` says to wait for a slow disk rather than to drop.
+
+        Raises `PlotfeedError`, and `OSError` if the file cannot be written.
+        """
+        self.path = path
+        self.failure = ""
+        """Why the file is not whole; empty while it is."""
+        self.messages = 0
+        self.octets = 0
+        """Of payloads."""
+        self.dropped = 0
+        """Messages that came while the disk stood still."""
+        self.refused = 0
+        """Messages that such a file cannot hold."""
+        self._waits = waits
+        self._closed = False
+        self._given = self._done = 0
+        self._room = threading.Semaphore(MAX_WAITING_CHUNKS)
+        try:
+            self._file = path.open("wb" if force else "xb", buffering=0)
+        except FileExistsError:
+            raise PlotfeedError(
+                f"{path}: is there already; --force writes another in its place"
+            ) from None
+        self._thread = ThreadPoolExecutor(1, "record")
+        try:
+            self._log = LogWriter(
+                self._file,
+                attachments=attachments,
+                library=f"plotfeed {version('plotfeed')}",
+                run=self._later,
+            )
+        except BaseException:
+            self._release()
+            raise
+
+    def telemetry(
+        self, topic: str, payload: bytes, content_type: str | None, now_utc_ns: int
+    ) -> None:
+        """Telemetry that has come in, taken or not."""
+        self.write(
+            Recorded(
+                topic=topic,
+                payload=payload,
+                log_time_ns=now_utc_ns,
+                publish_time_ns=now_utc_ns,
+                content_type=content_type or "",
+                stage=Stage.TELEMETRY,
+            )
+        )
+
+    def before(self, message: Message, now_utc_ns: int | None = None) -> None:
+        """A message that a sensor hands to its link now; without a time, when it was due."""
+        at_ns = message.due_utc_ns if now_utc_ns is None else now_utc_ns
+        self._take(message, at_ns, Stage.BEFORE)
+
+    def after(self, message: Message, sent_utc_ns: int) -> None:
+        """A message that has left."""
+        self._take(message, sent_utc_ns, Stage.AFTER)
+
+    def received(
+        self,
+        topic: str,
+        payload: bytes,
+        now_utc_ns: int,
+        *,
+        content_type: str | None = None,
+        publish_utc_ns: int | None = None,
+        properties: tuple[tuple[str, str], ...] = (),
+        retain: bool = False,
+        qos: int = 0,
+    ) -> None:
+        """A message that was heard; `publish_utc_ns` is when it was due, where that is known."""
+        self.write(
+            Recorded(
+                topic=topic,
+                payload=payload,
+                log_time_ns=now_utc_ns,
+                publish_time_ns=now_utc_ns if publish_utc_ns is None else publish_utc_ns,
+                content_type=content_type or "",
+                properties=properties,
+                retain=retain,
+                qos=qos,
+            )
+        )
+
+    def write(self, recorded: Recorded) -> None:
+        """Any message; nothing once it has failed or is closed."""
+        if self.failure or self._closed:
+            return
+        if not self._waits and self._given - self._done >= MAX_WAITING_CHUNKS:
+            self.dropped += 1
+            return
+        try:
+            self._log.write(recorded)
+        except EncodeError:
+            self.refused += 1
+            return
+        self.messages += 1
+        self.octets += len(recorded.payload)
+
+    async def run(self) -> None:
+        """See to it that what is recorded is soon in the file; returns when no more is."""
+        while not self._closed and not self.failure:
+            await asyncio.sleep(FLUSH_EVERY_S)
+            if not self._closed and self._given - self._done < MAX_WAITING_CHUNKS:
+                self._log.flush()
+
+    def close(self) -> None:
+        """End the file with its index, and wait until it is written."""
+        if not self._closed:
+            self._closed = True
+            self._end()
+
+    async def stop(self) -> None:
+        """The same, while others work."""
+        if not self._closed:
+            self._closed = True
+            await asyncio.to_thread(self._end)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _take(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
+        self.write(
+            Recorded(
+                topic=message.topic,
+                payload=message.payload,
+                log_time_ns=at_utc_ns,
+                publish_time_ns=message.due_utc_ns,
+                content_type=message.content_type,
+                properties=message.properties,
+                retain=message.retain,
+                qos=message.qos,
+                stage=stage,
+            )
+        )
+
+    def _later(self, work: Callable[[], None]) -> None:
+        """Hand a chunk to the thread; waits for room only where nothing may be dropped."""
+        self._room.acquire()
+        self._given += 1
+        self._thread.submit(self._do, work)
+
+    def _do(self, work: Callable[[], None]) -> None:
+        """In the thread."""
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - whatever it is, it ends the recording alone
+            what = getattr(error, "strerror", None) or error
+            self.failure = f"{self.path}: {what}; what came after is not in the file"
+        finally:
+            self._done += 1
+            self._room.release()
+
+    def _end(self) -> None:
+        self._log.close()
+        self._release()
+
+    def _release(self) -> None:
+        self._thread.shutdown(wait=True)
+        with contextlib.suppress(OSError):
+            self._file.close()

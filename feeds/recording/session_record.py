@@ -1,0 +1,166 @@
+"""A session's own record: all that comes in and goes out, its ledger and its scene.
+
+Such a record can be run again: what came in is taken in at the same times.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder, scene_attachment
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.records import Attachment
+from plotfeed.replay.recorded import Recorded, Stage
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.session import Session
+
+SESSION_TOPIC = "/session"
+CONTROL_TOPIC = "/control"
+SUFFIX = ".mcap"
+
+
+class SessionRecorder(Observer):
+    """Records a session from within."""
+
+    def __init__(self, recorder: Recorder, *, ledger_is_sent: bool) -> None:
+        """`ledger_is_sent` says that the ledger is among the messages that leave."""
+        self.recorder = recorder
+        self._ledger_is_sent = ledger_is_sent
+        self._session: Session | None = None
+        self._flushing: asyncio.Task[None] | None = None
+
+    def begun(self, session: Session) -> None:
+        """Keep the file up to date from now on."""
+        self._session = session
+        self._flushing = asyncio.create_task(self.recorder.run(), name="record")
+
+    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Telemetry and commands, as of the time that counts."""
+        self.recorder.telemetry(topic, payload, content_type, t_utc_ns)
+
+    def before(self, message: Message) -> None:
+        """On its way into the link, when it is due there."""
+        self.recorder.before(message)
+
+    def after(self, message: Message, sent_utc_ns: int) -> None:
+        """On its way out."""
+        self.recorder.after(message, sent_utc_ns)
+
+    def ledger(self, message: Message) -> None:
+        """As if it were published, where it is not."""
+        if not self._ledger_is_sent and self._session is not None:
+            self.recorder.after(message, self._session.clock.now_ns())
+
+    def ended(self) -> None:
+        """There is no more."""
+        if self._flushing is not None:
+            self._flushing.cancel()
+
+
+def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
+    """The scene's text, and the flights that it flies, by the names that it knows them by."""
+    if scene.text:
+        yield scene_attachment(scene.text, now_utc_ns)
+    for name in dict.fromkeys(d.flight.file for d in scene.drone if d.flight is not None):
+        data = (scene.folder / name).read_bytes()
+        yield Attachment(
+            name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRecord:
+    """A session's record, to be run again."""
+
+    path: Path
+    start_utc_ns: int
+    end_utc_ns: int
+
+    @classmethod
+    def open(cls, path: Path) -> SessionRecord:
+        """Raises `PlotfeedError` if it is not the record of a session."""
+        with LogReader(path) as log:
+            summary = log.summary()
+            for message in log.messages():
+                if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
+                    break
+            else:
+                raise PlotfeedError(
+                    f"{path}: expected the record of a session, made by run --record"
+                )
+        try:
+            start_utc_ns = int(json.loads(message.payload)["start_utc_ns"])
+        except (ValueError, KeyError, TypeError):
+            raise PlotfeedError(f"{path}: its session does not say when it began") from None
+        return cls(path=path, start_utc_ns=start_utc_ns, end_utc_ns=summary.end_ns or start_utc_ns)
+
+    def scene(self, folder: Path) -> Scene:
+        """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
+        root = folder.resolve()
+        with LogReader(self.path) as log:
+            names = [entry.name for entry in log.summary().attachments]
+            if SCENE_NAME not in names:
+                raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
+            for name in names:
+                target = (root / name).resolve()
+                found = log.attachment(name)
+                if found is not None and target.is_relative_to(root):  # whoever wrote the file
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(found.data)
+        return load(root / SCENE_NAME)
+
+
+class RecordedTelemetry:
+    """What came in to a session, taken in by another at the same times of its clock."""
+
+    def __init__(self, path: Path, session: Session) -> None:
+        self._session = session
+        self._log = LogReader(path)
+        self._messages = self._log.messages(stages=[Stage.TELEMETRY])
+        self._next: Recorded | None = None
+        self._turn()
+
+    def take_before(self, t_utc_ns: int) -> None:
+        """All that had been taken in before that time; commands to the clock are left out."""
+        while self._next is not None and self._next.log_time_ns < t_utc_ns:
+            message = self._next
+            self._turn()
+            if not _is_of_clock(message):
+                self._session.take(
+                    message.topic,
+                    message.payload,
+                    message.content_type or None,
+                    message.log_time_ns,
+                )
+
+    def _turn(self) -> None:
+        """To the next message; after the last one the file is needed no more."""
+        self._next = next(self._messages, None)
+        if self._next is None:
+            self._log.close()
+
+
+def _is_of_clock(message: Recorded) -> bool:
+    """Whether it would hold or hurry the clock: the record has all of its time already."""
+    if not message.topic.endswith(CONTROL_TOPIC):
+        return False
+    try:
+        command = json.loads(message.payload)
+    except ValueError:
+        return False
+    return isinstance(command, dict) and "clock" in command
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file is to be taken for a record and not for a scene."""
+    return path.suffix == SUFFIX

@@ -1,0 +1,222 @@
+"""A recording shown: what it holds, in figures, or its messages one a line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import click
+
+from plotfeed.feeds.console.progress import with_progress
+from plotfeed.feeds.recording.decoded_text import Categories, message_lines, record_line
+from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
+from plotfeed.replay.asterix_files import RawReader
+from plotfeed.replay.files import DATELESS, FileFormat, Recording, open_recording
+from plotfeed.replay.recorded import Damage, Recorded
+from plotfeed.replay.summary import Summary
+
+
+def show_file(
+    path: Path, *, listed: bool, count: int | None, as_json: bool, categories: Categories
+) -> int:
+    """Print what a file holds, or its messages; the exit code: 2 if it is damaged.
+
+    Raises `PlotfeedError` and `OSError`.
+    """
+    try:
+        with open_recording(path) as recording:
+            if listed or count is not None:
+                lines = _lines(recording, as_json=as_json, categories=categories)
+                for line in islice(lines, count):
+                    click.echo(line)
+                if count is not None and next(lines, None) is not None:
+                    return 0
+                damage = recording.reader.damage
+            else:
+                summary = _summarised(path, recording)
+                damage = recording.reader.damage
+                _print_summary(path, recording, summary, as_json=as_json)
+    except DecodeError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
+    for each in damage:
+        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+    return 2 if damage else 0
+
+
+def _lines(recording: Recording, *, as_json: bool, categories: Categories) -> Iterator[str]:
+    """Of every message; records of raw ASTERIX stand for themselves."""
+    reader = recording.reader
+    if isinstance(reader, RawReader):
+        return _raw_lines(reader, as_json=as_json, categories=categories)
+    dated = recording.format not in DATELESS
+    line_of = partial(_message_lines, dated=dated, as_json=as_json, categories=categories)
+    return (line for message in reader.messages() for line in line_of(message))
+
+
+def _raw_lines(reader: RawReader, *, as_json: bool, categories: Categories) -> Iterator[str]:
+    for octets, at in reader.blocks():
+        block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
+        try:
+            for record in records_in(block, categories):
+                yield record_line(record, as_json=as_json)
+        except DecodeError as error:
+            where = block.at_octet if error.at_octet is None else error.at_octet
+            reader.damage.add(where, str(error).removeprefix(f"octet {where}: "))
+
+
+def _message_lines(
+    message: Recorded, *, dated: bool, as_json: bool, categories: Categories
+) -> Iterator[str]:
+    topic, payload = printable(message.topic), message.payload
+    trailer = trailer_octets(payload)
+    if trailer and message.content_type.startswith("application/x-asterix"):
+        payload = payload[:-trailer]
+    lines = message_lines(
+        topic, payload, message.content_type or None, as_json=as_json, categories=categories
+    )
+    when = _time(message.log_time_ns, dated=dated)
+    for line in lines:
+        # An object that message_lines makes has members.
+        yield f'{{"time_utc": "{when}", {line[1:]}' if as_json else f"{when}  {line}"
+
+
+def printable(text: str) -> str:
+    """What others sent shall not move the cursor of a terminal."""
+    return text if text.isprintable() else ascii(text)
+
+
+def _summarised(path: Path, recording: Recording) -> Summary:
+    summary = Summary()
+    messages = recording.reader.messages()
+    for message in with_progress(
+        messages, path.name, lambda: recording.reader.at, recording.octets
+    ):
+        summary.add(message)
+    return summary
+
+
+def _print_summary(path: Path, recording: Recording, summary: Summary, *, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(_figures(path, recording, summary)))
+        return
+    for line in _text(path, recording, summary):
+        click.echo(line)
+
+
+def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
+    dated = recording.format not in DATELESS
+    yield (
+        f"{path}: {recording.format}, {summary.messages} messages, {summary.octets} octets, "
+        f"{summary.duration_s:.3f} s"
+    )
+    if summary.first_ns is not None and summary.last_ns is not None:
+        yield f"  first        {_time(summary.first_ns, dated=dated)}"
+        yield f"  last         {_time(summary.last_ns, dated=dated)}"
+    if summary.gap_from_ns is not None:
+        since = _time(summary.gap_from_ns, dated=dated)
+        yield f"  longest gap  {summary.gap_ns / 1e9:.3f} s from {since}"
+    if summary.disordered:
+        yield f"  disordered   {summary.disordered} messages of earlier times than before them"
+    for stage, late in summary.lateness.items():
+        p50_ms, p99_ms = (late.percentile_ns(percent) / 1e6 for percent in (50, 99))
+        yield f"  lateness     p50 {p50_ms:.3g} ms, p99 {p99_ms:.3g} ms of {len(late)} ({stage})"
+    yield from _table(summary)
+    if recording.reader.skipped:
+        yield f"  {recording.reader.skipped} packets hold no UDP"
+    for name, octets in _attachments(recording):
+        yield f"  attachment {printable(name)}, {octets} octets"
+    if not dated:
+        yield f"  {recording.format} has no date"
+
+
+def _table(summary: Summary) -> Iterator[str]:
+    """Topics with their messages, those a second over the whole file, and octets."""
+    staged = len({stage for _, stage, _ in summary.series}) > 1
+    rows = [("topic", *(["stage"] if staged else []), "kind", "messages", "1/s", "octets")]
+    for (topic, stage, kind), series in sorted(summary.series.items()):
+        rate = f"{series.messages / summary.duration_s:.1f}" if summary.duration_s else ""
+        named = (printable(topic), *([str(stage)] if staged else []), printable(kind))
+        rows.append((*named, str(series.messages), rate, str(series.octets)))
+    if len(rows) > 1:
+        yield from _columns(rows, left=len(rows[0]) - 3)
+
+
+def _columns(rows: list[tuple[str, ...]], left: int) -> Iterable[str]:
+    """Aligned, so many of them to the left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [
+            cell.ljust(width) if place < left else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield "  " + "  ".join(cells)
+
+
+def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:
+    dated = recording.format not in DATELESS
+    time = partial(_time_or_none, dated=dated)
+    return {
+        "file": str(path),
+        "format": str(recording.format),
+        "dated": dated,
+        "messages": summary.messages,
+        "octets": summary.octets,
+        "duration_s": summary.duration_s,
+        "first_utc": time(summary.first_ns),
+        "last_utc": time(summary.last_ns),
+        "longest_gap_s": summary.gap_ns / 1e9,
+        "longest_gap_from_utc": time(summary.gap_from_ns),
+        "disordered": summary.disordered,
+        "lateness": {
+            str(stage): {
+                "messages": len(late),
+                "p50_us": late.percentile_ns(50) / 1e3,
+                "p99_us": late.percentile_ns(99) / 1e3,
+            }
+            for stage, late in summary.lateness.items()
+        },
+        "series": [
+            {
+                "topic": topic,
+                "stage": str(stage),
+                "kind": kind,
+                "messages": series.messages,
+                "octets": series.octets,
+            }
+            for (topic, stage, kind), series in sorted(summary.series.items())
+        ],
+        "attachments": [{"name": name, "octets": n} for name, n in _attachments(recording)],
+        "packets_without_udp": recording.reader.skipped,
+        "damage": [_damage(each) for each in recording.reader.damage],
+    }
+
+
+def _attachments(recording: Recording) -> list[tuple[str, int]]:
+    if recording.format is not FileFormat.MCAP:
+        return []
+    from plotfeed.replay.mcap.log_format import McapReader
+
+    if not isinstance(recording.reader, McapReader):
+        return []
+    return [(each.name, each.octets) for each in recording.reader.log.summary().attachments]
+
+
+def _damage(damage: Damage) -> dict[str, Any]:
+    return {"offset": damage.offset, "what": damage.what}
+
+
+def _time(t_utc_ns: int, *, dated: bool) -> str:
+    """UTC, or the time of day where the file has no date."""
+    text = iso_utc(t_utc_ns)
+    return text if dated else text.partition("T")[2]
+
+
+def _time_or_none(t_utc_ns: int | None, *, dated: bool) -> str | None:
+    return None if t_utc_ns is None else _time(t_utc_ns, dated=dated)

@@ -1,0 +1,216 @@
+"""What messages of a recording may leave by: brokers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import select
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Protocol
+
+from plotfeed.feeds.delivery.delivery import Delivery, Transport
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import MqttQueueKeys
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.udp import UdpDestination, UdpError, UdpLink
+
+log = logging.getLogger(__name__)
+
+UDP_TOPIC = "udp"
+"""The first level of the topics of datagrams: udp/ADDRESS/PORT."""
+MAX_DESTINATIONS = 256
+FULL_S = 1.0
+"""So long a socket that is full is waited for, where nothing else waits for its time."""
+
+
+def is_datagram(message: Message) -> bool:
+    """ASTERIX, or what was a datagram when it was recorded."""
+    return (
+        message.content_type.startswith("application/x-asterix")
+        or message.topic.startswith(f"{UDP_TOPIC}/")
+        or "asterix" in message.topic.split("/")[-2:]
+    )
+
+
+class ReplayUdp(UdpLink):
+    """One destination; whatever it is given goes there."""
+
+    def __init__(
+        self, settings: UdpDestination, key: str = "--udp", *, waits: bool = False
+    ) -> None:
+        """`waits` says that a full socket is waited for, rather than that a datagram is lost."""
+        super().__init__(settings, key)
+        self.refused = 0
+        """How often it was heard that nobody listens."""
+        self._waits = waits
+
+    def open(self) -> None:
+        """Make the socket; raises `UdpError`."""
+        super().open()
+        assert self._socket is not None  # noqa: S101 - else it has raised
+        try:
+            self._socket.connect(self._target)
+        except OSError as error:
+            self.close()
+            raise UdpError(f"{self.settings.destination}: {error.strerror or error}") from None
+
+    def carries(self, message: Message) -> bool:
+        """What is a datagram."""
+        return is_datagram(message)
+
+    def publish(self, parcel: Delivery) -> None:
+        """Send it if it is a datagram; one that the system does not take is not delivered."""
+        if not is_datagram(parcel.message):
+            parcel.settle(delivered=True)
+            return
+        parcel.leave()
+        parcel.settle(delivered=self.send(parcel.message.payload))
+
+    def send(self, payload: bytes) -> bool:
+        """Send a datagram; False if the system does not take it."""
+        opened = self._socket
+        if opened is None:
+            return False
+        for _ in range(3):
+            try:
+                opened.send(payload)
+            except ConnectionRefusedError:  # of an earlier one; this one has not been sent
+                self.refused += 1
+            except BlockingIOError:
+                if not self._waits or not select.select([], [opened], [], FULL_S)[1]:
+                    return False
+            except OSError:
+                return False
+            else:
+                return True
+        return False
+
+
+class RecordedUdp:
+    """The destinations that datagrams once had, by their topics udp/ADDRESS/PORT."""
+
+    def __init__(self, *, ttl: int = 1, interface: str | None = None, waits: bool = False) -> None:
+        self._ttl, self._interface, self._waits = ttl, interface, waits
+        self._links: dict[str, ReplayUdp | None] = {}
+
+    @property
+    def refused(self) -> int:
+        """How often it was heard that nobody listens."""
+        return sum(link.refused for link in self._links.values() if link is not None)
+
+    def carries(self, message: Message) -> bool:
+        """Whether its topic is a destination that can be sent to."""
+        topic = message.topic
+        if not topic.startswith(f"{UDP_TOPIC}/"):
+            return False
+        if topic not in self._links and len(self._links) < MAX_DESTINATIONS:
+            self._links[topic] = self._opened(topic)
+        return self._links.get(topic) is not None
+
+    def publish(self, parcel: Delivery) -> None:
+        """Send it to where its topic says."""
+        link = self._links.get(parcel.message.topic)
+        if link is None:
+            parcel.settle(delivered=True)
+        else:
+            link.publish(parcel)
+
+    def publish_together(self, parcels: Sequence[Delivery]) -> None:
+        """One after the other."""
+        for parcel in parcels:
+            self.publish(parcel)
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Nothing is kept that could take any time."""
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for link in self._links.values():
+            if link is not None:
+                link.close()
+
+    def _opened(self, topic: str) -> ReplayUdp | None:
+        _, _, place = topic.partition("/")
+        host, _, port = place.rpartition("/")
+        try:
+            address = ip_address(host)
+            text = f"[{address}]:{port}" if address.version == 6 else f"{address}:{port}"
+            interface = self._interface if address.is_multicast else None
+            settings = UdpDestination(destination=text, ttl=self._ttl, interface=interface)
+            link = ReplayUdp(settings, topic, waits=self._waits)
+            link.open()
+        except (ValueError, UdpError) as error:  # pydantic's errors are ValueErrors
+            log.warning("%s: %s", topic, str(error).splitlines()[0])
+            return None
+        return link
+
+
+WAITING = 4096
+"""Messages that may wait for a broker while whoever has no deadlines waits for room."""
+CONNECT_S = 5.0
+
+
+class WayOut(Transport, Protocol):
+    """A link, and what of a recording goes over it."""
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is a message for this link."""
+
+
+class ReplayMqtt(MqttLink):
+    """A broker, which is given everything."""
+
+    def __init__(self, address: BrokerAddress, *, waits: bool = False) -> None:
+        """`waits` says that nothing is dropped as long as the broker is away or slow."""
+        queue = MqttQueueKeys(policy="wait", messages=WAITING) if waits else None
+        super().__init__(address, "plotfeed-replay", queue=queue)
+
+    def carries(self, message: Message) -> bool:
+        """Any."""
+        return bool(message.topic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Destinations:
+    """Where a replay goes."""
+
+    brokers: tuple[BrokerAddress, ...] = ()
+    udp: tuple[UdpDestination, ...] = ()
+    recorded_udp: bool = False
+    """Whether datagrams go where they once went."""
+    ttl: int = 1
+    """Of those that once went to a multicast group."""
+    interface: str | None = None
+    """By which those leave."""
+
+
+@contextlib.asynccontextmanager
+async def ways_out(to: Destinations, *, waits: bool) -> AsyncIterator[list[WayOut]]:
+    """Sockets that are open and brokers that are there; raises `PlotfeedError`."""
+    outs: list[WayOut] = []
+    running: list[asyncio.Task[None]] = []
+    with contextlib.ExitStack() as sockets:
+        for settings in to.udp:
+            link = ReplayUdp(settings, waits=waits)
+            sockets.callback(link.close)
+            link.open()
+            outs.append(link)
+        if to.recorded_udp:
+            recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
+            sockets.callback(recorded.close)
+            outs.append(recorded)
+        try:
+            for broker in to.brokers:
+                mqtt = ReplayMqtt(broker, waits=waits)
+                running.append(asyncio.create_task(mqtt.run(), name="link[replay]"))
+                await mqtt.wait_until_up(CONNECT_S)
+                outs.append(mqtt)
+            yield outs
+        finally:
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)

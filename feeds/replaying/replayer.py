@@ -1,0 +1,309 @@
+"""A recording replayed: every message at an absolute time, through its link, and away."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from functools import partial
+from itertools import count
+
+from plotfeed.feeds.replaying.control import ReplayControl
+from plotfeed.feeds.replaying.destinations import WayOut
+from plotfeed.feeds.replaying.read_ahead import (
+    ReadAhead,
+    ReplayItem,
+    ReplayReader,
+    ReplaySource,
+    undisturbed,
+)
+from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.feeds.replaying.restamp import Restamper
+from plotfeed.feeds.replaying.routes import Departure, ReplayTotals, Routes
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.timer import MARGIN_NS, MAX_EARLY_NS
+from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.replay.pacing import Pace
+
+READY_NS = 20_000_000
+"""A message is made ready this long before it is due, so that only sending is left."""
+SPARE_NS = 100_000
+"""Less than this before a deadline, nothing else is made ready."""
+AT_ONCE = 1024
+"""Messages sent before others have their turn in the loop, where there are no deadlines."""
+FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
+"""Ways out may take so long for the last messages; the second where a slow broker is waited for."""
+
+
+class RushClock(InstantClock):
+    """Simulated time of a replay without deadlines: it goes on as messages leave."""
+
+    def go_to(self, t_utc_ns: int) -> None:
+        """Be there; it never goes back."""
+        self._now_ns = max(self._now_ns, t_utc_ns)
+
+
+async def replay(
+    source: ReplaySource,
+    outs: Sequence[WayOut],
+    settings: ReplaySettings,
+    *,
+    control: ReplayControl | None = None,
+    clock: Clock | None = None,
+    totals: ReplayTotals | None = None,
+) -> ReplayTotals:
+    """Replay a recording over ways out that stand, until its end or until it is stopped.
+
+    `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
+    are filled in on the way. Raises what reading the source raises, and `ReplayError`.
+    """
+    totals = ReplayTotals() if totals is None else totals
+    own = RushClock() if settings.fastest else WallClock()
+    replayer = Replayer(
+        source,
+        outs,
+        settings,
+        clock=clock or own,
+        totals=totals,
+        control=control or ReplayControl(),
+    )
+    try:
+        with undisturbed():
+            await replayer.run()
+    finally:
+        own.close()
+    return totals
+
+
+class Replayer:
+    """One agenda for what is due and for what links delay, and a queue of what comes next."""
+
+    def __init__(
+        self,
+        source: ReplaySource,
+        outs: Sequence[WayOut],
+        settings: ReplaySettings,
+        *,
+        clock: Clock,
+        totals: ReplayTotals,
+        control: ReplayControl,
+    ) -> None:
+        self._outs = outs
+        self._settings = settings
+        self._clock = clock
+        self._totals = totals
+        self._control = control
+        self._waker = Waker(clock) if isinstance(clock, WallClock) else None
+        self._agenda = Schedule()
+        self._ways = Routes(outs, settings, clock=clock, agenda=self._agenda, totals=totals)
+        self._restamper = Restamper(totals.left)
+        self._news = asyncio.Event()
+        self._ahead = ReadAhead(ReplayReader(source, settings), self._wake)
+        self._ready: dict[int, ReplayItem] = {}
+        """What is on the agenda, and can be taken back until it leaves."""
+        self._numbers = count()
+
+    async def run(self) -> None:
+        """Replay it all."""
+        try:
+            if isinstance(self._clock, RushClock):
+                await self._play(self._clock)
+            else:
+                await self._play_while_reading()
+            self._ways.flush()
+            patient = self._settings.fastest and not self._control.stopped
+            for out in self._outs:
+                await out.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
+        finally:
+            self._ways.end()
+            self._control.end()
+
+    async def _play_while_reading(self) -> None:
+        """In two tasks; what went wrong in either is raised as it is."""
+        reading = asyncio.create_task(self._ahead.run(), name="read-ahead")
+        playing = asyncio.create_task(self._play(None), name="replay")
+        try:
+            await asyncio.wait({reading, playing}, return_when=asyncio.FIRST_COMPLETED)
+            for task in (playing, reading):
+                if task.done():
+                    task.result()
+        finally:
+            for task in (playing, reading):
+                task.cancel()
+            await asyncio.gather(playing, reading, return_exceptions=True)
+
+    async def _play(self, rush: RushClock | None) -> None:
+        """Until nothing is left, or it is stopped; with `rush`, without deadlines."""
+        while not self._control.stopped:
+            self._news.clear()
+            if rush is not None:
+                self._ahead.read_now()
+            if self._control.pace is None:
+                self._begin()
+            next_ns = self._work() if rush is None else self._rush(rush)
+            if next_ns is None and self._ahead.finished and self._ahead.peek() is None:
+                if self._settings.stands_at_ns is None or rush is not None:
+                    return
+                next_ns = self._control.stand(self._settings.stands_at_ns)
+            if next_ns is None:
+                await self._news.wait()
+            else:
+                await (self._sleep(next_ns) if rush is None else self._breathe())
+
+    async def _sleep(self, until_ns: int) -> None:
+        """Until then, or until there is news; more exactly where something is to be sent."""
+        if self._waker is not None and until_ns == self._agenda.next_due_ns():
+            await self._waker.wait_until(until_ns)
+        else:
+            await self._clock.sleep_until(until_ns)
+
+    def _begin(self) -> None:
+        """As soon as the first message has been read."""
+        begin_ns = self._ahead.reader.begin_ns
+        if self._ahead.peek() is None or begin_ns is None:
+            return
+        start_utc_ns = self._clock.start() + READY_NS
+        pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
+        self._ways.later_ns = start_utc_ns - begin_ns
+        self._control.begin(
+            pace,
+            self._clock,
+            begin_ns=begin_ns,
+            laps=lambda: self._ahead.reader.laps,
+            on_pace=self._repaced,
+            on_seek=self._sought,
+        )
+
+    def _work(self) -> int | None:
+        """Do what is due; when more will be, or None if that is not known."""
+        for _, action in self._agenda.due_by(self._clock.now_ns()):
+            action()
+        return self._prepare()
+
+    def _prepare(self) -> int | None:
+        """Make ready what is due soon; when something has to be done next."""
+        pace = self._control.pace
+        if pace is None:
+            return None
+        while not pace.paused and (item := self._ahead.peek()) is not None:
+            due_ns, soonest_ns = pace.due(item.unrolled_ns), self._agenda.next_due_ns()
+            now_ns = self._clock.now_ns()
+            if due_ns - READY_NS > now_ns:
+                return (
+                    due_ns - READY_NS if soonest_ns is None else min(soonest_ns, due_ns - READY_NS)
+                )
+            if soonest_ns is not None and soonest_ns < min(due_ns, now_ns + SPARE_NS):
+                return soonest_ns
+            self._plan(self._ahead.pop(), due_ns)
+        return self._agenda.next_due_ns()
+
+    def _plan(self, item: ReplayItem, due_ns: int) -> None:
+        departure = self._departure(item, due_ns)
+        if departure is not None:
+            self._ways.make_ready(departure)
+            number = next(self._numbers)
+            self._ready[number] = item
+            self._agenda.put(due_ns, partial(self._leave, number, departure))
+
+    def _leave(self, number: int, departure: Departure) -> None:
+        """It is due, and leaves unless it was taken back."""
+        if self._ready.pop(number, None) is not None:
+            self._ways.send(departure)
+
+    def _rush(self, clock: RushClock) -> int | None:
+        """Do some of what comes next at once; the time that it is, or None if nothing is left."""
+        for _ in range(AT_ONCE):
+            pace = self._control.pace
+            item = None if pace is None or pace.paused else self._ahead.peek()
+            soonest_ns = self._agenda.next_due_ns()
+            if pace is not None and item is not None:
+                due_ns = pace.due(item.unrolled_ns)
+                if soonest_ns is None or due_ns <= soonest_ns:
+                    clock.go_to(due_ns)
+                    departure = self._departure(self._ahead.pop(), due_ns)
+                    if departure is not None:
+                        self._ways.send(departure)
+                    continue
+            if soonest_ns is None:
+                waits = self._control.is_paused or self._ahead.finished
+                return None if waits else clock.now_ns()
+            clock.go_to(soonest_ns)
+            for _, action in self._agenda.due_by(soonest_ns):
+                action()
+        return clock.now_ns()
+
+    async def _breathe(self) -> None:
+        """Let others have their turn, and a broker that is slow take its time."""
+        self._ways.flush()
+        await asyncio.sleep(0)
+        for out in self._outs:
+            while isinstance(out, MqttLink) and out.is_full and not self._control.stopped:
+                self._news.clear()
+                waits = [asyncio.create_task(x) for x in (out.room(), self._news.wait())]
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+                for wait in waits:
+                    wait.cancel()
+                await asyncio.gather(*waits, return_exceptions=True)
+
+    def _departure(self, item: ReplayItem, due_ns: int) -> Departure | None:
+        """The message as it is sent then; None if it is not."""
+        recorded, properties = item.recorded, item.recorded.properties
+        self._totals.laps = item.lap + 1
+        way, payload = self._ways.of(recorded), recorded.payload
+        if way.obstacle:
+            self._totals.skipped[way.obstacle] += 1
+            return None
+        shift_ns = self._settings.stamps.shift_ns(due_ns, item.recorded_ns)
+        if shift_ns:
+            payload = self._restamper.payload(recorded, shift_ns)
+            properties = self._restamper.properties(recorded, shift_ns)
+        return self._ways.departure(recorded, way, payload, properties, due_ns)
+
+    def _repaced(self) -> None:
+        """What has not left is due at other times."""
+        pace = self._control.pace
+        if pace is not None:
+            back = [n for n, item in self._ready.items() if item.unrolled_ns > pace.recorded_ns]
+            self._ahead.put_back([self._ready.pop(number) for number in back])
+        self._wake()
+
+    def _sought(self, lap: int, from_ns: int) -> None:
+        """It goes on elsewhere."""
+        self._ready.clear()
+        self._ahead.go_on(self._ahead.reader.elsewhere(lap, from_ns))
+        self._wake()
+
+    def _wake(self) -> None:
+        self._news.set()
+        self._clock.wake()
+
+
+FORGET = 64
+"""A late wake-up counts less and less over so many others."""
+
+
+SHARE = 4
+"""At most a quarter of the time is spent awake: nearer deadlines are left to the timer."""
+
+
+class Waker:
+    """Waits on a wall clock; how early it has itself woken follows from how late that was."""
+
+    def __init__(self, clock: WallClock) -> None:
+        self._clock = clock
+        self._late_ns = 0
+
+    async def wait_until(self, t_utc_ns: int) -> None:
+        """Return when it is that time, or when the clock is woken; never much earlier."""
+        clock, early_ns = self._clock, min(self._late_ns + MARGIN_NS, MAX_EARLY_NS)
+        if t_utc_ns - clock.now_ns() < SHARE * early_ns:
+            await clock.sleep_until(t_utc_ns)
+            return
+        wake_ns = t_utc_ns - early_ns
+        await clock.sleep_until(wake_ns)
+        late_ns = clock.now_ns() - wake_ns
+        if late_ns < 0:  # it was woken
+            return
+        self._late_ns = max(late_ns, self._late_ns - self._late_ns // FORGET)
+        while clock.now_ns() < t_utc_ns:
+            pass

@@ -1,0 +1,125 @@
+"""Messages of a recording as if they had been sent later: the times inside them moved.
+
+What cannot be moved is left alone, counted, and said once.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from plotfeed.feeds.messages.message import JSON, PROTOBUF
+from plotfeed.feeds.telemetry.category_129 import is_block_129
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.retime_asterix import Retimer
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
+from plotfeed.replay.recorded import Recorded
+
+log = logging.getLogger(__name__)
+
+ASTERIX = "application/x-asterix"
+MESSAGE_TYPE = "messageType="
+OURS: dict[str, Any] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+}
+BY_LEVEL = {"plots": pb.PlotBatch, "truth": pb.Ledger}
+JSON_LEVELS = frozenset({"errors", "status", "settings", "session"})
+TIME = "time"
+"""The user property that CloudEvents tells the time of a message by."""
+MOST_SAID = 20
+
+Mover = Callable[[bytes, int], bytes]
+"""A payload and a shift in nanoseconds; raises `DecodeError`."""
+
+
+class Restamper:
+    """Moves the times in messages."""
+
+    def __init__(self, left: Counter[str]) -> None:
+        """`left` counts the messages, or parts of them, that are left alone, by what they are."""
+        self._left = left
+        self._asterix = Retimer()
+        self._movers: dict[tuple[str, str], Mover | None] = {}
+
+    def payload(self, recorded: Recorded, shift_ns: int) -> bytes:
+        """The message's payload, its times later by that."""
+        key = (recorded.topic, recorded.content_type)
+        if key not in self._movers:
+            self._movers[key] = self._mover(*key)
+        mover = self._movers[key]
+        if mover is None:
+            kind = recorded.content_type or "octets that nothing is said of"
+            self._leave(f"{kind} on {recorded.topic}")
+            return recorded.payload
+        try:
+            return mover(recorded.payload, shift_ns)
+        except DecodeError as error:
+            self._leave(f"messages on {recorded.topic}: {error}")
+            return recorded.payload
+
+    def properties(self, recorded: Recorded, shift_ns: int) -> tuple[tuple[str, str], ...]:
+        """Its user properties likewise."""
+        return tuple(
+            (name, self._text(value, shift_ns) if name == TIME else value)
+            for name, value in recorded.properties
+        )
+
+    def _text(self, text: str, shift_ns: int) -> str:
+        try:
+            return retime_text(text, shift_ns)
+        except ValueError:
+            self._leave("a property time that is none")
+            return text
+
+    def _leave(self, what: str) -> None:
+        if what not in self._left and len(self._left) < MOST_SAID:
+            log.warning("left alone: %s", what)
+        if what in self._left or len(self._left) < MOST_SAID:
+            self._left[what] += 1
+        else:
+            self._left["others"] += 1
+
+    def _mover(self, topic: str, content_type: str) -> Mover | None:
+        """By content type, or by topic where MQTT 3.1.1 and UDP carry none."""
+        media_type, _, parameters = content_type.partition(";")
+        levels = topic.split("/")
+        if media_type == ASTERIX or "asterix" in levels[-2:] or levels[0] == "udp":
+            return self._move_asterix
+        if media_type == JSON or (not media_type and levels[-1] in JSON_LEVELS):
+            return retime_json
+        named = parameters.strip().removeprefix(MESSAGE_TYPE)
+        if levels[-1] == "sapient" or named.startswith("sapient_msg."):
+            return _sapient_mover()
+        if media_type not in ("", PROTOBUF):
+            return None
+        kind = OURS.get(named) or BY_LEVEL.get(levels[-1])
+        if kind is not None:
+            return lambda data, shift_ns: retime_protobuf(data, kind, shift_ns)
+        return self._move_telemetry if levels[-2:-1] == ["telemetry"] else None
+
+    def _move_asterix(self, data: bytes, shift_ns: int) -> bytes:
+        done = self._asterix.retime(data, shift_ns)
+        for what in done.left:
+            self._leave(what)
+        return done.octets
+
+    def _move_telemetry(self, data: bytes, shift_ns: int) -> bytes:
+        """Of whatever kind it looks like, as a session that takes it sees it."""
+        if data.lstrip(b" \t\r\n").startswith(b"{"):
+            return retime_json(data, shift_ns)
+        if is_block_129(data):
+            return self._move_asterix(data, shift_ns)
+        return retime_protobuf(data, pb.Telemetry, shift_ns)
+
+
+def _sapient_mover() -> Mover | None:
+    """None where the extra is not installed."""
+    try:
+        from plotfeed.proto.sapient.decode_sapient import retime_sapient
+    except ImportError:
+        return None
+    return retime_sapient

@@ -1,0 +1,248 @@
+"""Where each message of a replay goes: its topic, its link, and over which connections."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.replaying.destinations import ReplayUdp, WayOut
+from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.transport.mqtt.sender import MqttSender
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.recorded import Recorded
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.delivery.outbox import Outbox
+
+
+class ReplayImpairment(Impairment):
+    """The impairment of a session, `later_ns` later, so that chance is the same in each replay."""
+
+    def __init__(self, link: LinkSettings, seed: int, name: str, *, later_ns: int) -> None:
+        super().__init__(link, seed, name)
+        self._later_ns = later_ns
+
+    def pass_on(self, due_utc_ns: int, octets: int) -> Outcome:
+        """What becomes of a message that is due then."""
+        outcome = super().pass_on(due_utc_ns - self._later_ns, octets)
+        copies = (Copy(c.due_utc_ns + self._later_ns, c.flipped_bit) for c in outcome.copies)
+        return Outcome(outcome.fate, tuple(copies))
+
+
+Properties = tuple[tuple[str, str], ...]
+TOGETHER = 64
+"""Messages that leave in one go where there are no deadlines: a system call costs more than one."""
+MAX_LINKS = 1000
+"""Sources with a link of their own."""
+NOT_OVER_LINKS = frozenset({"status", "settings", "session", "errors", "truth"})
+"""Last levels of what a session says beside what its sensors report."""
+_FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
+
+
+@dataclass(slots=True)
+class ReplayTotals(SessionCounters):
+    """What a replay has done so far."""
+
+    worst_ns: int = 0
+    """The greatest lateness."""
+    octets: int = 0
+    """Of payloads that were sent."""
+    laps: int = 0
+    """Begun."""
+    skipped: Counter[str] = field(default_factory=Counter)
+    """Messages that were not sent, by the reason."""
+    left: Counter[str] = field(default_factory=Counter)
+    """Times that were left alone although they should have been moved, by what they are in."""
+
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
+        """Count what became of a message."""
+        if fate != pb.SENT:
+            SessionCounters.settle(self, fate, copy, lateness_ns)
+            return
+        self.messages += 1
+        self.duplicated += copy > 0
+        self.lateness_ns.append(lateness_ns)
+        self.worst_ns = max(self.worst_ns, lateness_ns)
+
+
+def source_of(topic: str) -> str:
+    """The sensor that a topic is of: what stands before the format, else two levels at most."""
+    found = _FORMAT.fullmatch(topic)
+    if found is not None:
+        return found[1]
+    return topic if topic.startswith("udp/") else "/".join(topic.split("/")[:2])
+
+
+class Route(NamedTuple):
+    """What becomes of the messages on a topic."""
+
+    topic: str
+    outbox: Outbox | None
+    """With the link that they go through; None if they go through none."""
+    obstacle: str = ""
+    """Why they are not sent; empty if they are."""
+    datagram: Callable[[bytes], bool] | None = None
+    """Sends a payload, where that is all that has to be done."""
+
+
+class Departure(NamedTuple):
+    """A message that is sent when it is due."""
+
+    way: Route
+    payload: bytes
+    message: Message | None
+    """None for a datagram that is its payload and nothing else."""
+    due_ns: int
+
+
+class Routes:
+    """All of them; each is found once."""
+
+    def __init__(
+        self,
+        outs: Sequence[WayOut],
+        settings: ReplaySettings,
+        *,
+        clock: Clock,
+        agenda: Schedule,
+        totals: ReplayTotals,
+    ) -> None:
+        self.later_ns = 0
+        """By how much the replay's time is ahead of the recorded one, at its beginning."""
+        self._outs = outs
+        self._settings = settings
+        self._clock = clock
+        self._agenda = agenda
+        self._totals = totals
+        self._together = TOGETHER if settings.fastest else 1
+        self._gathered: list[Delivery] = []
+        self._ways: dict[tuple[str, str], Route] = {}
+        self._outboxes: dict[str, Outbox] = {}
+
+    def of(self, recorded: Recorded) -> Route:
+        """That of a recorded message."""
+        key = (recorded.topic, recorded.content_type)
+        way = self._ways.get(key)
+        if way is None:
+            way = self._ways[key] = self._found(recorded)
+        return way
+
+    def departure(
+        self, recorded: Recorded, way: Route, payload: bytes, properties: Properties, due_ns: int
+    ) -> Departure:
+        """A message as it is sent when it is due."""
+        if way.datagram is not None:
+            return Departure(way, payload, None, due_ns)
+        message = Message(
+            topic=way.topic,
+            payload=payload,
+            content_type=recorded.content_type,
+            due_utc_ns=due_ns,
+            properties=properties,
+            retain=recorded.retain,
+            qos=min(recorded.qos, 1),
+        )
+        return Departure(way, payload, message, due_ns)
+
+    def make_ready(self, departure: Departure) -> None:
+        """Do ahead of time what can be done for it."""
+        if departure.message is not None:
+            for out in self._outs:
+                if isinstance(out, MqttSender):
+                    out.make_ready((departure.message,))
+
+    def send(self, departure: Departure) -> None:
+        """Send it now, through its link if it has one."""
+        way, message = departure.way, departure.message
+        self._totals.octets += len(departure.payload)
+        if way.datagram is not None:
+            fate = pb.SENT if way.datagram(departure.payload) else pb.UNDELIVERED
+            self._totals.settle(fate, 0, self._clock.now_ns() - departure.due_ns)
+        elif message is not None and way.outbox is not None:
+            self.flush()
+            way.outbox.send(message)
+        elif message is not None:
+            self._gathered.append(Delivery(message, self._clock, len(self._outs), self._settled))
+            if len(self._gathered) >= self._together:
+                self.flush()
+
+    def flush(self) -> None:
+        """Send what was gathered to leave together."""
+        if self._gathered:
+            parcels, self._gathered = self._gathered, []
+            for out in self._outs:
+                out.publish_together(parcels)
+
+    def end(self) -> None:
+        """What links still hold does not arrive."""
+        for outbox in self._outboxes.values():
+            outbox.end()
+
+    def _found(self, recorded: Recorded) -> Route:
+        topic = self._renamed(recorded.topic)
+        message = Message(
+            topic=topic, payload=b"", content_type=recorded.content_type, due_utc_ns=0
+        )
+        if not is_topic(topic):
+            return Route(topic, None, "their topic is none that a broker takes")
+        if not any(out.carries(message) for out in self._outs):
+            return Route(topic, None, "they are no datagrams, or of no destination")
+        outbox, out = self._outbox(recorded.topic), self._outs[0]
+        if outbox is None and len(self._outs) == 1 and isinstance(out, ReplayUdp):
+            return Route(topic, None, datagram=out.send)
+        return Route(topic, outbox)
+
+    def _renamed(self, topic: str) -> str:
+        found = (rule.apply(topic) for rule in self._settings.topics)
+        return next((new for new in found if new is not None), topic)
+
+    def _outbox(self, topic: str) -> Outbox | None:
+        link = self._link(topic)
+        if link is None or topic.rpartition("/")[2] in NOT_OVER_LINKS:
+            return None
+        source = source_of(topic)
+        if source not in self._outboxes:
+            if len(self._outboxes) >= MAX_LINKS:
+                raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
+            from plotfeed.feeds.delivery.outbox import Outbox
+
+            # By the same name as in a session, so that the same seed gives the same losses.
+            name = source.rpartition("/")[2]
+            self._outboxes[source] = Outbox(
+                self._clock,
+                self._outs,
+                agenda=self._agenda,
+                totals=self._totals,
+                link=link,
+                impair=partial(
+                    ReplayImpairment,
+                    seed=self._settings.seed,
+                    name=name,
+                    later_ns=self.later_ns,
+                ),
+            )
+        return self._outboxes[source]
+
+    def _link(self, topic: str) -> LinkSettings | None:
+        for rule in self._settings.links:
+            if not rule.topic or topic == rule.topic or topic.startswith(f"{rule.topic}/"):
+                return rule.link
+        return None
+
+    def _settled(self, parcel: Delivery) -> None:
+        fate, late_ns = pb.SENT if parcel.delivered else pb.UNDELIVERED, 0
+        if not self._settings.fastest:  # else there are no deadlines
+            now_ns = self._clock.now_ns() if parcel.sent_utc_ns is None else parcel.sent_utc_ns
+            late_ns = now_ns - parcel.message.due_utc_ns
+        self._totals.settle(fate, 0, late_ns)

@@ -1,0 +1,152 @@
+"""A recorded ledger in figures, and these as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.report.error_tally import EDGES, ErrorFigures
+from plotfeed.feeds.report.false_alarm_tally import AlarmFigures
+from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
+from plotfeed.feeds.report.look_tally import PdFigures
+from plotfeed.feeds.report.reading import Counted, SensorTally
+from plotfeed.feeds.report.spreads import CELLS, STEPS
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.recorded import Damage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFigures:
+    """One sensor, but for its link."""
+
+    sensor: str
+    entries: int
+    looks: PdFigures | None
+    looks_by_range: Sequence[PdFigures]
+    plots_from: str
+    """Where plots were found: their kind and whether before or after the link; empty for none."""
+    plots: int
+    """Of drones, by the ledger."""
+    joined: int
+    """Of these, the ones that were found with what was measured."""
+    errors: Sequence[ErrorFigures]
+    false_alarms: AlarmFigures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LedgerReport:
+    """All that is told of a file."""
+
+    file: str
+    scene: str
+    """Of the session that was recorded; empty if the file has none."""
+    entries: int
+    first_utc_ns: int
+    """When the first message was handed over; without any, when the first entry was written."""
+    last_utc_ns: int
+    """When the last entry was written, or the last message handed over."""
+    links: Sequence[LinkFigures]
+    sensors: Sequence[SensorFigures]
+    notes: Sequence[str]
+    damage: Sequence[Damage]
+    curve: Sequence[float]
+    """Probabilities of the `curve_ms` of all distributions of times."""
+    normalised_edges: Sequence[float]
+    """Between which errors over their standard deviations were counted."""
+    resolution: Mapping[str, float]
+    """Relative, of times that are quantiles; of Kolmogorov's distance."""
+
+
+def report(path: Path, found: Counted) -> LedgerReport:
+    """The figures of what was counted."""
+    names, sensors = _names(found.sensors.values()), _in_order(found)
+    links = [link for tally in found.sensors.values() for link in tally.links.values()]
+    begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
+    ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
+    return LedgerReport(
+        file=str(path),
+        scene=found.scene,
+        entries=found.entries,
+        first_utc_ns=min(begins, default=found.first_ns or 0),
+        last_utc_ns=max([found.last_ns or 0, *ends]),
+        links=[
+            link_figures(names[key], number + 1, link, tally.passage.order_of(number))
+            for key, tally in sensors
+            for number, link in enumerate(tally.links.values())
+            if link.messages
+        ],
+        sensors=[
+            _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
+        ],
+        notes=_notes(found),
+        damage=list(found.damage),
+        curve=[*CURVE.tolist(), 1.0],
+        normalised_edges=EDGES.tolist(),
+        resolution={"times": math.expm1(0.5 / STEPS), "distance": 1 / CELLS},
+    )
+
+
+def _names(tallies: Any) -> dict[tuple[str, str], str]:
+    """As they are told: with the prefix of their topics where the file has several."""
+    several = len({tally.prefix for tally in tallies}) > 1
+    return {
+        (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
+    }
+
+
+def _in_order(found: Counted) -> list[tuple[tuple[str, str], SensorTally]]:
+    """As the scene has them, then by name."""
+    places = {name: place for place, name in enumerate(found.scene_sensors)}
+    by_name = sorted(found.sensors.items())
+    return sorted(by_name, key=lambda each: (each[0][0], places.get(each[0][1], len(places))))
+
+
+def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
+    return SensorFigures(
+        sensor=name,
+        entries=tally.entries,
+        looks=tally.looks.total(),
+        looks_by_range=tally.looks.bins(),
+        plots_from=plots_from,
+        plots=tally.plots,
+        joined=tally.errors.joined,
+        errors=tally.errors.figures(),
+        false_alarms=tally.alarms.figures(),
+    )
+
+
+def _notes(found: Counted) -> list[str]:
+    tallies = found.sensors.values()
+    counts = {
+        "entries are no ledger and are left out": found.unreadable,
+        "entries were recorded twice and count once": found.repeated,
+        "entries are under more link settings than are told": sum(t.left_out for t in tallies),
+        "messages came too late for their place: neither in bursts nor in overtaking": sum(
+            t.passage.turns.out_of_turn for t in tallies
+        ),
+    }
+    return [*found.notes, *(f"{count} {what}" for what, count in counts.items() if count)]
+
+
+def as_values(told: LedgerReport) -> dict[str, Any]:
+    """For JSON: times also as text, and null for what is not there."""
+    values: dict[str, Any] = _plain(asdict(told))
+    for each in (values, *values["links"]):
+        for end in ("first", "last"):
+            each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
+    return values
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,301 @@
+"""What a link asked beside what it delivered, as figures; NaN where there is nothing to say."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.report.link_tally import PASSED_LOSS, LinkTally, Order, Setting, why_not_plain
+from plotfeed.feeds.report.spreads import ENOUGH, LawFit, Spread, p_of_distance, z_score
+from plotfeed.models.state import Floats
+from plotfeed.proto import plotfeed_pb2 as pb
+
+LONGEST_TOLD = 100
+"""Bursts up to which the probability of so many losses or more is told."""
+LONGEST_SUMMED = 4096
+FEWEST_BURSTS = 10
+"""From which on their mean is taken to be normal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bursts:
+    """Messages lost in a row."""
+
+    bursts: int
+    """That are whole; the others are `cut`, by an end, an outage or another setting."""
+    cut: int
+    asked_mean: float
+    delivered_mean: float
+    z: float
+    asked_survival: Sequence[float]
+    """Probability of 1, 2, ... or more."""
+    delivered_survival: Sequence[float]
+    lengths: Mapping[str, int]
+    """How many were so long."""
+
+
+def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
+    """Of what a link asks and what was found in order."""
+    lengths = order.bursts
+    count, total = lengths.total(), sum(n * times for n, times in lengths.items())
+    told = min(max(10, *lengths, 0), LONGEST_TOLD)
+    loses = asked is not None and asked.link.on_loss == "drop"
+    survival = asked.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
+    return Bursts(
+        bursts=count,
+        cut=order.cut_bursts,
+        asked_mean=asked.mean_burst if asked and loses else math.nan,
+        delivered_mean=total / count if count else math.nan,
+        z=_burst_z(total, count, survival),
+        asked_survival=survival[:told].tolist(),
+        delivered_survival=[
+            sum(times for n, times in lengths.items() if n >= least) / count if count else math.nan
+            for least in range(1, told + 1)
+        ],
+        lengths={str(n): times for n, times in sorted(lengths.items())},
+    )
+
+
+def _burst_z(total: int, count: int, survival: Floats) -> float:
+    """By the mean of lengths, sum S(n), and of their squares, sum (2n - 1) S(n)."""
+    if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
+        return math.nan
+    mean = survival.sum()
+    variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
+    if not variance > 1e-9:
+        return math.nan
+    return float((total - count * mean) / math.sqrt(count * variance))
+
+
+CURVE = np.concatenate([[0.0, 0.001, 0.002, 0.005], np.arange(1, 100) / 100, [0.995, 0.998, 0.999]])
+"""Probabilities at which whole distributions are told, and 1."""
+OTHER_FATES = {
+    "queue_full": pb.QUEUE_FULL,
+    "outage": pb.OUTAGE,
+    "stale": pb.STALE,
+    "undelivered": pb.UNDELIVERED,
+    "ended": pb.ENDED,
+    "unknown": pb.FATE_UNSPECIFIED,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatencyFigures:
+    """A distribution of times in milliseconds."""
+
+    mean_ms: float
+    p50_ms: float
+    p90_ms: float
+    p99_ms: float
+    max_ms: float
+    curve_ms: Sequence[float]
+    """At the probabilities of the report's `curve`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """Delivered delays against the law that was asked; Kolmogorov and Smirnov."""
+
+    distance: float
+    """Of what was delivered, engine and all."""
+    p_value: float
+    link_distance: float
+    """Of the delays that the link drew, without the engine's lateness."""
+    link_p_value: float
+    independent: float
+    """Messages that tell as much as these did, where successive delays are correlated."""
+    not_comparable: str
+    """Why there is nothing to compare with; empty if there is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """How many of how many, asked and delivered."""
+
+    count: int
+    of: int
+    asked: float
+    delivered: float
+    z: float
+    """Of the delivered share, in standard deviations from the asked one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkFigures:
+    """One sensor's messages under one link setting."""
+
+    sensor: str
+    number: int
+    """Of the setting, among this sensor's, from 1 as they came into force."""
+    link: object
+    """The keys that were in force."""
+    link_problem: str
+    """Why nothing is known of what the link asked; empty if it is."""
+    first_utc_ns: int
+    """When the first message was handed over."""
+    last_utc_ns: int
+    messages: int
+    sent: int
+    asked: LatencyFigures | None
+    delivered: LatencyFigures
+    fit: Fit
+    lateness: LatencyFigures
+    """Of the engine: sending less when the link was to let the message leave."""
+    loss: Share
+    bursts: Bursts
+    duplicates: Share
+    corrupted: Share
+    overtook: Share
+    """Messages that left before one that had been handed over earlier."""
+    other_fates: Mapping[str, int]
+
+
+def link_figures(sensor: str, number: int, tally: LinkTally, order: Order) -> LinkFigures:
+    """Of what was counted to the end."""
+    asked = tally.setting.asked
+    return LinkFigures(
+        sensor=sensor,
+        number=number,
+        link=_keys(tally.setting),
+        link_problem=tally.setting.problem,
+        first_utc_ns=tally.first_due_utc_ns or 0,
+        last_utc_ns=tally.last_due_utc_ns or 0,
+        messages=tally.messages,
+        sent=tally.fates[pb.SENT],
+        asked=None if asked is None or asked.link.down else _asked_times(asked),
+        delivered=_times(tally.delay),
+        fit=_fit(tally),
+        lateness=_times(tally.lateness),
+        loss=_loss(tally),
+        bursts=burst_figures(asked, order),
+        duplicates=_duplicates(tally),
+        corrupted=_corrupted(tally),
+        overtook=_share(order.overtook, order.left, _asked_overtaking(asked)),
+        other_fates={name: tally.fates[fate] for name, fate in OTHER_FATES.items()},
+    )
+
+
+def _keys(setting: Setting) -> Any:
+    if not setting.text:
+        return {}
+    return setting.text if setting.asked is None else json.loads(setting.text)
+
+
+def _times(spread: Spread) -> LatencyFigures:
+    curve_ms = spread.quantiles_ms(np.append(CURVE, 1.0))
+    p50_ms, p90_ms, p99_ms = spread.quantiles_ms(np.array([0.5, 0.9, 0.99])).tolist()
+    return LatencyFigures(
+        mean_ms=spread.mean_ms,
+        p50_ms=p50_ms,
+        p90_ms=p90_ms,
+        p99_ms=p99_ms,
+        max_ms=spread.max_ms,
+        curve_ms=curve_ms.tolist(),
+    )
+
+
+def _asked_times(asked: LinkExpectation) -> LatencyFigures:
+    p50_ms, p90_ms, p99_ms, max_ms = asked.delay_quantile_ms([0.5, 0.9, 0.99, 1.0]).tolist()
+    return LatencyFigures(
+        mean_ms=asked.delay.mean_ms(),
+        p50_ms=p50_ms,
+        p90_ms=p90_ms,
+        p99_ms=p99_ms,
+        max_ms=max_ms,
+        curve_ms=asked.delay_quantile_ms(np.append(CURVE, 1.0)).tolist(),
+    )
+
+
+def _fit(tally: LinkTally) -> Fit:
+    asked = tally.setting.asked
+    if asked is None:
+        return _no_fit("not known")
+    why_not = why_not_plain(asked)
+    if why_not or tally.sent_fit is None or tally.link_fit is None:
+        return _no_fit(why_not)
+    # The sum of an autoregression's correlations rho^k bounds how much its distribution function
+    # varies more than that of independent draws.
+    rho = abs(asked.link.delay_correlation)
+    share = (1 - rho) / (1 + rho)
+
+    def compared(fit: LawFit) -> tuple[float, float]:
+        distance = fit.distance()
+        return distance, p_of_distance(distance, fit.count * share)
+
+    distance, p_value = compared(tally.sent_fit)
+    link_distance, link_p_value = compared(tally.link_fit)
+    return Fit(
+        distance=distance,
+        p_value=p_value,
+        link_distance=link_distance,
+        link_p_value=link_p_value,
+        independent=tally.sent_fit.count * share,
+        not_comparable="",
+    )
+
+
+def _no_fit(why: str) -> Fit:
+    none = math.nan
+    return Fit(
+        distance=none,
+        p_value=none,
+        link_distance=none,
+        link_p_value=none,
+        independent=none,
+        not_comparable=why,
+    )
+
+
+def _share(count: int, of: int, asked: float, z: float = math.nan) -> Share:
+    delivered = count / of if of else math.nan
+    return Share(count=count, of=of, asked=asked, delivered=delivered, z=z)
+
+
+def _binomial(count: int, of: int, asked: float) -> Share:
+    return _share(count, of, asked, z_score(count - of * asked, of * asked * (1 - asked)))
+
+
+def _loss(tally: LinkTally) -> Share:
+    """Among the messages on which the model of loss decided: outages hide what it would have."""
+    asked, lost = tally.setting.asked, tally.fates[pb.LOST]
+    of = lost + sum(tally.fates[fate] for fate in PASSED_LOSS)
+    if asked is None:
+        return _share(lost, of, math.nan)
+    mean = 0.0 if asked.link.on_loss == "stall" else asked.mean_loss
+    if not (of and 0 < mean < 1) or of * mean / asked.mean_burst < ENOUGH:
+        return _share(lost, of, mean)
+    variance = (of * asked.spread_of_loss(of)) ** 2
+    return _share(lost, of, mean, z_score(lost - of * mean, variance))
+
+
+def _duplicates(tally: LinkTally) -> Share:
+    asked = tally.setting.asked
+    of = tally.let_through - tally.duplicates
+    if asked is None:
+        return _share(tally.duplicates, of, math.nan)
+    if asked.link.rate_kbit_s is not None:  # a full queue takes some
+        return _share(tally.duplicates, of, asked.duplicate_share)
+    return _binomial(tally.duplicates, of, asked.duplicate_share)
+
+
+def _corrupted(tally: LinkTally) -> Share:
+    asked = tally.setting.asked
+    if asked is None:
+        return _share(tally.corrupted, tally.let_through, math.nan)
+    return _binomial(tally.corrupted, tally.let_through, asked.link.corrupt)
+
+
+def _asked_overtaking(asked: LinkExpectation | None) -> float:
+    """None where the order is kept or all take as long; else it depends on how messages come."""
+    if asked is None:
+        return math.nan
+    link = asked.link
+    least_ms, most_ms = asked.delay_quantile_ms([0.0, 1.0])
+    kept = link.keeps_order or (least_ms == most_ms and link.reorder is None)
+    return 0.0 if kept else math.nan

@@ -1,0 +1,86 @@
+"""What the parts of a scene are made of: strict, frozen, and with the unit in every name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+
+class SceneTable(BaseModel):
+    """A table of the scene file."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+def _name(value: str) -> str:
+    if not value.isprintable() or any(c in value for c in "/+# ") or not 1 <= len(value) <= 64:
+        raise ValueError("a name is 1 to 64 printable characters, without space, '/', '+' or '#'")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_name)]
+# Every number has bounds, so that no power or product of them leaves float64 or int64.
+Positive = Annotated[float, Field(gt=0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0, le=1e9)]
+Offset = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""From the site, in metres."""
+Decibels = Annotated[float, Field(ge=-300, le=300)]
+Loss = Annotated[float, Field(ge=0, le=300)]
+"""In decibels."""
+Speed = Annotated[float, Field(ge=0.01, le=1000)]
+Resolution = Annotated[float, Field(ge=0.01, le=1e6)]
+"""In metres."""
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=180)]
+Height = Annotated[float, Field(ge=-1000, le=100_000)]
+Azimuth = Annotated[float, Field(ge=-360, le=360)]
+Elevation = Annotated[float, Field(ge=-90, le=90)]
+Beamwidth = Annotated[float, Field(ge=0.01, le=360)]
+Frequency = Annotated[float, Field(ge=1, le=1e12)]
+Probability = Annotated[float, Field(ge=1e-15, le=0.1)]
+"""Of a false alarm."""
+Enu = Annotated[tuple[Offset, Offset, Offset], Field(strict=False)]
+
+
+class Site(SceneTable):
+    """The point from which positions in the scene are counted."""
+
+    latitude_deg: Latitude
+    """WGS-84, north."""
+    longitude_deg: Longitude
+    """WGS-84, east."""
+    height_m: Height
+    """Above the WGS-84 ellipsoid."""
+
+
+class Location(SceneTable):
+    """A place: from the site in metres, or by latitude and longitude."""
+
+    east_m: Offset | None = None
+    """Of the site."""
+    north_m: Offset | None = None
+    """Of the site."""
+    above_site_m: Offset | None = None
+    """Difference in height above the ellipsoid."""
+    latitude_deg: Latitude | None = None
+    """WGS-84, north."""
+    longitude_deg: Longitude | None = None
+    """WGS-84, east."""
+    height_m: Height | None = None
+    """Above the ellipsoid."""
+
+    @model_validator(mode="after")
+    def _one_way_or_the_other(self) -> Location:
+        local = (self.east_m, self.north_m, self.above_site_m)
+        geodetic = (self.latitude_deg, self.longitude_deg, self.height_m)
+        given = [None not in way for way in (local, geodetic)]
+        void = [way == (None, None, None) for way in (local, geodetic)]
+        if not ((given[0] and void[1]) or (given[1] and void[0])):
+            raise ValueError(
+                "a place has east_m, north_m and above_site_m, "
+                "or latitude_deg, longitude_deg and height_m"
+            )
+        return self

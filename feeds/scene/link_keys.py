@@ -1,0 +1,209 @@
+"""What a link does to its messages, as a table of the scene: `[sensor.link]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.scene.fields import NotNegative, SceneTable
+
+Chance = Annotated[float, Field(ge=0, le=1)]
+"""A probability: 0.05 is 5 percent."""
+Correlation = Annotated[float, Field(gt=-1, lt=1)]
+
+
+class RandomLoss(SceneTable):
+    """Each message is lost with one probability, alone or in a row with the one before it."""
+
+    kind: Literal["random"]
+    """Which model of loss."""
+    probability: Chance
+    """That a message is lost, from 0 to 1."""
+    correlation: Correlation = 0.0
+    """Between the losses of successive messages: exactly that, unlike netem's."""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        p = self.probability
+        least = -min(p, 1 - p) / max(p, 1 - p)  # else a row of two losses has less than no chance
+        if self.correlation < least:
+            raise ValueError(f"correlation: with that probability, at least {least:.4g}")
+        return self
+
+
+class GilbertElliott(SceneTable):
+    """Two states, good and bad; netem's gemodel. By mean loss and mean burst, or by p and r."""
+
+    kind: Literal["gilbert-elliott"]
+    """Which model of loss."""
+    mean_loss: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """Share of messages that are lost, from 0 to 1; with mean_burst."""
+    mean_burst: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    """Messages lost in a row, on average; with mean_loss."""
+    p: Chance | None = None
+    """Probability of going from good to bad, per message; with r."""
+    r: Chance | None = None
+    """Probability of going from bad to good, per message; with p."""
+    good_loss: Chance | None = None
+    """Probability of losing a message in the good state, netem's 1-k; with p and r, else 0."""
+    bad_loss: Chance | None = None
+    """Probability of losing a message in the bad state, netem's 1-h; with p and r, else 1."""
+
+    @model_validator(mode="after")
+    def _one_way_or_the_other(self) -> Self:
+        means = (self.mean_loss, self.mean_burst)
+        chain = (self.p, self.r, self.good_loss, self.bad_loss)
+        if not (
+            (None not in means and chain == (None,) * 4)
+            or (means == (None, None) and None not in chain[:2])
+        ):
+            raise ValueError(
+                "expected mean_loss and mean_burst, or p and r, with good_loss and bad_loss or not"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if self.mean_loss is not None and self.mean_burst is not None:
+            least = self.mean_loss / (1 - self.mean_loss)
+            if self.mean_burst < least:  # p = L/(B(1-L)) is a probability
+                raise ValueError(f"mean_burst: with that mean_loss, at least {least:.4g}")
+        elif self.p == self.r == 0:
+            raise ValueError("p: must be above 0 where r is 0, or nothing tells in which state")
+        return self
+
+    @property
+    def probabilities(self) -> tuple[float, float, float, float]:
+        """p, r, loss when good, loss when bad."""
+        if self.mean_loss is not None and self.mean_burst is not None:
+            r = 1 / self.mean_burst
+            return min(1.0, r * self.mean_loss / (1 - self.mean_loss)), r, 0.0, 1.0
+        good = 0.0 if self.good_loss is None else self.good_loss
+        bad = 1.0 if self.bad_loss is None else self.bad_loss
+        return self.p or 0.0, self.r or 0.0, good, bad
+
+
+class FourState(SceneTable):
+    """States 1 good, 2 good within a burst, 3 lost within a burst, 4 lost alone; netem's state."""
+
+    kind: Literal["four-state"]
+    """Which model of loss."""
+    p13: Chance
+    """Probability that a burst begins, per message."""
+    p31: Chance | None = None
+    """Probability that a lost message is the last of its burst; without it, 1 - p13, as netem."""
+    p32: Chance = 0.0
+    """Probability that the message after a lost one passes though the burst goes on."""
+    p23: Chance = 1.0
+    """Probability that losing goes on after a message that passed within a burst."""
+    p14: Chance = 0.0
+    """Probability of losing a message alone."""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if self.p13 + self.p14 > 1:
+            raise ValueError("p14: with p13, at most 1")
+        if self.ends + self.p32 > 1:
+            raise ValueError("p32: with p31, at most 1")
+        if self.ends == 0:
+            raise ValueError("p31: must be above 0, or a burst never ends")
+        if self.p23 == 0:
+            raise ValueError("p23: must be above 0, or a burst never ends")
+        return self
+
+    @property
+    def ends(self) -> float:
+        """p31, given or not."""
+        return 1 - self.p13 if self.p31 is None else self.p31
+
+
+Loss = Annotated[RandomLoss | GilbertElliott | FourState, Field(discriminator="kind")]
+
+
+MAX_DELAYS = 100_000
+
+
+class ReorderSettings(SceneTable):
+    """Messages that leave ahead of others, as netem's reorder with its gap."""
+
+    probability: Chance
+    """That a candidate leaves at once, without delay; from 0 to 1."""
+    gap: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Every gap-th message since the last that did so is a candidate; 1 is every one."""
+
+
+class LinkSettings(SceneTable):
+    """What happens to a sensor's messages on their way. A key that is not given does nothing."""
+
+    latency_ms: NotNegative = 0.0
+    """Delay of every message, in milliseconds."""
+    jitter_ms: NotNegative = 0.0
+    """Unit of the delay's spread in milliseconds: sigma if normal, half the width if uniform."""
+    distribution: Literal["normal", "uniform", "pareto", "paretonormal", "table"] = "normal"
+    """Shape of the spread, as netem's; one that netem is not told is uniform, not normal."""
+    delays_ms: (
+        Annotated[tuple[NotNegative, ...], Field(strict=False, min_length=1, max_length=MAX_DELAYS)]
+        | None
+    ) = None
+    """Sample of measured delays in milliseconds, for table alone; latency_ms is added to them."""
+    delay_correlation: Correlation = 0.0
+    """Between the delays of successive messages, of their normal scores."""
+    loss: Loss | None = None
+    """Which messages are lost; without it, none."""
+    on_loss: Literal["drop", "stall"] = "drop"
+    """Stall: what is lost is repeated as TCP would, and all behind it waits; nothing is lost."""
+    duplicate: Chance = 0.0
+    """Probability that a message comes twice, each with a delay of its own; from 0 to 1."""
+    corrupt: Chance = 0.0
+    """Probability that one bit of a message's payload is flipped; from 0 to 1."""
+    in_order: bool = False
+    """Whether no message overtakes another: a later one waits, which raises the mean delay."""
+    reorder: ReorderSettings | None = None
+    """Messages that overtake on purpose; not with in_order, nor with stall."""
+    rate_kbit_s: Annotated[float, Field(ge=0.001, le=1e9)] | None = None
+    """Thousands of bits that pass in a second; without it, any number."""
+    overhead_octets: Annotated[int, Field(ge=0, le=65_535)] = 0
+    """Added to each message where rate_kbit_s counts, for headers."""
+    queue_messages: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
+    """Messages that wait for rate_kbit_s or are being sent by it; one more is dropped."""
+    down: bool = False
+    """An outage: nothing passes."""
+
+    @model_validator(mode="after")
+    def _has_one_law_of_delay(self) -> Self:
+        if self.distribution == "table":
+            if self.delays_ms is None:
+                raise ValueError('delays_ms: needed with distribution = "table"')
+            if self.jitter_ms:
+                raise ValueError('jitter_ms: contradicts distribution = "table"')
+        elif self.delays_ms is not None:
+            raise ValueError('delays_ms: needs distribution = "table"')
+        return self
+
+    @model_validator(mode="after")
+    def _orders_or_reorders(self) -> Self:
+        if self.reorder is not None and self.in_order:
+            raise ValueError("reorder: contradicts in_order")
+        if self.reorder is not None and self.on_loss == "stall":
+            raise ValueError('reorder: contradicts on_loss = "stall", which keeps the order')
+        return self
+
+    @property
+    def keeps_order(self) -> bool:
+        """Whether nothing overtakes: asked for, or because TCP never lets it."""
+        return self.in_order or self.on_loss == "stall"
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether every message passes at once, once and as it is."""
+        return not (
+            self.latency_ms
+            or self.jitter_ms
+            or self.delays_ms
+            or self.loss
+            or self.duplicate
+            or self.corrupt
+            or self.rate_kbit_s
+            or self.down
+        )

@@ -1,0 +1,1 @@
+"""The commercial sensors of the paper's tables, one file each."""

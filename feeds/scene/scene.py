@@ -1,0 +1,297 @@
+"""The scene file: TOML in, one frozen and validated `Scene` out, or an error that names the key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from datetime import UTC, datetime
+from importlib.resources import as_file, files
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_validator
+
+from plotfeed.feeds.scene.changes import ChangeError, changed
+from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone
+from plotfeed.feeds.scene.fields import (
+    Decibels,
+    Height,
+    Name,
+    NotNegative,
+    Positive,
+    SceneTable,
+    Site,
+)
+from plotfeed.feeds.scene.output_keys import MqttQueueKeys, PageKeys, SapientKeys
+from plotfeed.feeds.scene.presets.preset import names as preset_names
+from plotfeed.feeds.scene.presets.preset import with_presets
+from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.transport.udp import UdpDestination
+from plotfeed.proto.errors import PlotfeedError
+
+MAX_SCENE_OCTETS = 4 << 20
+MAX_FALSE_ALARMS = 100_000
+"""In a scan, on average: each of them is drawn, encoded and sent."""
+TOPICS_OF_SESSION = frozenset({"telemetry", "truth", "errors", "control", "session", COOPERATIVE})
+"""Levels after the prefix that no sensor can have as its id."""
+MAX_PROBLEMS = 20
+"""Told of a scene that has many."""
+
+
+class SceneError(PlotfeedError):
+    """A scene that cannot be run. `problems` are (key, what was expected)."""
+
+    def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
+        lines = [f"{path}: {key}: {text}" if key else f"{path}: {text}" for key, text in problems]
+        super().__init__("\n".join(_printable(line) for line in lines))
+        self.path = path
+        self.problems = problems
+
+
+class General(SceneTable):
+    """What concerns the whole scene."""
+
+    name: Name
+    seed: Annotated[int, Field(ge=0, lt=1 << 63)]
+    """Of all random draws."""
+    site: Site
+    start_utc: datetime | None = None
+    """Where the scene's time begins; without it, now. With it, every run gives the same bytes."""
+    duration_s: Positive | None = None
+    """When to end; without it, on request."""
+
+    @model_validator(mode="after")
+    def _start_is_a_time(self) -> Self:
+        if self.start_utc is None:
+            return self
+        if self.start_utc.tzinfo is None:
+            raise ValueError("start_utc: write the zone too, such as 2026-01-01T12:00:00Z")
+        if not 1970 < self.start_utc.year < 2200:
+            raise ValueError("start_utc: must be from 1971 to 2199")
+        return self
+
+    @property
+    def start_utc_ns(self) -> int | None:
+        """The beginning as nanoseconds since 1970, exact to the microsecond."""
+        if self.start_utc is None:
+            return None
+        since = self.start_utc - datetime(1970, 1, 1, tzinfo=UTC)
+        return ((since.days * 86400 + since.seconds) * 1_000_000 + since.microseconds) * 1000
+
+
+class Telemetry(SceneTable):
+    """How telemetry is taken, from MQTT and from files."""
+
+    stale_after_s: Positive = 3.0
+    """A drone without news flies on for this long, and is then gone."""
+    takeoff_height_m: Height | None = None
+    """Above the ellipsoid; added to altitudes above take-off, which are refused without it."""
+    geoid_undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
+    """Of the geoid above the ellipsoid; without it, pyproj's EGM96 grid or a refusal."""
+    max_ahead_s: NotNegative = 2.0
+    """Telemetry from further in the future is refused."""
+    max_age_s: Positive = 60.0
+    """Telemetry older than this is refused."""
+    max_drones: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
+    rcs_m2: Positive = 0.01
+    """Radar cross-section of a drone that states none."""
+    sound_power_db: Decibels = 80.0
+    """Sound power level, re 1 pW, of a drone that states none."""
+
+
+def _prefix(value: str) -> str:
+    if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
+        raise ValueError("expected printable characters, of which the first is not $")
+    return value
+
+
+class Mqtt(SceneTable):
+    """Where messages go."""
+
+    prefix: Annotated[
+        str,
+        Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200),
+        AfterValidator(_prefix),
+    ] = "plotfeed"
+    """First level or levels of every topic."""
+    broker: str | None = None
+    """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
+    port: Annotated[int, Field(ge=1, le=65533)] = 1883
+    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
+    version: Literal["5", "3.1.1", "any"] = "any"
+    """Of MQTT, with a broker of your own; any tries 5 first."""
+    qos: Literal[0, 1] = 0
+    """Of what sensors report; status messages always have 1."""
+    ca_file: str | None = None
+    """Of who vouches for a broker at mqtts://; relative to the scene, as the files below."""
+    client_certificate_file: str | None = None
+    client_key_file: str | None = None
+    credentials_file: str | None = None
+    """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
+    PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
+    queue: MqttQueueKeys = MqttQueueKeys()
+    """What waits for the broker."""
+    truth: bool = True
+    """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
+
+
+class Asterix(SceneTable):
+    """Where decoders of ASTERIX differ."""
+
+    longitude_025: Literal["full-turn", "half-turn"] = "full-turn"
+    """Of a sensor in category 025: the LSB is 360 or 180 degrees over 2^32. libasterix reads the
+    second, which reaches from -90 to 90 degrees; asterix-decoder and jASTERIX the first."""
+
+
+def _or_of_a_preset(schema: dict[str, Any]) -> None:
+    """Let the JSON schema pass a sensor whose keys its preset gives."""
+    of_a_preset = {
+        "type": "object",
+        "required": ["id", "preset"],
+        "properties": {"preset": {"enum": preset_names()}},
+    }
+    schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
+
+
+class Scene(SceneTable):
+    """Everything that a session models. What is not named here costs nothing."""
+
+    scene: General
+    telemetry: Telemetry = Telemetry()
+    mqtt: Mqtt = Mqtt()
+    asterix: Asterix = Asterix()
+    udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
+    sapient: SapientKeys = SapientKeys()
+    sensor: Annotated[
+        tuple[Sensor, ...],
+        Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
+    ]
+    drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
+    cooperative: CooperativeKeys | None = None
+    page: PageKeys = PageKeys()
+
+    _folder: Path = PrivateAttr(default=Path())
+    _text: str = PrivateAttr(default="")
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        for kind, names in (
+            ("sensor", [s.id for s in self.sensor]),
+            ("drone", [d.id for d in self.drone]),
+        ):
+            twice = {name for name, count in Counter(names).items() if count > 1}
+            if twice:
+                raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
+        taken = sorted(TOPICS_OF_SESSION & {s.id for s in self.sensor})
+        if taken:
+            raise ValueError(f"sensor: the id {taken[0]!r} is a topic of the session")
+        return self
+
+    @model_validator(mode="after")
+    def _drones_can_cooperate(self) -> Self:
+        if self.cooperative is not None:
+            flown = [drone.id for drone in self.drone]
+            problem = self.cooperative.problem(flown, self.telemetry.geoid_undulation_m)
+            if problem is not None:
+                raise ValueError(f"{COOPERATIVE}: {problem}")
+        return self
+
+    @model_validator(mode="after")
+    def _false_alarms_can_be_sent(self) -> Self:
+        for sensor in self.sensor:
+            _check_false_alarms(sensor, self.scene.site)
+        return self
+
+    @model_validator(mode="after")
+    def _events_can_happen(self) -> Self:
+        for sensor in self.sensor:
+            for i, event in enumerate(sensor.event):
+                try:
+                    other = changed(sensor, event.set)
+                except ChangeError as error:
+                    raise ValueError(f"sensor: {sensor.id!r}: event[{i}].set: {error}") from None
+                _check_false_alarms(other, self.scene.site)
+        return self
+
+    @model_validator(mode="after")
+    def _udp_is_of_sensors(self) -> Self:
+        known = {COOPERATIVE, *(s.id for s in self.sensor)}
+        for name in (name for udp in self.udp for name in udp.sensors):
+            if name not in known:
+                raise ValueError(f"udp: sensors: no sensor has the id {name!r}")
+        return self
+
+    @property
+    def folder(self) -> Path:
+        """Where the scene's own files are."""
+        return self._folder
+
+    @property
+    def text(self) -> str:
+        """The file as it was written; empty for a scene that was not loaded from one."""
+        return self._text
+
+
+def _check_false_alarms(sensor: Sensor, site: Site) -> None:
+    expected = sensor.model(site).false_alarms_per_scan
+    if expected > MAX_FALSE_ALARMS:
+        raise ValueError(
+            f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
+            f"at most {MAX_FALSE_ALARMS} are taken"
+        )
+
+
+def load(path: str | Path) -> Scene:
+    """The scene in a TOML file; raises `SceneError` with every problem that was found in it."""
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_SCENE_OCTETS + 1)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else None
+        raise SceneError(path, [("", why or f"cannot be read: {error}")]) from None
+    if len(data) > MAX_SCENE_OCTETS:
+        raise SceneError(path, [("", f"larger than {MAX_SCENE_OCTETS} octets: not a scene")])
+    return parsed(data, path)
+
+
+def parsed(data: bytes, path: Path) -> Scene:
+    """The same from what a file holds; `path` is for messages and for finding files beside it."""
+    try:
+        text = data.decode()
+        tree = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise SceneError(path, [("", f"not UTF-8 at octet {error.start}")]) from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or an int of 5,000 digits
+        raise SceneError(path, [("", f"not TOML: {error}")]) from None
+    scene = from_tree(tree, path)
+    scene._text = text
+    return scene
+
+
+def example(name: str) -> Scene:
+    """One of the scenes that come with plotfeed."""
+    with as_file(files("plotfeed.feeds.scene.examples") / f"{name}.toml") as path:
+        return load(path)
+
+
+def from_tree(tree: dict[str, Any], path: Path) -> Scene:
+    """The same from what TOML gave; `path` is for messages and for finding flights beside it."""
+    tree, problems = with_presets(tree)
+    misused = {key.partition(".")[0] for key, _ in problems}
+    try:
+        scene = Scene.model_validate(tree)
+    except ValidationError as error:
+        # A sensor without its preset lacks keys that nobody wanted to write.
+        others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
+        problems += islice(others, MAX_PROBLEMS)
+    if problems:
+        raise SceneError(path, problems)
+    scene._folder = path.parent
+    return scene
+
+
+def _printable(line: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in line)

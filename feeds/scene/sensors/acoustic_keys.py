@@ -1,0 +1,124 @@
+"""The keys of a microphone array."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from plotfeed.feeds.scene.fields import Beamwidth, Decibels, Loss, NotNegative, Probability, Site
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, StaringScan
+from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
+from plotfeed.models.sensors.acoustic import MicrophoneArray
+
+SHORTEST_LISTENING_S = 0.1
+"""A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
+
+
+class AcousticKeys(AzimuthCoverKeys):
+    """A microphone array, which hears bearings. The defaults are the paper's typical values."""
+
+    type: Literal["acoustic"]
+    """Which model."""
+    report: Annotated[
+        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, the first two; asterix-015 brings 025 along."""
+    scan: StaringScan
+    """How it scans."""
+    noise_db: Decibels
+    """Of the surroundings and the microphones, in the band; re 20 uPa."""
+    sensitivity_db: Decibels
+    """The signal-to-noise ratio, behind the array, at which Pd is one half."""
+    slope_per_db: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    """Of the logit of Pd."""
+    microphones: Annotated[int, Field(ge=1, le=100_000)] = 1
+    """In the array."""
+    array_gain_db: Decibels | None = None
+    """Without it, 10 log10 of the number of microphones."""
+    frequency_hz: Annotated[float, Field(ge=10, le=20_000)] = 1000.0
+    """The middle of the band; for the absorption of the air alone."""
+    temperature_c: Annotated[float, Field(ge=-60, le=60)] = 20.0
+    """For the speed of sound too."""
+    humidity_pct: Annotated[float, Field(ge=0, le=100)] = 70.0
+    """Relative."""
+    pressure_kpa: Annotated[float, Field(ge=20, le=200)] = 101.325
+    """Of the air."""
+    absorption_db_per_km: Loss | None = None
+    """By the air; without it, by ISO 9613-1 from the four keys above."""
+    directivity_db: Decibels = 3.0
+    """What the drone radiates this way over its mean in all directions."""
+    barrier_db: Loss = 3.0
+    """What stands in the way."""
+    misc_db: Loss = 3.0
+    """Foliage and houses."""
+    height_above_ground_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
+    """Of the array. The ground is taken as flat for as far as the array hears."""
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one beam, in one scan."""
+    range_max_m: Annotated[float, Field(gt=0, le=10_000)]
+    """Further away nothing is heard, however loud."""
+    azimuth_beamwidth_deg: Beamwidth
+    """Of the array, at 3 dB."""
+    elevation_beamwidth_deg: Beamwidth | None = None
+    """Without it, the array measures no elevation."""
+    azimuth_floor_deg: NotNegative = 1.0
+    """Error that remains however loud the drone; added in quadrature."""
+    elevation_floor_deg: NotNegative = 1.0
+    """Errors that remain however loud the drone: wind, and places of microphones."""
+    kind: str = ""
+    """What the array calls everything that it hears, such as drone; "" if it does not classify."""
+
+    @classmethod
+    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for such sensors, and all that was measured."""
+        return ("asterix-015", "plots")
+
+    def model(self, _site: Site, /) -> MicrophoneArray:
+        """The model; gain and absorption that are not given follow from the other keys."""
+        array_gain_db = self.array_gain_db
+        if array_gain_db is None:
+            array_gain_db = float(10 * np.log10(self.microphones))
+        return MicrophoneArray(
+            directivity_db=self.directivity_db,
+            absorption_db_per_m=self._absorption_db_per_m(),
+            barrier_db=self.barrier_db,
+            misc_db=self.misc_db,
+            array_gain_db=array_gain_db,
+            noise_db=self.noise_db,
+            sensitivity_db=self.sensitivity_db,
+            slope_per_db=self.slope_per_db,
+            pfa=self.pfa,
+            range_max_m=self.range_max_m,
+            height_above_ground_m=self.height_above_ground_m,
+            sound_speed_m_s=float(speed_of_sound_m_s(self.temperature_c)),
+            azimuth_cover=self.azimuth_cover,
+            azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
+            elevation_beamwidth_deg=self.elevation_beamwidth_deg,
+            azimuth_floor_deg=self.azimuth_floor_deg,
+            elevation_floor_deg=self.elevation_floor_deg,
+            kind=self.kind,
+        )
+
+    def _absorption_db_per_m(self) -> float:
+        if self.absorption_db_per_km is not None:
+            return self.absorption_db_per_km / 1000
+        return float(
+            sound_absorption_db_per_m(
+                self.frequency_hz, self.temperature_c, self.humidity_pct, self.pressure_kpa
+            )
+        )
+
+    def warnings(self, _site: Site, /) -> list[str]:
+        """Scans too short to hear anything in, and a gain given twice."""
+        found = []
+        if self.scan.period_s < SHORTEST_LISTENING_S:
+            found.append(
+                f"scan.period_s is {self.scan.period_s:g}: an array listens for at least "
+                f"{SHORTEST_LISTENING_S:g} s for one bearing, so scans this short would not be "
+                "independent of each other"
+            )
+        if self.array_gain_db is not None and "microphones" in self.model_fields_set:
+            found.append("microphones is not used: array_gain_db is given")
+        return found

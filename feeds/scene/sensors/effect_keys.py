@@ -1,0 +1,182 @@
+"""The keys of what a sensor models only if its scene names it. What is not named costs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from plotfeed.feeds.scene.fields import (
+    Azimuth,
+    Beamwidth,
+    NotNegative,
+    Offset,
+    Positive,
+    Resolution,
+    SceneTable,
+)
+from plotfeed.models.chance import Chance
+from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings, SkewFrame
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.state import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+
+
+class BiasKeys(SceneTable):
+    """Systematic errors of a sensor: they are the same in every plot."""
+
+    range_offset_m: Offset = 0.0
+    """Added to ranges, and to the bistatic ranges of a passive radar."""
+    range_scale: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+    """A range r reads r (1 + range_scale), and a bistatic range too."""
+    azimuth_offset_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    """By which azimuths read too high: the sensor's north is off by as much the other way."""
+    tilt_deg: Annotated[float, Field(ge=0, le=45)] = 0.0
+    """By which the sensor's vertical leans."""
+    tilt_azimuth_deg: Azimuth = 0.0
+    """Where it leans to; what is there reads too high by the tilt, what is opposite too low."""
+    time_offset_s: Annotated[float, Field(ge=-60, le=60)] = 0.0
+    """By which the sensor's clock is ahead when it puts times on plots and tracks."""
+
+    def axes(self, frame: LocalFrame) -> LocalFrame:
+        """The sensor's own, at the place of that frame; the frame itself if it stands right."""
+        if not self.azimuth_offset_deg and not self.tilt_deg:
+            return frame
+        return SkewFrame.at(
+            frame,
+            azimuth_offset_deg=self.azimuth_offset_deg,
+            tilt_deg=self.tilt_deg,
+            tilt_azimuth_deg=self.tilt_azimuth_deg,
+        )
+
+
+class DriftKeys(SceneTable):
+    """Errors that come and go slowly: first-order Gauss-Markov processes, new in every scan."""
+
+    time_constant_s: Annotated[float, Field(ge=1e-3, le=1e9)]
+    """After which 1/e of an error is left, on average."""
+    sigma_range_m: NotNegative = 0.0
+    """Standard deviation of the drift in range, or in bistatic range."""
+    sigma_azimuth_deg: NotNegative = 0.0
+    """Standard deviation of the drift in azimuth."""
+
+
+class MultipathKeys(SceneTable):
+    """Two rays: straight, and by way of the ground, which is flat as far as the sensor sees."""
+
+    reflection: Annotated[float, Field(ge=-1, le=1)] = -0.9
+    """Reflection coefficient of the ground; at grazing it is near -1 for either polarisation."""
+    antenna_height_m: Annotated[float, Field(ge=0, le=10_000)]
+    """Of the sensor's antenna above that ground."""
+
+    def model(self) -> Multipath:
+        """The same for the model."""
+        return Multipath(reflection=self.reflection, antenna_height_m=self.antenna_height_m)
+
+
+class DopplerKeys(SceneTable):
+    """Range rates are measured, of a passive radar those of its bistatic ranges."""
+
+    notch_m_s: NotNegative = 0.0
+    """Width of the clutter filter's notch: Pd is less by exp(-(rate/notch)^2) of itself."""
+    rate_max_m_s: Positive = 100.0
+    """Rates are told apart up to this, either way; what is faster is not detected."""
+    floor_m_s: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
+
+    def model(self, wavelengths_m: Sequence[float], integration_s: float, ways: int) -> Doppler:
+        """The same for the model, for a channel of each wavelength; bistatic ranges are one way."""
+        return Doppler(
+            cells_m_s=tuple(w / (ways * integration_s) for w in wavelengths_m),
+            spans_m_s=tuple(2 * self.rate_max_m_s for _ in wavelengths_m),
+            folds=False,
+            notch_m_s=self.notch_m_s,
+            floor_m_s=self.floor_m_s,
+        )
+
+
+class PulsedDopplerKeys(DopplerKeys):
+    """Range rates are measured, by pulses or sweeps if their frequency is given."""
+
+    prf_hz: Positive | None = None
+    """Of pulses or sweeps; then rates fold after wavelength times this over 2, up to any speed."""
+
+    def model(self, wavelengths_m: Sequence[float], integration_s: float, ways: int) -> Doppler:
+        """As for any, but that rates fold."""
+        plain = super().model(wavelengths_m, integration_s, ways)
+        if self.prf_hz is None:
+            return plain
+        spans_m_s = tuple(w * self.prf_hz / ways for w in wavelengths_m)
+        return replace(plain, spans_m_s=spans_m_s, folds=True)
+
+
+class MergingKeys(SceneTable):
+    """Drones that are too close to be told apart make one plot."""
+
+    range_m: Resolution | None = None
+    """Two drones this far apart are told apart every other time; without it, the range cell."""
+    azimuth_deg: Beamwidth | None = None
+    """The same in azimuth; without it, the beamwidth."""
+    elevation_deg: Beamwidth | None = None
+    """The same in elevation, where it is measured; without it, the beamwidth."""
+    range_rate_m_s: Positive | None = None
+    """The same in range rate, where it is measured; without it, the Doppler cell."""
+
+    def model(
+        self,
+        *,
+        range_cells_m: Sequence[float],
+        azimuth_deg: float,
+        elevation_deg: float | None,
+        doppler: Doppler | None,
+        period_s: float,
+    ) -> Merging:
+        """The same for the model of a sensor with those cells and beams."""
+        from plotfeed.models.effects.merging import (
+            Merging,
+        )
+
+        rates_m_s, rate_period = None, 0.0
+        if doppler is not None:
+            rates_m_s = tuple(self.range_rate_m_s or cell for cell in doppler.cells_m_s)
+            rate_period = doppler.spans_m_s[0] / rates_m_s[0] if doppler.folds else 0.0
+        return Merging(
+            range_m=tuple(self.range_m or cell for cell in range_cells_m),
+            azimuth_deg=self.azimuth_deg or azimuth_deg,
+            elevation_deg=None if elevation_deg is None else self.elevation_deg or elevation_deg,
+            range_rate_m_s=rates_m_s,
+            range_rate_period=rate_period,
+            longest_ns=round(period_s * NS / 2),
+        )
+
+
+def multipath_of(part: MultipathKeys | None) -> Multipath | None:
+    """For the model, None where it is not named."""
+    return None if part is None else part.model()
+
+
+def readings_of(
+    bias: BiasKeys | None, drift: DriftKeys | None, chance: Chance, period_ns: int
+) -> Readings | None:
+    """What such a sensor reads in place of what it finds; None if it reads just that."""
+    bias = bias or BiasKeys()
+    if drift is None and not bias.range_offset_m and not bias.range_scale:
+        return None
+    drifting = None
+    if drift is not None:
+        drifting = DriftingReadings(
+            sigma_range_m=drift.sigma_range_m,
+            sigma_azimuth_deg=drift.sigma_azimuth_deg,
+            drift=Drift(
+                chance, step_ns=period_ns, time_constant_ns=drift.time_constant_s * NS, n=2
+            ),
+        )
+    return Readings(
+        range_scale=bias.range_scale, range_offset_m=bias.range_offset_m, drifting=drifting
+    )

@@ -1,0 +1,262 @@
+"""The keys of a passive radar."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.scene.fields import (
+    Beamwidth,
+    Elevation,
+    Frequency,
+    Location,
+    Name,
+    NotNegative,
+    Positive,
+    Probability,
+    SceneTable,
+    Site,
+)
+from plotfeed.feeds.scene.geometry import enu_from, frame_at
+from plotfeed.feeds.scene.sensors.effect_keys import (
+    DopplerKeys,
+    MergingKeys,
+    MultipathKeys,
+    multipath_of,
+)
+from plotfeed.feeds.scene.sensors.sensor_keys import StaringScan, VolumeKeys
+from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.multipath import MAN_MADE, external_noise_db
+from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.models.sensors.passive_signals import Illuminator
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+
+NotPositive = Annotated[float, Field(le=0)]
+BLURRED_DEG = 26.0
+"""Closer to the baseline, an error of bistatic range is over ten times larger in short range."""
+
+
+class IlluminatorKeys(SceneTable):
+    """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
+
+    id: Name
+    """For people, and for warnings."""
+    erp_w: Positive
+    """Effective radiated power, over a half-wave dipole."""
+    frequency_hz: Frequency
+    """Of the carrier."""
+    bandwidth_hz: Positive
+    """Of the signal that is correlated; the bistatic range is resolved to c over it."""
+    place: Location
+    """Of the antenna."""
+    external_noise_db: float | None = None
+    """In this channel, in place of the sensor's."""
+
+
+class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
+    """A radar without a transmitter. The defaults are the paper's typical values."""
+
+    type: Literal["passive_radar"]
+    """Which model."""
+    report: Annotated[
+        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
+        Field(strict=False, min_length=1),
+    ] = ()
+    """Without it, the first two; asterix-015 brings 025 along, and 016; asterix-062 brings 063."""
+    scan: StaringScan
+    """How it scans."""
+    transmitters: Annotated[
+        tuple[IlluminatorKeys, ...], Field(strict=False, min_length=1, max_length=256)
+    ]
+    """Those whose signals it uses."""
+    gain_rx_dbi: float | None = None
+    """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
+    antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of the receiving antenna: its gain over that of a lossless one."""
+    azimuth_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
+    elevation_beamwidth_deg: Beamwidth | None = None
+    """For the gain alone: elevation is not measured."""
+    integration_s: Positive
+    """Coherent."""
+    loss_db: NotNegative = 4.0
+    """Of the correlator's window and the clutter filter; the CFAR loss is in the detector."""
+    sidelobe_db: NotPositive = -22.0
+    """By which the receive antenna hears the transmitters themselves; below its gain, negative."""
+    cancellation_db: NotPositive = -60.0
+    """What the canceller leaves of the direct signal; negative."""
+    line_loss_db: NotNegative = 0.5
+    """From antenna to receiver."""
+    antenna_loss_db: NotNegative = 0.5
+    """By the antenna's resistance."""
+    receiver_noise_figure_db: NotNegative = 4.0
+    """Of the receiver alone."""
+    external_noise_db: float | None = None
+    """What the antenna collects, F_a over k T0 B: man-made, galactic and atmospheric noise."""
+    noise_environment: Literal["city", "residential", "rural", "quiet-rural"] | None = None
+    """In its place, by Recommendation ITU-R P.372; to 250 MHz, quiet-rural to 100 MHz."""
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one resolution cell."""
+    n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
+    """Reference cells of the CA-CFAR."""
+    elevation_min_deg: Elevation = -90.0
+    """Where cover begins, above the sensor's horizontal."""
+    elevation_max_deg: Elevation = 90.0
+    """Where cover ends."""
+    doppler_cells: Annotated[int, Field(ge=1)] = 1
+    """Cells of velocity for each of range: each can give a false alarm."""
+    bistatic_range_floor_m: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
+    azimuth_floor_deg: NotNegative = 0.0
+    """Errors that remain however strong the echo; added in quadrature."""
+    multipath: MultipathKeys | None = None
+    """The ground's reflection, of echoes and of the transmitters themselves; without it, none."""
+    doppler: DopplerKeys | None = None
+    """Without it, no range rates."""
+    merging: MergingKeys | None = None
+    """Without it, every drone is seen by itself; its elevation_deg is not used."""
+
+    @classmethod
+    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for such sensors, and all that was measured."""
+        return ("asterix-015", "plots")
+
+    @model_validator(mode="after")
+    def _hears(self) -> Self:
+        if self.gain_rx_dbi is None and self.elevation_beamwidth_deg is None:
+            raise ValueError(
+                "gain_rx_dbi: needed, or elevation_beamwidth_deg from which it follows"
+            )
+        if self.external_noise_db is not None and self.noise_environment is not None:
+            raise ValueError("noise_environment: leave it out, or leave out external_noise_db")
+        ids = [t.id for t in self.transmitters]
+        twice = {name for name in ids if ids.count(name) > 1}
+        if twice:
+            raise ValueError(f"transmitters: the id {min(twice)!r} is used twice")
+        for transmitter in self.transmitters:
+            self._noise_db(transmitter)
+        return self
+
+    def _noise_db(self, transmitter: IlluminatorKeys) -> float:
+        """External noise in a transmitter's channel; raises ValueError where none is known."""
+        for stated_db in (transmitter.external_noise_db, self.external_noise_db):
+            if stated_db is not None:
+                return stated_db
+        if self.noise_environment is None:
+            raise ValueError("external_noise_db: needed, or noise_environment")
+        noise_db = float(external_noise_db(self.noise_environment, transmitter.frequency_hz))
+        if np.isnan(noise_db):
+            line = MAN_MADE[self.noise_environment]
+            raise ValueError(
+                f"noise_environment: ITU-R P.372 gives {self.noise_environment} noise from "
+                f"{line.min_mhz:g} to {line.max_mhz:g} MHz, not at the "
+                f"{transmitter.frequency_hz / 1e6:g} MHz of {transmitter.id}: "
+                "give external_noise_db"
+            )
+        return noise_db
+
+    def model(self, site: Site, /) -> PassiveRadar:
+        """The model, with the transmitters as the receiver sees them."""
+        return PassiveRadar(
+            transmitters=tuple(self._transmitter(t, site) for t in self.transmitters),
+            gain_rx_dbi=self._gain_rx_dbi(),
+            azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
+            integration_s=self.integration_s,
+            loss_db=self.loss_db,
+            sidelobe_db=self.sidelobe_db,
+            cancellation_db=self.cancellation_db,
+            line_loss_db=self.line_loss_db,
+            antenna_loss_db=self.antenna_loss_db,
+            receiver_noise_figure_db=self.receiver_noise_figure_db,
+            pfa=self.pfa,
+            n_reference=self.n_reference,
+            range_min_m=self.range_min_m,
+            range_max_m=self.range_max_m,
+            azimuth_cover=self.azimuth_cover,
+            elevation_min_deg=self.elevation_min_deg,
+            elevation_max_deg=self.elevation_max_deg,
+            doppler_cells=self.doppler_cells,
+            bistatic_range_floor_m=self.bistatic_range_floor_m,
+            azimuth_floor_deg=self.azimuth_floor_deg,
+            multipath=multipath_of(self.multipath),
+            doppler=self._doppler(),
+            merging=self._merging(),
+        )
+
+    def _doppler(self) -> Doppler | None:
+        if self.doppler is None:
+            return None
+        wavelengths_m = [C_M_S / t.frequency_hz for t in self.transmitters]
+        return self.doppler.model(wavelengths_m, self.integration_s, ways=1)
+
+    def _merging(self) -> Merging | None:
+        if self.merging is None:
+            return None
+        return self.merging.model(
+            range_cells_m=[C_M_S / t.bandwidth_hz for t in self.transmitters],
+            azimuth_deg=self.azimuth_beamwidth_deg,
+            elevation_deg=None,
+            doppler=self._doppler(),
+            period_s=self.scan.period_s,
+        )
+
+    def _gain_rx_dbi(self) -> float:
+        if self.gain_rx_dbi is not None or self.elevation_beamwidth_deg is None:
+            return self.gain_rx_dbi or 0.0
+        return float(
+            beam_gain_dbi(
+                self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg, self.antenna_efficiency
+            )
+        )
+
+    def _transmitter(self, part: IlluminatorKeys, site: Site) -> Illuminator:
+        east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part.place)
+        return Illuminator(
+            erp_w=part.erp_w,
+            frequency_hz=part.frequency_hz,
+            bandwidth_hz=part.bandwidth_hz,
+            position_enu_m=(float(east_m), float(north_m), float(up_m)),
+            external_noise_db=self._noise_db(part),
+        )
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """An integration longer than a scan, and what lies near a baseline."""
+        model = self.model(site)
+        azimuths_deg, _, baselines_m = enu_to_aer(model.positions_enu_m)
+        found = []
+        if self.integration_s > self.scan.period_s:
+            found.append(
+                f"integration_s is {self.integration_s:g}, but a scan lasts "
+                f"{self.scan.period_s:g} s: integrate less, or scan slower"
+            )
+        for part, azimuth_deg, baseline_m in zip(
+            self.transmitters, azimuths_deg, baselines_m, strict=True
+        ):
+            found += self._blurred(model, part.id, float(azimuth_deg), float(baseline_m))
+        return found
+
+    @staticmethod
+    def _blurred(
+        model: PassiveRadar, name: str, azimuth_deg: float, baseline_m: float
+    ) -> list[str]:
+        """Whether the cover has directions in which a bistatic range says little of the range."""
+        if not baseline_m >= 1.0:
+            return [
+                f"transmitter {name} stands where the receiver does: nothing is heard beside it"
+            ]
+        near_deg = azimuth_deg + np.linspace(-BLURRED_DEG, BLURRED_DEG, 105)
+        if not model.azimuth_cover.holds(near_deg).any():
+            return []
+        return [
+            f"within {BLURRED_DEG:g} degrees of transmitter {name}, at azimuth "
+            f"{azimuth_deg:.1f}, errors of bistatic range become ten times larger in range and "
+            "more; on the line to it there are no plots"
+        ]

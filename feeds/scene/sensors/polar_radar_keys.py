@@ -1,0 +1,264 @@
+"""The keys of radars that measure range, azimuth and elevation: active and MIMO."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from plotfeed.feeds.scene.fields import (
+    Beamwidth,
+    Decibels,
+    Frequency,
+    Location,
+    Loss,
+    NotNegative,
+    Positive,
+    Probability,
+    Resolution,
+    Site,
+)
+from plotfeed.feeds.scene.geometry import enu_from, frame_at
+from plotfeed.feeds.scene.sensors.effect_keys import (
+    MergingKeys,
+    MultipathKeys,
+    PulsedDopplerKeys,
+    multipath_of,
+)
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan, Scan, StaringScan, VolumeKeys
+from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+
+
+class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
+    """Everything but what makes the echoes. The defaults are the paper's typical values."""
+
+    report: Annotated[
+        tuple[Literal["asterix-015", "asterix-048", "asterix-062", "plots", "sapient"], ...],
+        Field(strict=False, min_length=1),
+    ] = ()
+    """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
+    else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
+    scan: Scan
+    """How it scans."""
+    frequency_hz: Frequency
+    """Of the carrier."""
+    gain_tx_dbi: Decibels
+    """Of the transmitting antenna."""
+    gain_rx_dbi: Decibels | None = None
+    """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
+    antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Of the receiving antenna: its gain over that of a lossless one."""
+    integration_s: Positive
+    """Coherent."""
+    loss_db: Loss = 4.0
+    """Of the system; the CFAR loss is in the detector already."""
+    noise_figure_db: Loss = 5.0
+    """Of the receiver."""
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one resolution cell."""
+    n_reference: Annotated[int, Field(ge=1, le=1_000_000)] = 16
+    """Reference cells of the CA-CFAR."""
+    range_resolution_m: Resolution
+    """Width of a range cell."""
+    azimuth_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
+    elevation_beamwidth_deg: Beamwidth
+    """Of the receive beam, at 3 dB."""
+    doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Cells of velocity for each of range: each can give a false alarm."""
+    range_floor_m: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
+    azimuth_floor_deg: NotNegative = 0.0
+    """Error that remains however strong the echo; added in quadrature."""
+    elevation_floor_deg: NotNegative = 0.0
+    """Errors that remain however strong the echo; added in quadrature."""
+    measures_elevation: bool = True
+    """False for a two-dimensional radar, whose plots have neither elevation nor height."""
+    multipath: MultipathKeys | None = None
+    """The ground's reflection; without it, space is free."""
+    doppler: PulsedDopplerKeys | None = None
+    """Without it, no range rates."""
+    merging: MergingKeys | None = None
+    """Without it, every drone is seen by itself, however close to others."""
+
+    @classmethod
+    def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
+        """What every tracker reads, where a beam turns; where none does, the finer category."""
+        scan = keys.get("scan")
+        rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
+        return ("asterix-048" if rotates else "asterix-015", "plots")
+
+    def model(self, site: Site, /) -> PolarRadar:
+        """The model that these keys make, at that site."""
+        raise NotImplementedError
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """Cells without false alarms, and a format coarser than the radar."""
+        return [*self._few_cells(), *self._coarse_format(site)]
+
+    def _few_cells(self) -> list[str]:
+        """Fewer Doppler cells for false alarms than rates are told apart in."""
+        doppler = self._doppler()
+        if doppler is None:
+            return []
+        cells = doppler.spans_m_s[0] / doppler.cells_m_s[0]
+        if self.doppler_cells > cells / 2:
+            return []
+        return [
+            f"doppler_cells is {self.doppler_cells}, and the range rates that are told apart make "
+            f"{cells:.0f} cells: each could give a false alarm"
+        ]
+
+    def _coarse_format(self, site: Site) -> list[str]:
+        strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
+        best_m = float(self.model(site).sigmas(np.array([strongest_snr]))[0, 0])
+        added_m = RHO_LSB_M / 12**0.5
+        if "asterix-048" not in self.report or added_m <= best_m:
+            return []
+        return [
+            f"asterix-048 counts range in steps of {RHO_LSB_M:.3g} m, an error of {added_m:.2g} m "
+            f"beside the radar's own of {best_m:.2g} m for a strong echo"
+        ]
+
+    def _polar(self) -> dict[str, Any]:
+        """What the model calls by the same names, its cover and its receive gain."""
+        names = {f.name for f in fields(PolarRadar)} & type(self).model_fields.keys()
+        return {name: getattr(self, name) for name in names} | {
+            "azimuth_cover": self.azimuth_cover,
+            "gain_rx_dbi": self._gain_rx_dbi(),
+            "measures_run_length": "asterix-048" in self.report,
+            "multipath": multipath_of(self.multipath),
+            "doppler": self._doppler(),
+            "merging": self._merging(),
+        }
+
+    def _doppler(self) -> Doppler | None:
+        if self.doppler is None:
+            return None
+        return self.doppler.model([C_M_S / self.frequency_hz], self.integration_s, ways=2)
+
+    def _merging(self) -> Merging | None:
+        if self.merging is None:
+            return None
+        return self.merging.model(
+            range_cells_m=[self.range_resolution_m],
+            azimuth_deg=self.azimuth_beamwidth_deg,
+            elevation_deg=self.elevation_beamwidth_deg if self.measures_elevation else None,
+            doppler=self._doppler(),
+            period_s=self.scan.period_s,
+        )
+
+    def _gain_rx_dbi(self) -> float:
+        """Follows from the beamwidths if it is not given."""
+        if self.gain_rx_dbi is not None:
+            return self.gain_rx_dbi
+        return float(
+            beam_gain_dbi(
+                self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg, self.antenna_efficiency
+            )
+        )
+
+
+class ActiveRadarKeys(PolarRadarKeys):
+    """A quasi-monostatic active radar. The defaults are the paper's typical values."""
+
+    type: Literal["active_radar"]
+    """Which model."""
+    scan: Scan
+    """How it scans."""
+    power_w: Positive
+    """Average."""
+    receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
+
+    def model(self, _site: Site, /) -> ActiveRadar:
+        """The model; a receive gain that is not given follows from the beamwidths."""
+        return ActiveRadar(
+            **self._polar(),
+            power_w=self.power_w,
+            gain_tx_dbi=self.gain_tx_dbi,
+        )
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """A beam that is too fast for its integration, and a format coarser than the radar."""
+        return [*self._short_dwell(), *super().warnings(site)]
+
+    def _short_dwell(self) -> list[str]:
+        if not isinstance(self.scan, RotatingScan):
+            return []
+        beam_deg = min(self.receive_beams * self.azimuth_beamwidth_deg, 360.0)
+        on_target_s = self.scan.period_s * beam_deg / 360
+        if self.integration_s <= on_target_s:
+            return []
+        return [
+            f"integration_s is {self.integration_s:g}, but the beam is on a target for "
+            f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
+        ]
+
+
+class MimoTransmitterKeys(Location):
+    """One of the radar's transmitters, and the place of its antenna."""
+
+    power_w: Positive
+    """Average."""
+    gain_tx_dbi: Decibels | None = None
+    """In place of the radar's."""
+
+
+class MimoRadarKeys(PolarRadarKeys):
+    """A radar of several transmitters far apart, and one receiver at the sensor's place.
+
+    It looks everywhere at once. The defaults are the paper's typical values.
+    """
+
+    type: Literal["mimo_radar"]
+    """Which model."""
+    scan: StaringScan
+    """How it scans."""
+    transmitters: Annotated[
+        tuple[MimoTransmitterKeys, ...], Field(strict=False, min_length=1, max_length=32)
+    ]
+    """The radar's own."""
+    loss_db: Loss = 1.1
+    """Of the system: the paper's 2 dB without the CFAR loss, which is in the detector already."""
+    n_reference: Annotated[int, Field(ge=1, le=256)] = 16
+    """Reference cells of the CA-CFAR in the signal of each transmitter."""
+
+    def model(self, site: Site, /) -> MimoRadar:
+        """The model, with the transmitters as the receiver sees them."""
+        return MimoRadar(
+            **self._polar(),
+            transmitters=tuple(self._transmitter(part, site) for part in self.transmitters),
+        )
+
+    def _transmitter(self, part: MimoTransmitterKeys, site: Site) -> MimoTransmitter:
+        east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part)
+        return MimoTransmitter(
+            position_enu_m=(float(east_m), float(north_m), float(up_m)),
+            power_w=part.power_w,
+            gain_dbi=self.gain_tx_dbi if part.gain_tx_dbi is None else part.gain_tx_dbi,
+        )
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """An integration longer than a scan, and a format coarser than the radar."""
+        return [*self._long_integration(), *super().warnings(site)]
+
+    def _long_integration(self) -> list[str]:
+        if self.integration_s <= self.scan.period_s:
+            return []
+        return [
+            f"integration_s is {self.integration_s:g}, but a scan lasts "
+            f"{self.scan.period_s:g} s: integrate less, or scan slower"
+        ]

@@ -1,0 +1,34 @@
+"""The keys of the technology-agnostic sensor."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from plotfeed.feeds.scene.fields import NotNegative, Positive, Site
+from plotfeed.feeds.scene.sensors.sensor_keys import StaringScan
+from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.models.sensors.range_gate import RangeGate
+
+
+class RangeGateKeys(TrackingSensorKeys):
+    """A range gate and Gaussian noise: what the paper's more accurate models replace."""
+
+    type: Literal["range_gate"]
+    """Which model."""
+    report: Annotated[
+        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
+        Field(strict=False, min_length=1),
+    ] = ()
+    """Without it, plots."""
+    scan: StaringScan
+    """How it scans."""
+    range_max_m: Positive
+    """Of the gate: beyond it nothing is reported."""
+    sigma_m: NotNegative
+    """Of the noise on each of east, north and up."""
+
+    def model(self, _site: Site, /) -> RangeGate:
+        """The model."""
+        return RangeGate(range_max_m=self.range_max_m, sigma_m=self.sigma_m)

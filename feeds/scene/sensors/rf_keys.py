@@ -1,0 +1,180 @@
+"""The keys of an RF sensor."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from plotfeed.feeds.scene.fields import (
+    Beamwidth,
+    Decibels,
+    Frequency,
+    Loss,
+    NotNegative,
+    Positive,
+    Probability,
+    SceneTable,
+    Site,
+)
+from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys, multipath_of
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, StaringScan
+from plotfeed.models.sensors.rf import RfDirectionFinder as RfModel
+
+MAX_SAMPLES = 1e8
+"""Up to here the detector's probabilities are good to some 1e-11."""
+
+
+class Friis(SceneTable):
+    """Free space."""
+
+    kind: Literal["friis"] = "friis"
+    """Which law."""
+
+
+class LogDistance(SceneTable):
+    """Free space up to a distance, and from there on a power of distance of one's own."""
+
+    kind: Literal["log-distance"]
+    """Which law."""
+    exponent: Annotated[float, Field(ge=1, le=10)]
+    """2 is free space; 2.7 to 3.5 is usual over a town."""
+    reference_m: Annotated[float, Field(ge=0.01, le=1e4)] = 1.0
+    """Up to here the loss is that of free space."""
+
+
+class RfKeys(AzimuthCoverKeys):
+    """A receiver of what drones emit: control, video, remote identification."""
+
+    type: Literal["rf"]
+    """Which model."""
+    report: Annotated[
+        tuple[Literal["asterix-205", "plots", "sapient"], ...], Field(strict=False, min_length=1)
+    ] = ()
+    """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
+    scan: StaringScan
+    """How it scans."""
+    frequency_min_hz: Frequency
+    """Where the band begins."""
+    frequency_max_hz: Frequency
+    """The band; of an emission at its edge only the share inside is received."""
+    channel_bandwidth_hz: Frequency
+    """In which energy is detected: that of one burst or hop."""
+    instantaneous_bandwidth_hz: Frequency | None = None
+    """Of the band, what is received at once; without it, all. Hops elsewhere are missed."""
+    integration_s: Positive
+    """How long energy is summed."""
+    duty_cycle: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Probability that an emission's next burst falls into the scan."""
+    bursts_per_dwell: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    """Chances in a scan, each of that probability: one that is taken is enough."""
+    gain_rx_dbi: Decibels = 0.0
+    """Of the receiving antenna."""
+    loss_db: Loss = 0.0
+    """Of cables and filters."""
+    noise_figure_db: Loss = 6.0
+    """Of the receiver."""
+    path_loss: Annotated[Friis | LogDistance, Field(discriminator="kind")] = Friis()
+    """How a signal weakens with distance."""
+    multipath: MultipathKeys | None = None
+    """The ground's reflection; a path_loss of log-distance has it in its exponent already."""
+    pfa: Probability = 1e-6
+    """Probability of a false alarm in one channel and beam, in one scan."""
+    range_max_m: Annotated[float, Field(gt=0, le=470_000)]
+    """Further away nothing is received, however strong."""
+    azimuth_beamwidth_deg: Beamwidth | None = None
+    """Of beams side by side, each of which can alarm; without it, one antenna hears all."""
+    measures_azimuth: bool = True
+    """False for a detector that finds no direction: its plots say that something emits."""
+    baseline_m: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
+    """Between the antennas of the interferometer that finds the direction."""
+    azimuth_floor_deg: NotNegative = 2.0
+    """The error that remains however strong the signal: multipath."""
+    classifies: bool = False
+    """Whether plots carry the kind of emission."""
+    decodes: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Kinds of emission that the sensor reads: their plots carry kind and identity."""
+
+    @classmethod
+    def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
+        """The category made for bearings, if there are any, and all that was measured."""
+        return ("asterix-205", "plots") if keys.get("measures_azimuth", True) else ("plots",)
+
+    @model_validator(mode="after")
+    def _receives_something(self) -> Self:
+        if not self.frequency_min_hz < self.frequency_max_hz:
+            raise ValueError("frequency_min_hz: must be less than frequency_max_hz")
+        if self._heard_at_once_hz() > self.frequency_max_hz - self.frequency_min_hz:
+            raise ValueError(
+                "instantaneous_bandwidth_hz: must not exceed frequency_max_hz - frequency_min_hz"
+            )
+        if self.channel_bandwidth_hz > self._heard_at_once_hz():
+            raise ValueError("channel_bandwidth_hz: must not exceed what is received at once")
+        if self.channel_bandwidth_hz * self.integration_s > MAX_SAMPLES:
+            raise ValueError(
+                f"integration_s: times channel_bandwidth_hz, at most {MAX_SAMPLES:g} samples"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _reports_what_it_finds(self) -> Self:
+        if self.measures_azimuth and self.baseline_m is None:
+            raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
+        if "asterix-205" in self.report and not self.measures_azimuth:
+            raise ValueError("report: asterix-205 carries bearings, and measures_azimuth is off")
+        return self
+
+    def _heard_at_once_hz(self) -> float:
+        if self.instantaneous_bandwidth_hz is not None:
+            return self.instantaneous_bandwidth_hz
+        return self.frequency_max_hz - self.frequency_min_hz
+
+    def model(self, _site: Site, /) -> RfModel:
+        """The model; free space is log-distance with exponent 2."""
+        path_loss = self.path_loss
+        if isinstance(path_loss, Friis):
+            path_loss = LogDistance(kind="log-distance", exponent=2.0)
+        cover = self.azimuth_cover
+        beams = round(cover.span_deg / (self.azimuth_beamwidth_deg or cover.span_deg))
+        return RfModel(
+            frequency_min_hz=self.frequency_min_hz,
+            frequency_max_hz=self.frequency_max_hz,
+            instantaneous_bandwidth_hz=self._heard_at_once_hz(),
+            channel_bandwidth_hz=self.channel_bandwidth_hz,
+            integration_s=self.integration_s,
+            gain_rx_dbi=self.gain_rx_dbi,
+            loss_db=self.loss_db,
+            noise_figure_db=self.noise_figure_db,
+            path_loss_exponent=path_loss.exponent,
+            path_loss_reference_m=path_loss.reference_m,
+            pfa=self.pfa,
+            duty_cycle=self.duty_cycle,
+            bursts_per_dwell=self.bursts_per_dwell,
+            range_max_m=self.range_max_m,
+            azimuth_cover=cover,
+            azimuth_beams=max(beams, 1) if self.measures_azimuth else 1,
+            measures_azimuth=self.measures_azimuth,
+            baseline_m=self.baseline_m or 1.0,
+            azimuth_floor_deg=self.azimuth_floor_deg,
+            classifies=self.classifies,
+            decodes=frozenset(self.decodes),
+            multipath=multipath_of(self.multipath),
+        )
+
+    def warnings(self, _site: Site, /) -> list[str]:
+        """Energy summed for longer than a scan, and directions that are never measured."""
+        found = []
+        if self.integration_s > self.scan.period_s:
+            found.append(
+                f"integration_s is {self.integration_s:g}, longer than a scan of "
+                f"{self.scan.period_s:g} s: one emission would be counted in several scans"
+            )
+        if self.multipath is not None and isinstance(self.path_loss, LogDistance):
+            found.append(
+                "multipath counts the ground, which path_loss.exponent has counted already"
+            )
+        unused = {"baseline_m", "azimuth_beamwidth_deg", "azimuth_floor_deg"}
+        unused &= self.model_fields_set
+        if unused and not self.measures_azimuth:
+            found.append(f"{', '.join(sorted(unused))}: not used, for measures_azimuth is off")
+        return found

@@ -1,0 +1,236 @@
+"""The AsyncAPI 3 document: what a session publishes and hears over MQTT."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any
+
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+
+from plotfeed.feeds.messages.message import JSON, PROTOBUF
+from plotfeed.feeds.schema.flows import OURS, Flow, flows
+from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.transport.mqtt.connection import MESSAGE_EXPIRY_S
+from plotfeed.proto import plotfeed_pb2 as pb
+
+TIMESTAMP = "google.protobuf.Timestamp"
+_WHOLE_IN_TEXT = {"type": "string", "pattern": "^-?[0-9]+$"}
+_NUMBERS: dict[int, dict[str, Any]] = {
+    FieldDescriptor.TYPE_DOUBLE: {"type": "number"},
+    FieldDescriptor.TYPE_FLOAT: {"type": "number"},
+    FieldDescriptor.TYPE_INT32: {"type": "integer"},
+    FieldDescriptor.TYPE_UINT32: {"type": "integer", "minimum": 0},
+    FieldDescriptor.TYPE_INT64: _WHOLE_IN_TEXT,
+    FieldDescriptor.TYPE_UINT64: _WHOLE_IN_TEXT,
+    FieldDescriptor.TYPE_BOOL: {"type": "boolean"},
+    FieldDescriptor.TYPE_STRING: {"type": "string"},
+}
+
+
+def json_schema(message: Descriptor, required: Sequence[str] | None = None) -> dict[str, Any]:
+    """Of a message; without `required`, that is what is always written: fields without presence."""
+    if required is None:
+        required = [f.name for f in message.fields if f.is_repeated or not f.has_presence]
+    return {
+        "type": "object",
+        "properties": {field.name: _field(field) for field in message.fields},
+        "required": list(required),
+        "additionalProperties": False,
+    }
+
+
+def _field(field: FieldDescriptor) -> dict[str, Any]:
+    one = _one(field)
+    return {"type": "array", "items": one} if field.is_repeated else one
+
+
+def _one(field: FieldDescriptor) -> dict[str, Any]:
+    if field.enum_type is not None:
+        return {"type": "string", "enum": [value.name for value in field.enum_type.values]}
+    if field.message_type is None:
+        return dict(_NUMBERS[field.type])
+    if field.message_type.full_name == TIMESTAMP:
+        return {"type": "string", "format": "date-time"}
+    return json_schema(field.message_type, [])
+
+
+BINDING = "0.2.0"
+PROTO = "plotfeed.proto"
+CLOUD_EVENTS: dict[str, dict[str, Any]] = {
+    "specversion": {"const": "1.0"},
+    "id": {"type": "string", "description": "Unique among those of its source."},
+    "source": {"type": "string", "description": "Prefix and sensor, or the prefix."},
+    "time": {"type": "string", "format": "date-time", "description": "Of what it tells of."},
+}
+ATTRIBUTES: dict[str, dict[str, Any]] = {
+    "sensor": {"type": "string"},
+    "drone": {"type": "string"},
+    "scan": {"type": "string", "pattern": "^[0-9]+$", "description": "floor(time / period)"},
+    "sector": {"type": "string", "pattern": "^[0-9]+$", "description": "0 begins at north."},
+}
+PARAMETERS = {
+    "prefix": {
+        "description": "One or more levels: mqtt.prefix of the scene.",
+        "default": "plotfeed",
+        "examples": ["plotfeed", "north/site/7"],
+    },
+    "sensor": {"description": "The sensor's id in the scene.", "examples": ["radar"]},
+    "drone": {
+        "description": "Any name of 1 to 64 printable characters without / + #.",
+        "examples": ["phantom-4"],
+    },
+}
+DESCRIPTION = (
+    "Plots of simulated counter-UAS sensors. Header objects are user properties of MQTT 5, the "
+    "attributes of CloudEvents 1.0 in binary mode; over MQTT 3.1.1 they are left out, and so are "
+    "content types. Where an operation has x-qos, the scene's mqtt.qos tells which; x-needs says "
+    "what must be so that there are any such messages."
+)
+
+
+def document() -> dict[str, Any]:
+    """The whole of it."""
+    found = flows()
+    return {
+        "asyncapi": "3.0.0",
+        "info": {
+            "title": "plotfeed",
+            "version": version("plotfeed"),
+            "description": DESCRIPTION,
+            "license": {"name": "Apache-2.0"},
+        },
+        "servers": _servers(),
+        "channels": _channels(found),
+        "operations": {_operation_name(flow): _operation(flow) for flow in found},
+        "components": {
+            "messages": {flow.name: _message(flow) for flow in found},
+            "schemas": _schemas(),
+            "securitySchemes": {
+                "password": {"type": "userPassword"},
+                "certificate": {"type": "X509"},
+            },
+        },
+    }
+
+
+def _servers() -> dict[str, Any]:
+    embedded = "The embedded broker's usual port, on loopback; `plotfeed run` tells others."
+    return {
+        "embedded5": _server("127.0.0.1:1884", "mqtt", "5.0", embedded),
+        "embedded3": _server("127.0.0.1:1883", "mqtt", "3.1.1", embedded),
+        "browsers": {
+            "host": "127.0.0.1:1885",
+            "protocol": "ws",
+            "description": f"MQTT 3.1.1 over WebSocket, subprotocol mqtt. {embedded}",
+        },
+        "yours": {
+            **_server("{host}:{port}", "secure-mqtt", "5.0", "A broker of your own: mqtts://."),
+            "variables": {"host": {"default": "localhost"}, "port": {"default": "8883"}},
+            "security": [
+                {"$ref": "#/components/securitySchemes/password"},
+                {"$ref": "#/components/securitySchemes/certificate"},
+            ],
+        },
+    }
+
+
+def _server(host: str, protocol: str, number: str, description: str) -> dict[str, Any]:
+    return {
+        "host": host,
+        "protocol": protocol,
+        "protocolVersion": number,
+        "description": description,
+    }
+
+
+def _channels(found: list[Flow]) -> dict[str, Any]:
+    """One for each address, named by what is on it."""
+    channels: dict[str, Any] = {}
+    for flow in found:
+        channel = channels.setdefault(
+            channel_name(flow),
+            {
+                "address": flow.address,
+                "messages": {},
+                "parameters": {
+                    name: value
+                    for name, value in PARAMETERS.items()
+                    if f"{{{name}}}" in flow.address
+                },
+            },
+        )
+        channel["messages"][flow.name] = {"$ref": f"#/components/messages/{flow.name}"}
+        if flow.sensors:
+            channel["x-sensor-types"] = list(flow.sensors)
+    return channels
+
+
+def channel_name(flow: Flow) -> str:
+    """Of the channel that a flow is on."""
+    levels = [level for level in flow.address.split("/") if not level.startswith("{")]
+    return "-".join(levels)
+
+
+def _operation_name(flow: Flow) -> str:
+    verb = "receive" if flow.inbound else "send"
+    return f"{verb}{flow.name[0].upper()}{flow.name[1:]}"
+
+
+def _operation(flow: Flow) -> dict[str, Any]:
+    channel = f"#/channels/{channel_name(flow)}"
+    binding: dict[str, Any] = {"bindingVersion": BINDING}
+    if flow.inbound:
+        binding["qos"] = 1  # with which we subscribe
+    else:
+        binding |= {"qos": flow.qos or 0, "retain": flow.retain}
+        if not flow.retain:
+            binding["messageExpiryInterval"] = MESSAGE_EXPIRY_S
+    operation: dict[str, Any] = {
+        "action": "receive" if flow.inbound else "send",
+        "channel": {"$ref": channel},
+        "summary": flow.summary,
+        "messages": [{"$ref": f"{channel}/messages/{flow.name}"}],
+        "bindings": {"mqtt": binding},
+    }
+    if flow.qos is None and not flow.inbound:
+        operation["x-qos"] = [0, 1]
+    if flow.needs:
+        operation["x-needs"] = flow.needs
+    return operation
+
+
+def _message(flow: Flow) -> dict[str, Any]:
+    message: dict[str, Any] = {"name": flow.name, "contentType": flow.content_type}
+    if not flow.inbound:
+        properties = {
+            **CLOUD_EVENTS,
+            "type": {"const": flow.kind},
+            **{name: ATTRIBUTES[name] for name in flow.attributes},
+        }
+        message["headers"] = {
+            "type": "object",
+            "properties": properties,
+            "required": list(properties),
+            "additionalProperties": False,
+        }
+    message["payload"] = _payload(flow)
+    if flow.message:
+        message["x-protobuf-message"] = flow.message
+    return message
+
+
+def _payload(flow: Flow) -> dict[str, Any]:
+    if flow.schema is not None:
+        return dict(flow.schema)
+    if flow.content_type == JSON:
+        descriptor = pb.DESCRIPTOR.message_types_by_name[flow.message.rpartition(".")[2]]
+        return json_schema(descriptor, flow.required)
+    if flow.content_type.startswith(PROTOBUF) and flow.message.startswith(f"{OURS}."):
+        return {"$ref": f"#/components/schemas/{PROTO}"}
+    return {"type": "string", "format": "binary", "description": flow.summary}
+
+
+def _schemas() -> dict[str, Any]:
+    proto3 = "application/vnd.google.protobuf;version=3"
+    return {PROTO: {"schemaFormat": proto3, "schema": text_of("messages")}}

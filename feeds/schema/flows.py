@@ -1,0 +1,270 @@
+"""What flows over MQTT: every topic, what is on it, and when. The AsyncAPI document says it on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
+from plotfeed.feeds.messages.message import JSON, PROTOBUF
+from plotfeed.feeds.scene.commands import Command
+from plotfeed.feeds.scene.drones import COOPERATIVE
+from plotfeed.feeds.scene.sensors import Sensor
+
+OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+OF_SENSOR = ("sensor",)
+OF_SECTOR = ("sensor", "scan", "sector")
+ASTERIX = {
+    "asterix-015": {
+        15: "measurement plots",
+        16: "transmitters, receivers and pairs of a passive radar",
+        25: "that the sensor works, and where it stands",
+    },
+    "asterix-048": {48: "target reports", 34: "north marker and sector crossings"},
+    "asterix-062": {62: "tracks", 63: "that the sensor works"},
+    "asterix-205": {205: "bearings", 25: "that the sensor works, and where it stands"},
+}
+"""What each format brings: its own category and those that go with it."""
+REQUIRED = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference")
+"""Without which telemetry is refused."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flow:
+    """One kind of message on one topic."""
+
+    name: str
+    address: str
+    """The topic; {prefix}, {sensor} and {drone} stand for what differs."""
+    content_type: str
+    summary: str
+    message: str = ""
+    """The protobuf message that it is, in protobuf or in JSON."""
+    attributes: tuple[str, ...] = ()
+    """User properties besides those that CloudEvents demands."""
+    kind: str = ""
+    """Its CloudEvents type."""
+    qos: int | None = None
+    """None is what the scene says."""
+    retain: bool = False
+    needs: str = ""
+    """What must be so that there are any, if there need not be."""
+    sensors: tuple[str, ...] = ()
+    """Types of sensors that publish it."""
+    inbound: bool = False
+    required: tuple[str, ...] | None = None
+    """Keys of JSON; None is what protobuf always writes."""
+    schema: Mapping[str, Any] | None = None
+    """Of JSON that is no protobuf message."""
+
+
+def flows() -> list[Flow]:
+    """All of them, those of sensors first."""
+    found: dict[str, Flow] = {}
+    for name in sorted({*MAKERS, *TRACK_MAKERS}):
+        for flow in _of_format(name):
+            before = found.get(flow.name)
+            sensors = {*flow.sensors, *(before.sensors if before else ())}
+            found[flow.name] = _with_sensors(flow, sensors)
+    return [*found.values(), *_of_session(), *_telemetry(), _control()]
+
+
+def types_that_report(name: str) -> tuple[str, ...]:
+    """Sensor types whose scene may ask for that format."""
+    return tuple(t for t, formats in reports_of_types().items() if name in formats)
+
+
+def reports_of_types() -> dict[str, tuple[str, ...]]:
+    """Formats that a scene may ask of each sensor type."""
+    union, _ = get_args(Sensor)
+    found = {}
+    for part in get_args(union):
+        (name,) = get_args(part.model_fields["type"].annotation)
+        literal, _ = get_args(part.model_fields["report"].annotation)
+        found[name] = get_args(literal)
+    return found
+
+
+def _of_format(name: str) -> Iterator[Flow]:
+    sensors = types_that_report(name)
+    if name in ASTERIX:
+        for category, summary in ASTERIX[name].items():
+            passive_alone = category == 16
+            yield _asterix(
+                category,
+                summary,
+                address=f"{{prefix}}/{{sensor}}/asterix/{category:03d}",
+                attributes=OF_SECTOR,
+                sensors=("passive_radar",) if passive_alone else sensors,
+            )
+    elif name == "plots":
+        yield Flow(
+            name="plots",
+            address="{prefix}/{sensor}/plots",
+            content_type=f"{PROTOBUF}; messageType={OURS}.PlotBatch",
+            summary="Plots of a sector at full precision; an empty batch says that there are none.",
+            message=f"{OURS}.PlotBatch",
+            attributes=OF_SECTOR,
+            kind="plotfeed.plots",
+            sensors=sensors,
+        )
+    elif name == "sapient":
+        yield from _sapient(sensors)
+    else:
+        raise KeyError(name)
+
+
+def _asterix(category: int, summary: str, *, address: str, **more: object) -> Flow:
+    return Flow(
+        name=f"asterix{category:03d}",
+        address=address,
+        content_type=f"application/x-asterix; cat={category}",
+        summary=f"An ASTERIX data block of category {category:03d}: {summary}.",
+        kind=f"plotfeed.asterix.{category:03d}",
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def _sapient(sensors: tuple[str, ...]) -> Iterator[Flow]:
+    for what, kind, attributes, qos in (
+        ("Detections", "", OF_SECTOR, None),
+        ("Registration", ".registration", OF_SENSOR, 1),
+        ("Status", ".status", OF_SENSOR, 1),
+    ):
+        yield Flow(
+            name=f"sapient{what}",
+            address="{prefix}/{sensor}/sapient",
+            content_type=f"{PROTOBUF}; messageType={SAPIENT}",
+            summary=f"SAPIENT, BSI Flex 335 v2: {what.lower()}.",
+            message=SAPIENT,
+            attributes=attributes,
+            kind=f"plotfeed.sapient{kind}",
+            qos=qos,
+            sensors=sensors,
+        )
+
+
+def _of_session() -> Iterator[Flow]:
+    yield Flow(
+        name="status",
+        address="{prefix}/{sensor}/status",
+        content_type=JSON,
+        summary="A sensor's state, every 5 s, at the end, and as the last will of its client.",
+        message=f"{OURS}.SensorStatus",
+        attributes=OF_SENSOR,
+        kind="plotfeed.status",
+        qos=1,
+        retain=True,
+    )
+    yield Flow(
+        name="settings",
+        address="{prefix}/{sensor}/settings",
+        content_type=JSON,
+        summary="What the keys of a sensor are at the moment, and which control has changed.",
+        attributes=OF_SENSOR,
+        kind="plotfeed.settings",
+        qos=1,
+        retain=True,
+        schema=_object(sensor="string", time_utc="string", controlled="object", in_force="object"),
+    )
+    yield Flow(
+        name="session",
+        address="{prefix}/session",
+        content_type=JSON,
+        summary="Which scene runs, and since when.",
+        kind="plotfeed.session",
+        qos=1,
+        retain=True,
+        schema=_object(
+            scene="string",
+            seed="integer",
+            start_utc="string",
+            start_utc_ns="integer",
+            sensors="array",
+            plotfeed="string",
+        ),
+    )
+    yield Flow(
+        name="truth",
+        address="{prefix}/truth",
+        content_type=f"{PROTOBUF}; messageType={OURS}.Ledger",
+        summary="The ledger of a sector: whose plot is whose, what was missed. Not for trackers.",
+        message=f"{OURS}.Ledger",
+        attributes=OF_SECTOR,
+        kind="plotfeed.truth",
+        qos=0,
+        needs="mqtt.truth is not false",
+    )
+    yield Flow(
+        name="errors",
+        address="{prefix}/errors",
+        content_type=JSON,
+        summary="Telemetry or a command that was refused, and why.",
+        message=f"{OURS}.Refusal",
+        kind="plotfeed.errors",
+        qos=0,
+        needs="something was refused",
+    )
+    yield _asterix(
+        129,
+        "what a cooperative drone says of itself",
+        address=f"{{prefix}}/{COOPERATIVE}/asterix/129",
+        attributes=("drone",),
+        needs="the scene has [cooperative]",
+    )
+
+
+def _object(**types: str) -> dict[str, Any]:
+    """The schema of an object that has all of those keys."""
+    properties = {name: {"type": kind} for name, kind in types.items()}
+    return {"type": "object", "properties": properties, "required": list(properties)}
+
+
+def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema of pydantic's with its definitions where they are referred to."""
+    definitions = schema.pop("$defs", {})
+
+    def inlined(value: Any) -> Any:
+        if isinstance(value, list):
+            return [inlined(inner) for inner in value]
+        if not isinstance(value, dict):
+            return value
+        if "$ref" in value:
+            return inlined(definitions[value["$ref"].rpartition("/")[2]])
+        return {key: inlined(inner) for key, inner in value.items()}
+
+    inside: dict[str, Any] = inlined(schema)
+    return inside
+
+
+def _control() -> Flow:
+    return Flow(
+        name="control",
+        address="{prefix}/control",
+        content_type=JSON,
+        summary="What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
+        inbound=True,
+        schema=_inlined(Command.model_json_schema()),
+    )
+
+
+def _telemetry() -> Iterator[Flow]:
+    for name, content_type, message in (
+        ("telemetryProtobuf", PROTOBUF, f"{OURS}.Telemetry"),
+        ("telemetryJson", JSON, f"{OURS}.Telemetry"),
+        ("telemetryAsterix129", "application/x-asterix; cat=129", ""),
+    ):
+        yield Flow(
+            name=name,
+            address="{prefix}/telemetry/{drone}",
+            content_type=content_type,
+            summary="Where a drone is.",
+            message=message,
+            inbound=True,
+            required=REQUIRED,
+        )
+
+
+def _with_sensors(flow: Flow, sensors: set[str]) -> Flow:
+    return replace(flow, sensors=tuple(sorted(sensors)))

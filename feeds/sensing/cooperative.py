@@ -1,0 +1,140 @@
+"""Drones of the scene that report themselves: their messages, and the desk that sends them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from plotfeed.feeds.delivery.ledger import LedgerEntry
+from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+from plotfeed.feeds.session.sensor_task import AHEAD_NS, SessionContext, json_of
+from plotfeed.feeds.timing.schedule import ActionKind
+from plotfeed.models.beam.scan import Sector
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
+from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
+from plotfeed.models.state import NS, Floats
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.asterix.encode_129 import TargetEncoder129
+
+HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
+"""Radius that holds half of a circular normal distribution, in standard deviations."""
+
+
+class CooperativeDrones:
+    """What the cooperative drones say at the k-th period since 1970."""
+
+    def __init__(self, scene: Scene, settings: CooperativeKeys, trajectories: Trajectories) -> None:
+        self.period_ns = round(settings.period_s * NS)
+        self._accuracy_m = settings.accuracy_m
+        self._undulation_m = scene.telemetry.geoid_undulation_m or 0.0
+        self._trajectories = trajectories
+        names = settings.those_of([drone.id for drone in scene.drone])
+        self._chances = {
+            trajectories.names.index(name): Chance(scene.scene.seed, f"{COOPERATIVE}/{name}")
+            for name in dict.fromkeys(names)
+        }
+        self._drones = np.array(sorted(self._chances), np.int64)
+        self._encoder = TargetEncoder129(settings.sac, settings.sic, country=settings.country)
+        self._root = f"{scene.mqtt.prefix}/{COOPERATIVE}"
+        self._qos = scene.mqtt.qos
+
+    def messages(self, number: int) -> list[Message]:
+        """One a drone that is there, due when it says it is."""
+        t_utc_ns = number * self.period_ns
+        state = self._trajectories.state_at(t_utc_ns, self._drones)
+        if not len(state):
+            return []
+        names = [self._trajectories.names[drone] for drone in state.drone]
+        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(state.position_ecef_m)
+        velocity_m_s = np.zeros((len(state), 3))
+        for i, drone in enumerate(state.drone):
+            frame = LocalFrame(latitude_deg[i], longitude_deg[i], height_m[i])
+            error_m = self._error_m(int(drone), number)
+            said = frame.to_geodetic(error_m)
+            latitude_deg[i], longitude_deg[i], height_m[i] = (float(x) for x in said)
+            velocity_m_s[i] = frame.rotate_from_ecef(state.velocity_ecef_m_s[i])
+        blocks = self._encoder.blocks(
+            names,
+            state.t_utc_ns,
+            latitude_deg,
+            longitude_deg,
+            altitude_m=height_m - self._undulation_m,
+            accuracy_m=self._radius_m(len(state)),
+            velocity_m_s=velocity_m_s,
+        )
+        return [
+            self._message(number, name, block) for name, block in zip(names, blocks, strict=True)
+        ]
+
+    def _error_m(self, drone: int, number: int) -> Floats:
+        if not self._accuracy_m:
+            return np.zeros(3)
+        rng = self._chances[drone].rng(Purpose.COOPERATION, number)
+        return self._accuracy_m * rng.standard_normal(3)
+
+    def _radius_m(self, n: int) -> Floats | None:
+        """At least 1 m if it is said at all: 0 would say that it is unknown."""
+        if not self._accuracy_m:
+            return None
+        return np.full(n, max(self._accuracy_m * HALF_OF_POSITIONS, 1.0))
+
+    def _message(self, number: int, drone: str, block: bytes) -> Message:
+        t_utc_ns = number * self.period_ns
+        return Message(
+            topic=f"{self._root}/asterix/129",
+            payload=block,
+            content_type="application/x-asterix; cat=129",
+            due_utc_ns=t_utc_ns,
+            qos=self._qos,
+            properties=attributes(
+                self._root, "asterix/129", f"{number}-{drone}", t_utc_ns, drone=drone
+            ),
+        )
+
+
+class CooperativeDesk:
+    """Sends what they say when it is due."""
+
+    def __init__(
+        self,
+        drones: CooperativeDrones,
+        outbox: Outbox,
+        office: SessionContext,
+        link: LinkSettings | None,
+    ) -> None:
+        self.outbox = outbox
+        self._drones = drones
+        self._office = office
+        self._link = json_of(link)
+
+    def open(self, start_utc_ns: int) -> None:
+        """Begin with the first period that ends after that time."""
+        self._plan(start_utc_ns // self._drones.period_ns + 1)
+
+    def _plan(self, number: int) -> None:
+        due_ns = number * self._drones.period_ns - AHEAD_NS
+        self._office.agenda.put(due_ns, partial(self._prepare, number))
+
+    def _prepare(self, number: int) -> None:
+        """What was missed by a period or more is not said any more."""
+        period_ns = self._drones.period_ns
+        number = max(number, self._office.clock.now_ns() // period_ns)
+        messages = self._drones.messages(number)
+        send = partial(self._send, number, messages)
+        self._office.agenda.put(number * period_ns, send, ActionKind.SENDING)
+        self._plan(number + 1)
+
+    def _send(self, number: int, messages: list[Message]) -> None:
+        t_utc_ns = number * self._drones.period_ns
+        sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
+        report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
+        account = LedgerEntry(lambda settled: self._office.keep_ledger(report, settled, self._link))
+        self.outbox.send_together(messages, account)
+        account.close()

@@ -1,0 +1,88 @@
+"""One sensor of a scene at its place: a sector of time in, its looks, plots and messages out.
+
+Nothing here waits or sends. A station can be asked for any sector, in any order, unless it tracks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from plotfeed.feeds.formats import reporters_of
+from plotfeed.feeds.formats.message_format import Seen
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.sensing.rotating import RotatingBeam
+from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
+from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam.sweep import Timetable
+from plotfeed.models.chance import Chance
+from plotfeed.models.state import NS, Looks, Plots
+from plotfeed.models.truth import Trajectories
+
+NS_IN_MS = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class SectorReport:
+    """What became of one sector: its plots are in the order of time, as they are sent."""
+
+    sensor: str
+    sector: Sector
+    looks: Looks
+    plots: Plots
+    messages: list[Message]
+
+
+class EmulatedSensor:
+    """A sensor, where it stands and what it reports."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
+        self.sensor = sensor
+        self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
+        self.period_ns = round(sensor.scan.period_s * NS)
+        self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
+        self._site = scene.scene.site
+        self._trajectories = trajectories
+        self._reporters = reporters_of(scene, sensor)
+        self._chance = Chance(scene.scene.seed, sensor.id)
+        jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
+        self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, self._chance)
+        place = SensorSite.of(sensor, self.frame, trajectories, self._chance)
+        model = sensor.model(self._site)
+        self._eye: Beam = (
+            StaringBeam(model, place)
+            if self.sectors == 1
+            else RotatingBeam(model, place, self._timetable)
+        )
+
+    def change(self, sensor: Sensor) -> None:
+        """Be that sensor from the next sector on: the same one, with other values."""
+        self.sensor = sensor
+        self._eye.model = sensor.model(self._site)
+        self._eye.place = SensorSite.of(sensor, self.frame, self._trajectories, self._chance)
+
+    def sector_at(self, t_utc_ns: int) -> Sector:
+        """The sector under way at a time."""
+        return self._timetable.sector_at(t_utc_ns)
+
+    def next_sector(self, sector: Sector) -> Sector:
+        """The one after it."""
+        return self._timetable.next_sector(sector)
+
+    def report(self, sector: Sector) -> SectorReport:
+        """Look at every drone when the beam is there, and say what was measured."""
+        looks, plots = self._eye.look(sector)
+        seen = Seen(sector, looks, plots, self._trajectories.state_at)
+        if self._eye.place.errs:
+            seen = self._as_taken(seen)
+        messages = [message for report in self._reporters for message in report(seen)]
+        return SectorReport(self.sensor.id, sector, looks, plots, messages)
+
+    def _as_taken(self, seen: Seen) -> Seen:
+        """The same by the sensor's own clock, and the truth as it appears to the sensor."""
+        place, plots = self._eye.place, seen.plots
+        told = plots.but(t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
+        return replace(seen, plots=told, truth_at=place.apparent_at)

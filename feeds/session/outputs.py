@@ -1,0 +1,126 @@
+"""Which connections a session has, and what is sent over which of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
+from plotfeed.feeds.delivery.outbox import Hooks, Outbox
+from plotfeed.feeds.formats.sapient import extra as sapient_extra
+from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.scene.drones import COOPERATIVE
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.session.sensor_task import Announcer
+from plotfeed.feeds.session.status import status_message
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.udp import UdpLink
+from plotfeed.proto import plotfeed_pb2 as pb
+
+Heard = Callable[[str, bytes, str | None], None]
+"""Given a topic, a payload and its content type."""
+
+
+class Outputs:
+    """A client for each sensor and broker, one for the session itself, and the UDP sockets."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        addresses: Sequence[BrokerAddress],
+        *,
+        clock: Clock,
+        agenda: Schedule,
+        totals: SessionCounters,
+        ways: Hooks,
+    ) -> None:
+        self.udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
+        self.links: list[ConnectedTransport] = []
+        """All that have to be kept up, the session's own first."""
+        self._front_links: list[MqttLink] = []
+        self._scene = scene
+        self._addresses = addresses
+        self._clock = clock
+        self._agenda = agenda
+        self._totals = totals
+        self._ways = ways
+
+    @property
+    def brokers(self) -> list[MqttLink]:
+        """The connections among them that a broker may hold up."""
+        return [link for link in self.links if isinstance(link, MqttLink)]
+
+    def front(self, topics: Sequence[str], heard: Heard) -> Outbox:
+        """The session's own: it hears what comes on those topics. Asked for before any other."""
+        self._front_links = [
+            MqttLink(
+                address,
+                "plotfeed-session",
+                subscribe=list(topics),
+                on_message=heard,
+                queue=self._scene.mqtt.queue,
+            )
+            for address in self._addresses
+        ]
+        self.links.extend(self._front_links)
+        return Outbox(self._clock, self._front_links, ways=Hooks(after=self._ways.after))
+
+    def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
+        """A sensor is a client of its own, whose last will is that it is offline.
+
+        With whoever announces it on its connections, if it reports in a format that wants that.
+        Raises `PlotfeedError`.
+        """
+        scene = self._scene
+        herald = sapient_extra.herald(scene, sensor)
+        offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
+        will = status_message(scene.mqtt.prefix, offline, start_ns)
+        links: list[ConnectedTransport] = [
+            MqttLink(
+                address,
+                f"plotfeed-{sensor.id}",
+                will=will,
+                on_connect=None if herald is None else partial(self._greet_again, herald),
+                queue=scene.mqtt.queue,
+            )
+            for address in self._addresses
+        ]
+        links += sapient_extra.middleware_links(scene, herald, self._clock)
+        self.links.extend(links)
+        return self._outbox(sensor.id, links, sensor.link), herald
+
+    def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:
+        """They go over the session's own connections."""
+        return self._outbox(COOPERATIVE, self._front_links, link)
+
+    def _outbox(self, name: str, links: Sequence[Transport], link: LinkSettings | None) -> Outbox:
+        udp_links = [udp for udp in self.udp if udp.settings.takes(name)]
+        return Outbox(
+            self._clock,
+            [*links, *udp_links],
+            agenda=self._agenda,
+            totals=self._totals,
+            ways=Hooks(
+                before=self._ways.before,
+                after=self._ways.after,
+                in_time=sapient_extra.in_time(self._scene),
+            ),
+            link=link,
+            impair=partial(_impairment, self._scene.scene.seed, name),
+        )
+
+    def _greet_again(self, herald: Announcer, link: MqttLink) -> None:
+        """A connection that was lost hears anew who the sensor is; the first one is told anyway."""
+        if link.connections > 1:
+            for message in herald.opening(self._clock.now_ns()):
+                link.publish(Delivery(message, self._clock, 1))
+
+
+def _impairment(seed: int, name: str, link: LinkSettings) -> Impairment:
+    return Impairment(link, seed, name)

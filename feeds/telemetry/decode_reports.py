@@ -1,0 +1,261 @@
+"""Telemetry reports from bytes and to bytes, protobuf or JSON, and from ASTERIX 129.
+
+Pure: no sockets, no clock. Bytes give a `PositionReport` or raise `Refused`, whatever they are.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from enum import Enum, auto
+from typing import Any
+
+from google.protobuf import json_format
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+
+from plotfeed.feeds.telemetry.category_129 import CATEGORY, is_block_129, report_129
+from plotfeed.feeds.telemetry.position_report import (
+    AltitudeReference,
+    PositionReport,
+    Reason,
+    Refused,
+    check,
+    check_finite,
+)
+from plotfeed.models.state import NS, Emitter
+from plotfeed.proto import plotfeed_pb2 as pb
+
+MAX_OCTETS = 4096
+
+_PROTOBUF_TYPES = frozenset(
+    {
+        "application/x-protobuf",
+        "application/protobuf",
+        "application/vnd.google.protobuf",
+        "application/x-google-protobuf",
+        "application/octet-stream",
+    }
+)
+_JSON_TYPES = frozenset({"application/json", "text/json"})
+_ASTERIX_TYPES = frozenset({"application/x-asterix", "application/asterix"})
+
+
+class _Kind(Enum):
+    PROTOBUF = auto()
+    JSON = auto()
+    ASTERIX = auto()
+
+
+_REFERENCE_TO_PB = {
+    AltitudeReference.ELLIPSOID: pb.ELLIPSOID,
+    AltitudeReference.MEAN_SEA_LEVEL: pb.MEAN_SEA_LEVEL,
+    AltitudeReference.ABOVE_TAKEOFF: pb.ABOVE_TAKEOFF,
+}
+_REFERENCE_FROM_PB = {number: reference for reference, number in _REFERENCE_TO_PB.items()}
+
+
+def decode(
+    payload: bytes,
+    content_type: str | None = None,
+    *,
+    max_octets: int = MAX_OCTETS,
+    now_utc_ns: int | None = None,
+) -> PositionReport:
+    """The report in a payload, of the kind that its content type says; raises `Refused`.
+
+    Without a content type, which MQTT 3.1.1 cannot carry, an opening brace tells JSON, and the
+    category and length of a single data block ASTERIX 129. That one needs `now_utc_ns`.
+    """
+    if len(payload) > max_octets:
+        detail = f"payload of {len(payload)} octets; at most {max_octets} are taken"
+        raise Refused(Reason.OVERSIZED, detail)
+    match _kind(payload, content_type):
+        case _Kind.ASTERIX:
+            report = report_129(payload, now_utc_ns)
+        case _Kind.JSON:
+            report = _report(_from_json(payload))
+        case _Kind.PROTOBUF:
+            report = _report(_from_protobuf(payload))
+    check(report)
+    return report
+
+
+def encode_protobuf(report: PositionReport) -> bytes:
+    """The report as a serialised `plotfeed.v1.Telemetry`."""
+    return _message(report).SerializeToString(deterministic=True)
+
+
+def encode_json(report: PositionReport) -> bytes:
+    """The report in protobuf's JSON mapping, with the field names of the schema; UTF-8."""
+    text = json_format.MessageToJson(
+        _message(report), preserving_proto_field_name=True, indent=None
+    )
+    return text.encode()
+
+
+def _kind(payload: bytes, content_type: str | None) -> _Kind:
+    media_type, _, parameters = (content_type or "").lower().partition(";")
+    media_type = media_type.strip()
+    if not media_type:
+        return _kind_by_looks(payload)
+    if media_type in _JSON_TYPES or media_type.endswith("+json"):
+        return _Kind.JSON
+    if media_type in _PROTOBUF_TYPES or media_type.endswith("+protobuf"):
+        return _Kind.PROTOBUF
+    if media_type in _ASTERIX_TYPES:
+        if parameters.replace(" ", "") in ("", f"cat={CATEGORY}"):
+            return _Kind.ASTERIX
+        raise Refused(Reason.CONTENT_TYPE, f"ASTERIX of {parameters!r}; expected cat={CATEGORY}")
+    detail = (
+        f"content type {media_type!r}; expected application/x-protobuf, application/json or "
+        f"application/x-asterix; cat={CATEGORY}"
+    )
+    raise Refused(Reason.CONTENT_TYPE, detail)
+
+
+def _kind_by_looks(payload: bytes) -> _Kind:
+    if payload.lstrip(b" \t\r\n").startswith(b"{"):
+        return _Kind.JSON
+    return _Kind.ASTERIX if is_block_129(payload) else _Kind.PROTOBUF
+
+
+def _from_protobuf(payload: bytes) -> pb.Telemetry:
+    message = pb.Telemetry()
+    try:
+        message.ParseFromString(payload)
+    except (ProtobufDecodeError, ValueError) as error:
+        detail = "payload is not a protobuf message plotfeed.v1.Telemetry"
+        raise Refused(Reason.UNDECODABLE, detail) from error
+    return message
+
+
+def _from_json(payload: bytes) -> pb.Telemetry:
+    try:
+        fields = json.loads(
+            payload.decode(), parse_float=_finite, parse_constant=_finite, object_pairs_hook=_unique
+        )
+    except (ValueError, RecursionError) as error:
+        raise Refused(Reason.UNDECODABLE, f"payload is not JSON: {error}") from error
+    if not isinstance(fields, dict):
+        raise Refused(Reason.UNDECODABLE, "payload is JSON but not an object")
+    try:
+        return json_format.ParseDict(fields, pb.Telemetry())
+    except Exception as error:  # ParseError mostly, but OverflowError and others slip through
+        detail = f"payload is not a Telemetry object: {str(error).partition('Available')[0]}"
+        raise Refused(Reason.UNDECODABLE, detail) from error
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    check_finite("a number", value)
+    return value
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        raise ValueError("a key occurs twice")
+    if any(isinstance(value, bool) for value in fields.values()):
+        raise ValueError("true or false where no field takes it")
+    return fields
+
+
+def _report(message: pb.Telemetry) -> PositionReport:
+    reference = _REFERENCE_FROM_PB.get(message.altitude_reference)
+    if reference is None:
+        expected = ", ".join(r.name for r in AltitudeReference)
+        raise Refused(Reason.MISSING, f"altitude_reference is missing; expected one of {expected}")
+    return PositionReport(
+        t_utc_ns=_time_ns(message),
+        latitude_deg=_required(message, "latitude_deg"),
+        longitude_deg=_required(message, "longitude_deg"),
+        altitude_m=_required(message, "altitude_m"),
+        altitude_reference=reference,
+        velocity_enu_m_s=_velocity(message),
+        horizontal_accuracy_m=_optional(message, "horizontal_accuracy_m"),
+        vertical_accuracy_m=_optional(message, "vertical_accuracy_m"),
+        velocity_accuracy_m_s=_optional(message, "velocity_accuracy_m_s"),
+        rcs_m2=_optional(message, "rcs_m2"),
+        sound_power_db=_optional(message, "sound_power_db"),
+        emitters=tuple(
+            Emitter(
+                frequency_hz=e.frequency_hz,
+                bandwidth_hz=e.bandwidth_hz,
+                eirp_dbm=e.eirp_dbm,
+                kind=e.kind,
+                identity=e.identity,
+            )
+            for e in message.emitters
+        ),
+    )
+
+
+def _time_ns(message: pb.Telemetry) -> int:
+    if not message.HasField("time_utc"):
+        raise Refused(Reason.MISSING, "time_utc is missing")
+    seconds, nanos = message.time_utc.seconds, message.time_utc.nanos
+    if not 0 <= nanos < NS:
+        detail = f"time_utc.nanos is {nanos}; expected 0 to {NS - 1}"
+        raise Refused(Reason.OUT_OF_RANGE, detail)
+    return seconds * NS + nanos
+
+
+def _optional(message: pb.Telemetry, name: Any) -> float | None:
+    if not message.HasField(name):
+        return None
+    value: float = getattr(message, name)
+    # Here and not in `check`, because NaN in a report's velocity stands for "not known".
+    check_finite(name, value)
+    return value
+
+
+def _required(message: pb.Telemetry, name: str) -> float:
+    value = _optional(message, name)
+    if value is None:
+        raise Refused(Reason.MISSING, f"{name} is missing")
+    return value
+
+
+_VELOCITY_FIELDS = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
+
+
+def _velocity(message: pb.Telemetry) -> tuple[float, float, float] | None:
+    values = [_optional(message, name) for name in _VELOCITY_FIELDS]
+    if all(v is None for v in values):
+        return None
+    east, north, up = (math.nan if v is None else v for v in values)
+    return east, north, up
+
+
+_OPTIONAL_FIELDS = (
+    "horizontal_accuracy_m",
+    "vertical_accuracy_m",
+    "velocity_accuracy_m_s",
+    "rcs_m2",
+    "sound_power_db",
+)
+
+
+def _message(report: PositionReport) -> pb.Telemetry:
+    message = pb.Telemetry(
+        latitude_deg=report.latitude_deg,
+        longitude_deg=report.longitude_deg,
+        altitude_m=report.altitude_m,
+        altitude_reference=_REFERENCE_TO_PB[report.altitude_reference],
+    )
+    message.time_utc.seconds, message.time_utc.nanos = divmod(report.t_utc_ns, NS)
+    for name in _OPTIONAL_FIELDS:
+        if (value := getattr(report, name)) is not None:
+            setattr(message, name, value)
+    for name, value in zip(_VELOCITY_FIELDS, report.velocity_enu_m_s or (), strict=False):
+        if not math.isnan(value):
+            setattr(message, name, value)
+    for e in report.emitters:
+        message.emitters.add(
+            frequency_hz=e.frequency_hz,
+            bandwidth_hz=e.bandwidth_hz,
+            eirp_dbm=e.eirp_dbm,
+            kind=e.kind,
+            identity=e.identity,
+        )
+    return message

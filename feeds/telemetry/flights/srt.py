@@ -1,0 +1,217 @@
+"""DJI subtitle files: one block a video second or frame, its text in one of several dialects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+from plotfeed.feeds.telemetry.flights.flight import FlightOptions, GpsOrder, Log, utc_ns
+from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.proto.errors import PlotfeedError
+
+_NUMBER = r"([-+]?\d{1,12}(?:\.\d{1,20})?)"
+_SPACE = r"[ \t]{0,9}"
+_SEPARATOR = rf"{_SPACE},{_SPACE}"
+_GPS = re.compile(
+    rf"\bGPS{_SPACE}\({_SPACE}{_NUMBER}{_SEPARATOR}{_NUMBER}"
+    rf"(?:{_SEPARATOR}{_NUMBER}{_SPACE}(M?))?{_SPACE}\)"
+)
+# Some models spell it "longtitude".
+_NAMED = re.compile(rf"\b(latitude|longt?itude|rel_alt|abs_alt|altitude){_SPACE}:{_SPACE}{_NUMBER}")
+_BAROMETER = re.compile(rf"\bBAROMETER{_SPACE}:{_SPACE}{_NUMBER}|,{_SPACE}H {_NUMBER}m\b")
+_CAMERA_LINE = re.compile(r"\bF/[\d.]{1,6},[ \t]{0,9}SS ")
+_HOME = re.compile(r"\bHOME[ \t]{0,9}\(")
+_DATE = re.compile(
+    r"\b(\d{4})[.-](\d{1,2})[.-](\d{1,2})[ T](\d{1,2}):(\d\d):(\d\d)"
+    r"(?:[.,](\d{3}))?(?:[.,]?(\d{3}))?"
+)
+_FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})[ \t]{0,9}-->")
+
+
+@dataclass(slots=True)
+class _Block:
+    """The text of one subtitle, and what was read in it."""
+
+    line: int
+    text: str
+
+    @property
+    def gps(self) -> re.Match[str] | None:
+        return _GPS.search(self.text)
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Values by the name in front of them."""
+        found = {name: float(value) for name, value in _NAMED.findall(self.text)}
+        if "longtitude" in found:
+            found["longitude"] = found.pop("longtitude")
+        return found
+
+
+def read_srt(text: str, options: FlightOptions, log: Log) -> None:
+    """Take every block of a DJI subtitle file that has a position and a time."""
+    blocks = list(_blocks(text))
+    if not any(block.gps or "latitude" in block.named for block in blocks):
+        raise PlotfeedError("no positions: expected GPS(...) or [latitude: ...] in the subtitles")
+    order = _gps_order(blocks, options, log)
+    heights = _height_source(blocks, options)
+    dated = any(_DATE.search(block.text) for block in blocks)
+    if not dated and options.start_utc_ns is None:
+        raise PlotfeedError(
+            "no date lines: the time of the first frame must be given (start_utc_ns)"
+        )
+    if dated:
+        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset-h)")
+    for block in blocks:
+        where = f"line {block.line}"
+        t_utc_ns = _date_ns(block, options) if dated else _frame_ns(block, options)
+        position = _position(block, order)
+        height_m = heights.read(block)
+        if t_utc_ns is None:
+            log.skip(where, "no time that can be read")
+        elif position is None:
+            log.skip(where, "no GPS position that can be read")
+        elif position == (0.0, 0.0):
+            log.skip(where, "position 0, 0: no GPS fix")
+        elif height_m is None:
+            log.skip(where, f"no {heights.name}, which other blocks have")
+        else:
+            log.take(
+                where,
+                t_utc_ns=t_utc_ns,
+                latitude_deg=position[0],
+                longitude_deg=position[1],
+                altitude_m=height_m,
+                altitude_reference=heights.reference,
+            )
+
+
+def _blocks(text: str) -> Iterator[_Block]:
+    """Each run of lines from one with `-->` to the next empty line."""
+    start, lines = 0, list[str]()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if "-->" in line:
+            if lines:
+                yield _Block(start, "\n".join(lines))
+            start, lines = number, [line]
+        elif lines and line.strip():
+            lines.append(line)
+        elif lines:
+            yield _Block(start, "\n".join(lines))
+            lines = []
+    if lines:
+        yield _Block(start, "\n".join(lines))
+
+
+def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrder | None:
+    """Which coordinate comes first; None where every block names its coordinates.
+
+    What the user says comes first, then a value that no latitude can have, then the dialect.
+    """
+    pairs = [(block, gps) for block in blocks if (gps := block.gps)]
+    if not pairs or options.gps_order is not None:
+        return options.gps_order
+    first_over = any(abs(float(gps[1])) > 90 for _, gps in pairs)
+    second_over = any(abs(float(gps[2])) > 90 for _, gps in pairs)
+    if first_over != second_over:
+        return "lon-lat" if first_over else "lat-lon"
+    order = _dialect(pairs[0][0].text, pairs[0][1], has_home=_has_home(blocks))
+    if order is None:
+        raise PlotfeedError(
+            f"line {pairs[0][0].line}: {pairs[0][1][0]} may be latitude first or longitude first; "
+            "say which with --gps-order lat-lon or --gps-order lon-lat"
+        )
+    log.assume(f"{pairs[0][1][0]} is {order}, as in other files of this dialect (--gps-order)")
+    return order
+
+
+def _has_home(blocks: list[_Block]) -> bool:
+    return any(_HOME.search(block.text) for block in blocks)
+
+
+def _dialect(text: str, gps: re.Match[str], *, has_home: bool) -> GpsOrder | None:
+    """The order by the way in which models write: Matrice 300, Mavic Pro, Mavic Mini and kin."""
+    if gps[4] == "M":
+        return "lat-lon"
+    if has_home or _CAMERA_LINE.search(text):
+        return "lon-lat"
+    return None
+
+
+def _position(block: _Block, order: GpsOrder | None) -> tuple[float, float] | None:
+    """Latitude and longitude, degrees."""
+    named = block.named
+    if "latitude" in named and "longitude" in named:
+        return named["latitude"], named["longitude"]
+    if (gps := block.gps) is None:
+        return None
+    first, second = float(gps[1]), float(gps[2])
+    return (first, second) if order == "lat-lon" else (second, first)
+
+
+@dataclass(frozen=True, slots=True)
+class _Heights:
+    """Where in a block the height stands, and what it is measured from."""
+
+    name: str
+    reference: AltitudeReference
+
+    def read(self, block: _Block) -> float | None:
+        if self.name == "BAROMETER":
+            found = _BAROMETER.search(block.text)
+            return float(found[1] or found[2]) if found else None
+        if self.name == "GPS altitude":
+            gps = block.gps
+            return float(gps[3]) if gps and gps[3] else None
+        return block.named.get(self.name)
+
+
+_DECLARED = (
+    _Heights("BAROMETER", AltitudeReference.ABOVE_TAKEOFF),
+    _Heights("rel_alt", AltitudeReference.ABOVE_TAKEOFF),
+    _Heights("abs_alt", AltitudeReference.MEAN_SEA_LEVEL),
+)
+
+
+def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
+    """The height to use: one of a known reference, the wanted one first, or as the user says."""
+    wanted = options.altitude_reference
+    known = sorted(_DECLARED, key=lambda source: source.reference is not wanted)
+    for source in known:
+        if _occurs(source, blocks):
+            return source
+    for name in ("altitude", "GPS altitude"):
+        if _occurs(_Heights(name, AltitudeReference.ELLIPSOID), blocks):
+            if wanted is None:
+                raise PlotfeedError(
+                    f"{name} does not say what it is measured from; say so with "
+                    "--altitude-reference above_takeoff, mean_sea_level or ellipsoid"
+                )
+            return _Heights(name, wanted)
+    raise PlotfeedError("no heights: expected BAROMETER, H, rel_alt, abs_alt or altitude")
+
+
+def _occurs(source: _Heights, blocks: list[_Block]) -> bool:
+    return any(source.read(block) is not None for block in blocks)
+
+
+def _date_ns(block: _Block, options: FlightOptions) -> int | None:
+    if (found := _DATE.search(block.text)) is None:
+        return None
+    year, month, day, hour, minute, second, ms, us = (int(g or 0) for g in found.groups())
+    try:
+        when = datetime(year, month, day, hour, minute, second, ms * 1000 + us)  # noqa: DTZ001 - local
+    except ValueError:
+        return None
+    return utc_ns(when, options.utc_offset_h)
+
+
+def _frame_ns(block: _Block, options: FlightOptions) -> int | None:
+    found = _FRAME_TIME.search(block.text)
+    if found is None or options.start_utc_ns is None:
+        return None
+    hours, minutes, seconds, ms = (int(g) for g in found.groups())
+    since_ms = ((hours * 60 + minutes) * 60 + seconds) * 1000 + ms
+    return options.start_utc_ns + since_ms * 1_000_000

@@ -1,0 +1,160 @@
+"""The clocks that a session can run by. All of them count nanoseconds of UTC since 1970."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Protocol
+
+from plotfeed.feeds.timing.timer import PreciseTimer
+
+
+class Clock(Protocol):
+    """Tells the session's time, and waits for it. One waiter at a time."""
+
+    def start(self) -> int:
+        """The session begins: the time at which it does so."""
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+
+    def stands_before(self, t_utc_ns: int) -> bool:
+        """Whether it stands still before that time comes, until somebody lets it go on."""
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Return when it is that time, at once if it is past, or when somebody wakes it."""
+
+    def wake(self) -> None:
+        """Let whoever sleeps return: there may be something to do sooner."""
+
+    def close(self) -> None:
+        """Give back what the clock holds."""
+
+
+class WallClock:
+    """Real time, at `speed` times its pace, from `start_utc_ns` or from now.
+
+    It runs on the monotonic clock: a step of the system's UTC moves no deadline. A given start
+    stands still until the session begins, so that all sessions begin at exactly that time.
+    """
+
+    def __init__(self, start_utc_ns: int | None = None, *, speed: float = 1.0) -> None:
+        self._zero_monotonic_ns = time.monotonic_ns()
+        self._zero_utc_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+        self._speed = speed
+        self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
+        self._begun = start_utc_ns is None
+        self._timer: PreciseTimer | None = None
+        self.is_real = start_utc_ns is None and speed == 1
+        """Whether it shows the world's time, which cannot be held or hurried."""
+
+    @property
+    def speed(self) -> float:
+        """Times real time."""
+        return self._speed
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it stands still."""
+        return self._stands_from_ns is not None and self.now_ns() >= self._stands_from_ns
+
+    def start(self) -> int:
+        """Let a given start be now."""
+        if not self._begun:
+            self._begun = True
+            self.resume()
+            return self._zero_utc_ns
+        return self.now_ns()
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+        passed_ns = time.monotonic_ns() - self._zero_monotonic_ns
+        if self._speed != 1:
+            passed_ns = round(passed_ns * self._speed)
+        now_ns = self._zero_utc_ns + passed_ns
+        if self._stands_from_ns is not None and now_ns > self._stands_from_ns:
+            return self._stands_from_ns
+        return now_ns
+
+    def pause(self) -> None:
+        """Stand still from now on."""
+        self._go_on(stands_from_ns=self.now_ns())
+
+    def resume(self) -> None:
+        """Run on from where it stands."""
+        self._go_on(stands_from_ns=None)
+
+    def step(self, duration_ns: int) -> None:
+        """Run on for so long, and then stand."""
+        self._go_on(stands_from_ns=self.now_ns() + duration_ns)
+
+    def set_speed(self, speed: float) -> None:
+        """Run at another pace from now on."""
+        self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
+        self._speed = speed
+        self.wake()
+
+    def stands_before(self, t_utc_ns: int) -> bool:
+        """Whether a pause, or the end of a step, comes first."""
+        return self._stands_from_ns is not None and t_utc_ns > self._stands_from_ns
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Return when it is that time; late by some tens of microseconds on Linux."""
+        if not self._begun:
+            self.start()
+        if self._timer is None:
+            self._timer = PreciseTimer()
+        if self.stands_before(t_utc_ns):
+            await self._timer.wait_for_wake()
+            return
+        until_ns = t_utc_ns - self._zero_utc_ns
+        if self._speed != 1:
+            until_ns = -round(-until_ns / self._speed // 1)
+        await self._timer.wait_until(self._zero_monotonic_ns + until_ns)
+
+    def wake(self) -> None:
+        """Let whoever sleeps return."""
+        if self._timer is not None:
+            self._timer.wake()
+
+    def close(self) -> None:
+        """Close the timer."""
+        if self._timer is not None:
+            self._timer.__exit__(None, None, None)
+            self._timer = None
+
+    def _go_on(self, *, stands_from_ns: int | None) -> None:
+        """From the time that it is, as if it had always run at this pace."""
+        self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
+        self._stands_from_ns = stands_from_ns
+        self.wake()
+
+
+class InstantClock:
+    """Simulated time that stands still until somebody waits, and is then there at once."""
+
+    def __init__(self, start_utc_ns: int | None = None) -> None:
+        self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+
+    def start(self) -> int:
+        """The time at which it stands."""
+        return self._now_ns
+
+    def now_ns(self) -> int:
+        """The session's UTC."""
+        return self._now_ns
+
+    def stands_before(self, _t_utc_ns: int) -> bool:
+        """Always: time passes only for who waits."""
+        return True
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        """Be there; whatever else waits in the loop has its turn first."""
+        await asyncio.sleep(0)
+        self._now_ns = max(self._now_ns, t_utc_ns)
+
+    def wake(self) -> None:
+        """Nobody ever sleeps."""
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,1 @@
+"""MQTT to one broker: its address, a connection kept up."""

@@ -1,0 +1,182 @@
+"""Where a broker is, as people write it, and what opens its door; no scene holds secrets."""
+
+from __future__ import annotations
+
+import os
+import ssl
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from plotfeed.proto.errors import PlotfeedError
+
+USERNAME_VARIABLE = "PLOTFEED_MQTT_USERNAME"
+PASSWORD_VARIABLE = "PLOTFEED_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
+MAX_OCTETS = 65_535
+"""Of a text in MQTT."""
+MAX_FILE_OCTETS = 1 << 16
+
+
+class AccessError(PlotfeedError):
+    """Certificates or credentials that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokerAccess:
+    """Certificates and credentials; the password is never shown."""
+
+    ca_file: Path | None = None
+    """Who vouches for the broker; without it, whom the system trusts."""
+    certificate_file: Path | None = None
+    key_file: Path | None = None
+    """Of the client, where the broker asks for one."""
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+
+    @property
+    def needs_tls(self) -> bool:
+        """Whether any of it is of use with TLS alone."""
+        return any((self.ca_file, self.certificate_file, self.key_file))
+
+    def tls_context(self) -> ssl.SSLContext:
+        """For a connection to a broker with TLS; raises `AccessError`."""
+        return _tls_context(self.ca_file, self.certificate_file, self.key_file)
+
+    def with_credentials(
+        self, file: Path | None, environment: Mapping[str, str] = os.environ
+    ) -> BrokerAccess:
+        """With user name and password from a file; the environment stands before it.
+
+        Raises `AccessError`.
+        """
+        username, password = (None, None) if file is None else _credentials(file)
+        username = environment.get(USERNAME_VARIABLE, username)
+        password = environment.get(PASSWORD_VARIABLE, password)
+        if password is not None and username is None:
+            raise AccessError(f"{PASSWORD_VARIABLE} is set, and there is no {USERNAME_VARIABLE}")
+        for what, text in (("user name", username), ("password", password)):
+            if text is not None and not _fits(text):
+                raise AccessError(f"the {what} for MQTT is not UTF-8, or too long")
+        return replace(self, username=username, password=password)
+
+
+def _fits(text: str) -> bool:
+    try:
+        return len(text.encode()) <= MAX_OCTETS
+    except UnicodeEncodeError:
+        return False
+
+
+def _credentials(file: Path) -> tuple[str, str | None]:
+    # What TOML says of a mistake is not passed on: it might quote the password.
+    expected = AccessError(f"{file}: expected TOML with username and password, both text")
+    try:
+        with file.open("rb") as opened:
+            found = tomllib.loads(opened.read(MAX_FILE_OCTETS).decode())
+    except OSError as error:
+        raise AccessError(f"{file}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise expected from None
+    username, password = found.get("username"), found.get("password")
+    if not isinstance(username, str) or not isinstance(password, str | None):
+        raise expected
+    return username, password
+
+
+@lru_cache(maxsize=16)  # a session has a link for each sensor, and the system's CAs are many
+def _tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=ca)
+    except OSError as error:
+        why = "no certificate in it" if isinstance(error, ssl.SSLError) else error.strerror
+        raise AccessError(f"CA file {ca}: {why}") from None
+    if certificate is None:
+        if key is not None:
+            raise AccessError(f"client key {key}: expected its certificate too")
+        return context
+    if key is not None and not key.is_file():  # else OpenSSL does not say which of the two
+        raise AccessError(f"client key {key}: no such file")
+    try:
+        # There is nobody to ask for a passphrase.
+        context.load_cert_chain(certificate, key, lambda: "")
+    except OSError as error:
+        raise AccessError(
+            f"client certificate {certificate}, key {key or 'in it'}: {_why(error)}"
+        ) from None
+    return context
+
+
+def _why(error: OSError) -> str:
+    if not isinstance(error, ssl.SSLError):
+        return error.strerror or str(error)
+    if error.reason == "KEY_VALUES_MISMATCH":
+        return "the key is of another certificate"
+    return "not both PEM, or the key has a passphrase"
+
+
+DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
+NO_ACCESS = BrokerAccess()
+VERSIONS = {"5": (5,), "3.1.1": (4,), "any": (5, 4)}
+"""MQTT by its own names; 4 is how 3.1.1 is numbered in the protocol."""
+
+
+class AddressError(PlotfeedError):
+    """What should be the address of a broker, and is not."""
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """Where a broker is, and which versions of MQTT to try, one after the other."""
+
+    host: str
+    port: int = DEFAULT_PORTS["mqtt"]
+    versions: tuple[int, ...] = VERSIONS["any"]
+    tls: bool = False
+    access: BrokerAccess = NO_ACCESS
+
+    @classmethod
+    def parse(
+        cls,
+        url: str,
+        *,
+        versions: tuple[int, ...] = VERSIONS["any"],
+        access: BrokerAccess | None = None,
+    ) -> BrokerAddress:
+        """From mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
+        try:
+            parts = urlsplit(url)
+            port = parts.port
+        except ValueError:
+            raise _no_address(url) from None
+        if parts.username is not None:
+            raise AddressError(
+                "a broker's address holds no credentials: give them as "
+                f"{USERNAME_VARIABLE} and {PASSWORD_VARIABLE}, or in a file"
+            )
+        rest = parts.path.strip("/") + parts.query + parts.fragment
+        if parts.scheme not in DEFAULT_PORTS or not parts.hostname or rest or port == 0:
+            raise _no_address(url)
+        access, tls = access or BrokerAccess(), parts.scheme == "mqtts"
+        if access.needs_tls and not tls:  # or what was to be kept secret would go in clear
+            raise AddressError(
+                f"broker {url!r}: a CA, certificate or key is given, and they need mqtts://"
+            )
+        return cls(parts.hostname, port or DEFAULT_PORTS[parts.scheme], versions, tls, access)
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'mqtts' if self.tls else 'mqtt'}://{host}:{self.port}"
+
+
+def without_secrets(url: str) -> str:
+    """What may be shown of an address in which someone may have put a password."""
+    scheme, _, rest = url.partition("?")[0].partition("://")
+    return f"{scheme}://...@{rest.rpartition('@')[2]}" if "@" in url else url.partition("?")[0]
+
+
+def _no_address(url: str) -> AddressError:
+    shown = without_secrets(url)
+    return AddressError(f"broker {shown!r}: expected mqtt://HOST:PORT, or mqtts:// for TLS")

@@ -1,0 +1,79 @@
+"""Why there is no connection to a broker, in words and without secrets."""
+
+from __future__ import annotations
+
+import ssl
+
+from gmqtt.mqtt.handler import MQTTConnectError
+
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto.errors import PlotfeedError
+
+VERSION_NAMES = {5: "5", 4: "3.1.1"}
+UNKNOWN_VERSION = frozenset({1, 132})
+"""CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak."""
+TRANSIENT = frozenset({3, 131, 136, 137, 151, 159})
+"""CONNACK's codes for what a broker may think better of: busy, not available yet."""
+
+
+class MqttError(PlotfeedError):
+    """A broker with which there is no connection."""
+
+    exit_code = 1
+
+    def __init__(self, reason: str, *, final: bool = False, versions: bool = False) -> None:
+        super().__init__(reason)
+        self.final = final
+        """It would be no better a second time."""
+        self.other_version = versions
+        """It may be better with another version of MQTT."""
+
+
+def failure(error: Exception) -> MqttError:
+    """For what went wrong before the broker had an answer, or for the answer that it gave."""
+    if isinstance(error, MQTTConnectError):
+        code = int(error._code)
+        return MqttError(
+            f"it refuses: {reason_name(code)}",
+            final=code not in TRANSIENT,
+            versions=code in UNKNOWN_VERSION,
+        )
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return MqttError(f"its certificate is not good: {error.verify_message}", final=True)
+    if isinstance(error, ssl.SSLError):
+        return MqttError(f"TLS failed: {_words(error.reason) or 'no more is known'}")
+    if isinstance(error, UnicodeError):
+        return MqttError("no host can have this name", final=True)
+    if isinstance(error, OSError):
+        return MqttError(error.strerror or str(error) or type(error).__name__)
+    return MqttError(str(error) or type(error).__name__)
+
+
+def hung_up(address: BrokerAddress, version: int, lost: BaseException | None) -> MqttError:
+    """For a broker that closes the connection instead of answering; `lost` is what broke it."""
+    if isinstance(lost, ssl.SSLError):
+        return failure(lost)
+    access, may_want = address.access, []
+    if not address.tls:
+        may_want.append("TLS (mqtts://)")
+    else:
+        may_want.append(f"{'a' if access.certificate_file is None else 'another'} certificate")
+    may_want.append(f"{'a' if access.username is None else 'another'} user name and password")
+    may_want.append(f"another version of MQTT than {VERSION_NAMES[version]}")
+    guess = f"it may want {', '.join(may_want[:-1])}, or {may_want[-1]}"
+    return MqttError(f"it hung up without an answer: {guess}", versions=True)
+
+
+def no_answer() -> MqttError:
+    """For a broker that takes the connection and says nothing."""
+    return MqttError("no answer to CONNECT", versions=True)
+
+
+def reason_name(code: int) -> str:
+    """A reason code of CONNACK or DISCONNECT."""
+    known = MQTTConnectError.__messages__.get(code, "").partition(": ")[2].lower()
+    return known or f"reason {code:#04x}"
+
+
+def _words(reason: str | None) -> str:
+    return (reason or "").replace("_", " ").lower()

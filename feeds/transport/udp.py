@@ -1,0 +1,200 @@
+"""ASTERIX over UDP, unicast and multicast: one data block a datagram, as trackers take it."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from plotfeed.feeds.scene.fields import Name, SceneTable
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.delivery.delivery import Delivery
+
+MIN_OCTETS, USUAL_OCTETS, MAX_OCTETS = 64, 1400, 65_000
+
+
+class UdpError(PlotfeedError):
+    """A destination that cannot be sent to."""
+
+    exit_code = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A numeric address and a port."""
+
+    address: ipaddress.IPv4Address | ipaddress.IPv6Address
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> Endpoint:
+        """From 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
+        host, _, port = text.rpartition(":")
+        number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
+        bracketed = host.startswith("[") and host.endswith("]")
+        try:
+            if bracketed:
+                return cls(ipaddress.IPv6Address(host[1:-1]), _port(number))
+            return cls(ipaddress.IPv4Address(host), _port(number))
+        except ValueError:
+            raise ValueError(
+                f"expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not {text!r}"
+            ) from None
+
+
+def _port(number: int) -> int:
+    if not 0 < number < 65536:
+        raise ValueError(number)
+    return number
+
+
+def _endpoint(text: str) -> str:
+    address = Endpoint.parse(text).address
+    if address.is_unspecified:
+        raise ValueError(f"expected the address of one host or a multicast group, not {address}")
+    if (
+        isinstance(address, ipaddress.IPv6Address)
+        and address.is_link_local
+        and not address.scope_id
+    ):
+        raise ValueError(f"a link-local address needs its interface, such as {address}%eth0")
+    return text
+
+
+class UdpDestination(SceneTable):
+    """A [[udp]] of the scene: where ASTERIX goes besides MQTT."""
+
+    destination: Annotated[str, AfterValidator(_endpoint)]
+    """ADDRESS:PORT, numeric; a multicast group or one host."""
+    sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    """Whose messages go there; all sensors' if it is left out."""
+    ttl: Annotated[int, Field(ge=0, le=255)] = 1
+    """Of multicast datagrams: 1 stays in the local network."""
+    interface: str | None = None
+    """By which multicast leaves: its name or IPv4 address; without it, by the system's route."""
+    max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
+    """Of a datagram; data blocks are cut to fit."""
+
+    @model_validator(mode="after")
+    def _interface_is_for_multicast(self) -> Self:
+        if self.interface is None:
+            return self
+        if not self.is_multicast:
+            raise ValueError(f"interface: only for multicast, which {self.destination} is not")
+        if not self.interface or "\0" in self.interface:
+            raise ValueError("interface: expected the name of one, or its address")
+        return self
+
+    @property
+    def is_multicast(self) -> bool:
+        """Whether it goes to a group."""
+        return Endpoint.parse(self.destination).address.is_multicast
+
+    def takes(self, sensor: str) -> bool:
+        """Whether that sensor's messages go there."""
+        return not self.sensors or sensor in self.sensors
+
+
+class UdpLink:
+    """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
+
+    def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
+        """`key` is the destination's place in the scene."""
+        self.settings = settings
+        self._key = key
+        self._socket: socket.socket | None = None
+        self._target: tuple[object, ...] = ()
+
+    def open(self) -> None:
+        """Make the socket; raises `UdpError`."""
+        endpoint = Endpoint.parse(self.settings.destination)
+        family = socket.AF_INET if endpoint.address.version == 4 else socket.AF_INET6
+        try:
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+            # With the scope of a link-local address, which only the system can number.
+            found = socket.getaddrinfo(
+                str(endpoint.address), endpoint.port, family, socket.SOCK_DGRAM
+            )
+            self._target = found[0][4]
+            if endpoint.address.is_multicast:
+                self._prepare_multicast(self._socket)
+            elif family == socket.AF_INET:
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        except OSError as error:
+            self.close()
+            what = f"{self._key}.destination: {self.settings.destination}"
+            raise UdpError(f"{what}: {_why(error)}") from None
+
+    def publish(self, parcel: Delivery) -> None:
+        """Send what is ASTERIX, and settle at once whether the system took it."""
+        message = parcel.message
+        delivered = True
+        if message.content_type.startswith("application/x-asterix"):
+            delivered = self._send(message.payload)
+            if delivered:
+                parcel.leave()
+        parcel.settle(delivered=delivered)
+
+    def publish_together(self, parcels: Sequence[Delivery]) -> None:
+        """One after the other."""
+        for parcel in parcels:
+            self.publish(parcel)
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Nothing is kept that could take any time."""
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, datagram: bytes) -> bool:
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto(datagram, self._target)
+        except ConnectionRefusedError:  # nobody listened to an earlier one: that is their affair
+            return True
+        except OSError:
+            return False
+        return True
+
+    def _prepare_multicast(self, opened: socket.socket) -> None:
+        is_4 = opened.family == socket.AF_INET
+        level = socket.IPPROTO_IP if is_4 else socket.IPPROTO_IPV6
+        hops = socket.IP_MULTICAST_TTL if is_4 else socket.IPV6_MULTICAST_HOPS
+        opened.setsockopt(level, hops, self.settings.ttl)
+        interface = self.settings.interface
+        if interface is None:
+            return
+        try:
+            if is_4:
+                opened.setsockopt(level, socket.IP_MULTICAST_IF, _interface_4(interface))
+            else:
+                index = socket.if_nametoindex(interface)
+                opened.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
+        except OSError as error:
+            self.close()
+            what = f"{self._key}.interface: {interface!a}"
+            raise UdpError(f"{what}: {_why(error)}") from None
+
+
+def _interface_4(interface: str) -> bytes:
+    """An address, or a name as its number in a struct ip_mreqn."""
+    try:
+        return ipaddress.IPv4Address(interface).packed
+    except ValueError:
+        return struct.pack("@4s4si", b"", b"", socket.if_nametoindex(interface))
+
+
+def _why(error: OSError) -> str:
+    return error.strerror or str(error)

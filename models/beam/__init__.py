@@ -1,0 +1,1 @@
+"""Where a beam is when: scans, sectors, cover, and which drones it meets."""

@@ -1,0 +1,217 @@
+"""The microphone array: section 3.3 of the paper, equations 37 to 44 in right form.
+
+Sound levels in decibels throughout (ISO 9613-2), a logistic probability of detection, bearings
+alone. A drone is heard where it was when the sound left it: at v across the line of sight its
+bearing lags by v over the speed of sound, at any distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models.beam.cover import AzimuthCover
+from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models.effects.finer_detection import true_geometry
+from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
+from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.readings import Readings
+
+MAX_ELEVATION_DEG = 90.0
+REFERENCE_DISTANCE_M = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MicrophoneArray:
+    """What the equations need; levels in dB re 20 uPa, of the band in which the array listens.
+
+    Without a beamwidth in elevation it measures none. `kind` is what it takes every sound for, ""
+    if it does not classify.
+    """
+
+    directivity_db: float
+    absorption_db_per_m: float
+    barrier_db: float
+    misc_db: float
+    array_gain_db: float
+    noise_db: float
+    sensitivity_db: float
+    slope_per_db: float
+    pfa: float
+    range_max_m: float
+    height_above_ground_m: float
+    sound_speed_m_s: float
+    azimuth_cover: AzimuthCover
+    azimuth_beamwidth_deg: float
+    elevation_beamwidth_deg: float | None
+    azimuth_floor_deg: float
+    elevation_floor_deg: float
+    kind: str
+
+    @property
+    def signal_speed_m_s(self) -> float:
+        """That of sound."""
+        return self.sound_speed_m_s
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
+
+    @cached_property
+    def resolution_cells(self) -> int:
+        """Beams side by side in azimuth: there are no cells of range (eq 9)."""
+        return max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
+
+    @nan_without_warnings
+    def level_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:
+        """Sound pressure level at the array, (n,), of sources at those places (n, 3) (eqs 37, 39).
+
+        The ground is flat, `height_above_ground_m` below the array. No source is nearer than the
+        metre from which spreading is counted (ISO 9613-2, 7.1).
+        """
+        range_m = np.maximum(enu_to_aer(position_enu_m)[2], REFERENCE_DISTANCE_M)
+        source_height_m = np.maximum(position_enu_m[:, 2] + self.height_above_ground_m, 0.0)
+        mean_height_m = (source_height_m + self.height_above_ground_m) / 2
+        attenuation_db = (
+            propagation.sound_divergence_db(range_m)  # eq 40
+            + self.absorption_db_per_m * range_m  # eq 41
+            + propagation.ground_attenuation_db(mean_height_m, range_m)  # eq 42
+            + self.barrier_db
+            + self.misc_db
+        )
+        return propagation.sound_level_db(power_level_db, self.directivity_db, attenuation_db)
+
+    def snr_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:
+        """Signal-to-noise ratio behind the array, dB (eq 38); NaN for what makes no known sound."""
+        return self.level_db(power_level_db, position_enu_m) + self.array_gain_db - self.noise_db
+
+    def pd(self, snr_db: Floats) -> Floats:
+        """Probability of detection (eq 43)."""
+        return detection.pd_logistic(snr_db, self.sensitivity_db, self.slope_per_db)
+
+    def sigma_azimuth_deg(self, snr: Floats) -> Floats:
+        """Standard deviation of the azimuth, about the direction from which the sound comes."""
+        return accuracy.with_floor(
+            accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
+        )
+
+    def sigma_elevation_deg(self, snr: Floats) -> Floats:
+        """Standard deviation of the elevation; NaN if the array measures none."""
+        if self.elevation_beamwidth_deg is None:
+            return np.full(len(snr), np.nan)
+        return accuracy.with_floor(
+            accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg), self.elevation_floor_deg
+        )
+
+    def in_cover(self, range_m: Floats, azimuth_deg: Floats) -> Bools:
+        """Near enough and within cover; a sound from straight above has no azimuth."""
+        return (range_m > 0) & (range_m <= self.range_max_m) & self.azimuth_cover.holds(azimuth_deg)
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """One look at each target whose sound is known and within reach."""
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        power_level_db = targets.sound_power_db(np.arange(len(targets)))
+        heard = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
+        snr_db = self.snr_db(power_level_db[heard], targets.position_enu_m[heard])
+        pd = self.pd(snr_db)
+        looks = Looks(
+            drone=targets.drone[heard],
+            channel=np.zeros(len(heard), np.int64),
+            t_utc_ns=targets.t_utc_ns[heard],
+            range_m=range_m[heard],
+            azimuth_deg=azimuth_deg[heard],
+            elevation_deg=elevation_deg[heard],
+            snr=10 ** (snr_db / 10),
+            pd=pd,
+            detected=detection.draw_hits(pd, rng),  # eq 44
+        )
+        if not looks.detected.any():
+            return looks, NO_PLOTS
+        hits = looks.rows(looks.detected)
+        truth = true_geometry(hits, targets, heard, looks.detected)
+        return looks, self._measure(hits, truth, targets.readings, rng)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Closed forms; the sigmas are about the direction from which the sound comes."""
+        power_level_db = targets.sound_power_db(np.arange(len(targets)))
+        snr_db = self.snr_db(power_level_db, targets.position_enu_m)
+        snr = 10 ** (snr_db / 10)
+        return Prediction(
+            snr=snr,
+            pd=np.nan_to_num(self.pd(snr_db), nan=0.0),
+            sigma_range_m=np.full(len(snr), np.nan),
+            sigma_azimuth_deg=self.sigma_azimuth_deg(snr),
+            sigma_elevation_deg=self.sigma_elevation_deg(snr),
+        )
+
+    def _measure(
+        self,
+        hits: Looks,
+        truth: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
+        """Where the sound comes from plus errors; beside it, privately, where the drone is now."""
+        errors = rng.standard_normal((2, len(hits)))
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
+            azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),
+            hits.elevation_deg + np.nan_to_num(errors[1] * self.sigma_elevation_deg(hits.snr)),
+        )
+        return self._plots(
+            hits.snr,
+            t_utc_ns=hits.t_utc_ns,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            drone=hits.drone,
+            **truth,
+        )
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """Binomial over the beams and uniform in azimuth; in elevation too, from horizon to zenith.
+
+        Their levels lie over the sensitivity by what the tail of the logistic law leaves there: an
+        exponential of mean 1/slope, in dB.
+        """
+        azimuth_deg = false_alarms.draw_azimuths(
+            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+        )
+        n = len(azimuth_deg)
+        if not n:
+            return NO_PLOTS
+        snr_db = self.sensitivity_db + rng.standard_exponential(n) / self.slope_per_db
+        return self._plots(
+            10 ** (snr_db / 10),
+            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+            azimuth_deg=azimuth_deg,
+            elevation_deg=false_alarms.draw_uniform(0.0, MAX_ELEVATION_DEG, n, rng),
+        )
+
+    def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:
+        """With what follows from the level alone, and without what is not measured."""
+        if self.elevation_beamwidth_deg is None:
+            del columns["elevation_deg"]
+        return Plots.of(
+            snr=snr,
+            sigma_azimuth_deg=self.sigma_azimuth_deg(snr),
+            sigma_elevation_deg=self.sigma_elevation_deg(snr),
+            kind=np.full(len(snr), self.kind, np.object_),
+            **columns,
+        )

@@ -1,0 +1,269 @@
+"""The passive radar: section 3.2 of the paper, equations 24 to 36 in right form.
+
+It lives on broadcasts. Each transmitter gives a channel of its own: a look, a detection, a plot.
+Measured are the bistatic range, transmitter-target-receiver less the baseline, and the azimuth;
+the elevation is not, so the sensor places its plots in its own horizontal plane, and errs by that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
+from plotfeed.models.effects.finer_detection import Aside, Finer, true_geometry
+from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.sensors.passive_signals import PassiveSignals, flat_solution
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+    from plotfeed.models.effects.readings import Readings
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassiveRadar(PassiveSignals):
+    """Signals, and what is measured by them. What is None is not modelled."""
+
+    doppler: Doppler | None = None
+    merging: Merging | None = None
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """Light takes no time worth modelling."""
+        return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """Whether its Doppler cells are modelled."""
+        return self.doppler is not None
+
+    @cached_property
+    def _finer(self) -> Finer | None:
+        """Where it models more than the usual."""
+        if self.doppler is None and self.merging is None:
+            return None
+        return Finer(doppler=self.doppler, merging=self.merging, odds=self._odds)
+
+    def _odds(self, target_w: Floats, channel: Ints) -> tuple[Floats, Floats]:
+        snr = propagation.correlated_snr(
+            target_w, self.disturbance_w[channel], self.time_bandwidth[channel]
+        )
+        return snr, self.pd(snr)
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """One look by each channel at each target within cover, and the plots of those detected.
+
+        A detection without a solution within range, near the baseline above all, is no plot.
+        """
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        target_w = self.target_power_w(
+            targets.true_position_enu_m[covered], targets.rcs_m2(covered)
+        )
+        snr = self.mean_snr(target_w).ravel()
+        row = np.repeat(covered, len(self.transmitters))
+        pd = self.pd(snr)
+        looks = Looks(
+            drone=targets.drone[row],
+            channel=np.tile(np.arange(len(self.transmitters)), len(covered)),
+            t_utc_ns=targets.t_utc_ns[row],
+            range_m=range_m[row],
+            azimuth_deg=azimuth_deg[row],
+            elevation_deg=elevation_deg[row],
+            snr=snr,
+            pd=pd,
+            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
+        )
+        if self._finer is not None:
+            return self._observe_finer(self._finer, looks, target_w.ravel(), targets, row, rng)
+        if not looks.detected.any():
+            return looks, NO_PLOTS
+        hit = looks.detected
+        hits, row = looks.rows(hit), row[hit]
+        excess_m = self._excess_m(targets, row, hits.channel)
+        columns = true_geometry(hits, targets, row)
+        target_w = target_w.ravel()[hit]
+        return looks, self._measure(hits, excess_m, target_w, columns, targets.readings, rng)
+
+    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
+        self,
+        finer: Finer,
+        looks: Looks,
+        target_w: Floats,
+        targets: Targets,
+        row: Ints,
+        rng: np.random.Generator,
+    ) -> tuple[Looks, Plots]:
+        excess_m = self._excess_m(targets, row, looks.channel)
+        rate_m_s = self._range_rates(targets, row, looks.channel)
+        aside = Aside(
+            **true_geometry(looks, targets, row),
+            range_rate_m_s=rate_m_s,
+            true_range_rate_m_s=rate_m_s,
+        )
+        looks, hits = finer.detect(looks, target_w, aside, excess_m, rng)
+        if not len(hits.echoes):
+            return looks, NO_PLOTS
+        echoes, readings = hits.echoes, targets.readings
+        return looks, self._measure(
+            echoes, echoes.range_m, hits.powers, hits.columns, readings, hits.rng
+        )
+
+    def _excess_m(self, targets: Targets, row: Ints, channel: Ints) -> Floats:
+        """Bistatic ranges of those targets by their channels; (n,)."""
+        return propagation.bistatic_range(
+            targets.true_position_enu_m[row], self.positions_enu_m[channel]
+        )
+
+    def _range_rates(self, targets: Targets, row: Ints, channel: Ints) -> Floats | None:
+        """Of their bistatic ranges, if Doppler is modelled and velocities are known; (n,)."""
+        if self.doppler is None or targets.velocity_enu_m_s is None:
+            return None
+        place, velocity = targets.true_position_enu_m[row], targets.velocity_enu_m_s[row]
+        from_transmitter = range_rate_m_s(place, velocity, self.positions_enu_m[channel])
+        return range_rate_m_s(place, velocity) + from_transmitter
+
+    def _measure(  # noqa: PLR0917 - as its callers have it
+        self,
+        hits: Looks,
+        excess_m: Floats,
+        target_w: Floats,
+        columns: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
+        """Noise on the measured pair by the SNR of each very detection, then the inversion.
+
+        `columns` are the true ones of the plots, and what else was found out.
+        """
+        snr, _ = detection.draw_detected_snr_swerling1(hits.snr, self.pfa, self.n_reference, rng)
+        sigmas = self.sigmas(snr, self.range_resolution_m[hits.channel])
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            excess_m = readings.range_m(excess_m, hits.t_utc_ns)
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        columns["bistatic_range_m"] = excess_m + accuracy.gaussian(sigmas[0], rng)
+        columns["azimuth_deg"] = wrap_360(azimuth_deg + accuracy.gaussian(sigmas[1], rng))
+        if self.doppler is not None and "range_rate_m_s" in columns:
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
+        return self._plots(
+            snr,
+            target_w,
+            t_utc_ns=hits.t_utc_ns,
+            channel=hits.channel,
+            drone=hits.drone,
+            **columns,
+        )
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Pd of a plot by any of the channels; the rest for the channel with the highest.
+
+        A detection becomes a plot if noise leaves it a solution within range, which to first order
+        is Gaussian. The errors are about the mean of the flat solution, which is biased.
+        """
+        position_enu_m = targets.true_position_enu_m
+        target_w = self.target_power_w(position_enu_m, targets.rcs_m2(np.arange(len(targets))))
+        snr = self.mean_snr(target_w)
+        # Error variances go as one over the detection's own power.
+        effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
+        sigma_excess_m, sigma_azimuth_deg = self.sigmas(effective_snr, self.range_resolution_m)
+        excess_m = propagation.bistatic_range(position_enu_m[:, None], self.positions_enu_m)
+        azimuth_deg = enu_to_aer(targets.position_enu_m)[0][:, None]
+        flat = flat_solution(excess_m, azimuth_deg, self.positions_enu_m)
+        sigma_range_m = flat.sigma_m(sigma_excess_m, sigma_azimuth_deg)
+        placed = flat.chance_between(
+            self.range_min_m, self.range_max_m, sigma_range_m, excess_m / sigma_excess_m
+        )
+        pd, sigma_rate_m_s = self.pd(snr) * placed, None
+        if self.doppler is not None:
+            channel = np.broadcast_to(np.arange(snr.shape[1]), snr.shape)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            pd = pd * self._share_passed(targets)
+        best = np.argmax(np.nan_to_num(pd), axis=1)[:, None]
+
+        def of_best(column: Floats) -> Floats:
+            return np.take_along_axis(column, best, axis=1)[:, 0]
+
+        return Prediction(
+            snr=of_best(snr),
+            pd=1.0 - np.prod(1.0 - pd, axis=1),
+            sigma_range_m=of_best(np.where(placed > 0, sigma_range_m, np.nan)),
+            sigma_azimuth_deg=of_best(sigma_azimuth_deg),
+            sigma_elevation_deg=np.full(len(targets), np.nan),
+            sigma_range_rate_m_s=None if sigma_rate_m_s is None else of_best(sigma_rate_m_s),
+        )
+
+    def _share_passed(self, targets: Targets) -> Floats:
+        """Of each channel's Pd, by range rates where velocities are known; (n, channels)."""
+        channels = len(self.transmitters)
+        row, channel = np.divmod(np.arange(len(targets) * channels), channels)
+        rate_m_s = self._range_rates(targets, row, channel)
+        if self.doppler is None or rate_m_s is None:
+            return np.ones((len(targets), channels))
+        return self.doppler.share_passed(rate_m_s, channel).reshape(-1, channels)
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """The false alarms of one sector: binomial over each channel's cells, uniform in them.
+
+        Uniform in bistatic range, up to the instrumented range, and in azimuth (eq 10, right
+        form). `placed_shares` of them have a solution within range; the others are no plots.
+        """
+        found = [
+            false_alarms.draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
+            for cells in self.resolution_cells
+        ]
+        azimuth_deg = np.concatenate(found)
+        n = len(azimuth_deg)
+        if not n:
+            return NO_PLOTS
+        snr, _ = detection.draw_detected_snr_swerling1(np.zeros(n), self.pfa, self.n_reference, rng)
+        channel = np.repeat(np.arange(len(found)), [len(a) for a in found])
+        columns = {}
+        if self.doppler is not None:
+            columns = self.doppler.of_false_alarms(snr, channel, rng)
+        return self._plots(
+            snr,
+            np.zeros(n),
+            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+            channel=channel,
+            bistatic_range_m=false_alarms.draw_uniform(0.0, self.range_max_m, n, rng),
+            azimuth_deg=azimuth_deg,
+            **columns,
+        )
+
+    def _plots(self, snr: Floats, target_w: Floats, **columns: NDArray[Any]) -> Plots:
+        """What the sensor makes of its measurements: places, stated errors, amplitudes.
+
+        A place is stated where it is within range and its error is not beyond all range, which is
+        what becomes of it near the baseline. `snr` is over the channel's noise, in which the mean
+        echo has its own part (eq 25).
+        """
+        channel = columns["channel"]
+        sigmas = self.sigmas(snr, self.range_resolution_m[channel])
+        flat = flat_solution(
+            columns["bistatic_range_m"], columns["azimuth_deg"], self.positions_enu_m[channel]
+        )
+        east_m2, north_m2, east_north_m2 = flat.covariance_m2(*sigmas)
+        noise_w = (self.disturbance_w[channel] + target_w) / self.time_bandwidth[channel]
+        plots = Plots.of(
+            snr=snr,
+            amplitude_dbm=10 * np.log10(snr * noise_w) + 30,
+            range_m=flat.range_m,
+            sigma_range_m=flat.sigma_m(*sigmas),
+            sigma_bistatic_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
+            covariance_east_m2=east_m2,
+            covariance_north_m2=north_m2,
+            covariance_east_north_m2=east_north_m2,
+            **columns,
+        )
+        within = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
+        return plots.rows(within & (plots.range_m > 0) & (plots.sigma_range_m <= self.range_max_m))

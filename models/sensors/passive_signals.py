@@ -1,0 +1,255 @@
+"""The signals of a passive radar, channel by channel: equations 24 to 31 in right form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtr
+
+from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models.beam.cover import Volume
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.state import Floats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlatSolution:
+    """Distances in the receiver's horizontal plane, and how they change with what was measured.
+
+    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...).
+    """
+
+    azimuth_deg: Floats
+    range_m: Floats
+    by_bistatic_range: Floats
+    by_azimuth_m: Floats
+
+    @nan_without_warnings
+    def sigma_m(self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats) -> Floats:
+        """Standard deviation of the distance, to first order."""
+        return np.hypot(
+            self.by_bistatic_range * sigma_bistatic_range_m,
+            self.by_azimuth_m * np.radians(sigma_azimuth_deg),
+        )
+
+    @nan_without_warnings
+    def covariance_m2(
+        self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Of the position: east, north, and east with north (eqs 32, 33)."""
+        outwards, rightwards = _directions(self.azimuth_deg)
+        by_range = self.by_bistatic_range[..., None] * outwards
+        by_azimuth = self.by_azimuth_m[..., None] * outwards + self.range_m[..., None] * rightwards
+        along = by_range * np.asarray(sigma_bistatic_range_m)[..., None]
+        across = by_azimuth * np.radians(sigma_azimuth_deg)[..., None]
+        return (
+            along[..., 0] ** 2 + across[..., 0] ** 2,
+            along[..., 1] ** 2 + across[..., 1] ** 2,
+            along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
+        )
+
+    @nan_without_warnings
+    def chance_between(
+        self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
+    ) -> Floats:
+        """Probability that noise leaves a distance between those; Gaussian, to first order.
+
+        0 where the distance is undefined, or not known better than to `high_m`. The last argument
+        is the bistatic range over its sigma: noise may leave nothing of it, and so of the distance.
+        """
+        too_near = np.maximum(ndtr((low_m - self.range_m) / sigma_m), ndtr(-excess_over_sigma))
+        within = ndtr((high_m - self.range_m) / sigma_m) - too_near
+        return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
+
+
+@nan_without_warnings
+def flat_solution(
+    bistatic_range_m: Floats, azimuth_deg: Floats, transmitter_enu_m: Floats
+) -> FlatSolution:
+    """Where a target in the receiver's horizontal plane would be measured so (eqs 34, 35).
+
+    (...), (...) and (..., 3). The transmitter may be above or below that plane. Undefined for a
+    bistatic range of zero or less, which noise makes of targets near the baseline: NaN there.
+    """
+    outwards, rightwards = _directions(azimuth_deg)
+    baseline_m = np.linalg.norm(transmitter_enu_m, axis=-1)
+    towards = transmitter_enu_m / baseline_m[..., None]
+    angle_rad = 2 * np.arctan2(
+        np.linalg.norm(outwards - towards, axis=-1), np.linalg.norm(outwards + towards, axis=-1)
+    )
+    measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
+    case = (measured, baseline_m, np.degrees(angle_rad))
+    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
+    # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
+    sine = np.sin(angle_rad)
+    turn = np.where(sine > 0, -np.sum(rightwards * towards, axis=-1) / sine, 0.0)
+    return FlatSolution(
+        azimuth_deg=np.broadcast_to(azimuth_deg, measured.shape),
+        range_m=propagation.range_from_bistatic(*case),
+        by_bistatic_range=by_range,
+        by_azimuth_m=by_angle * turn,
+    )
+
+
+def _directions(azimuth_deg: Floats) -> tuple[Floats, Floats]:
+    """Along a horizontal line of sight, and to the right of it; (...) in, (..., 3) out."""
+    return aer_to_enu(azimuth_deg, 0.0, 1.0), aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
+
+
+_AZIMUTHS = 3600
+"""Over which the share of false alarms that have a place is averaged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Illuminator:
+    """A transmitter of opportunity, east, north and up of the receiver.
+
+    `external_noise_db` is what the receiver's antenna collects at its frequency, over k T0 B.
+    """
+
+    erp_w: float
+    frequency_hz: float
+    bandwidth_hz: float
+    position_enu_m: tuple[float, float, float]
+    external_noise_db: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassiveSignals(Volume):
+    """What the equations need. Side-lobe and cancellation levels are negative, losses positive.
+
+    `multipath` is None where it is not modelled.
+    """
+
+    transmitters: tuple[Illuminator, ...]
+    gain_rx_dbi: float
+    azimuth_beamwidth_deg: float
+    integration_s: float
+    loss_db: float
+    sidelobe_db: float
+    cancellation_db: float
+    line_loss_db: float
+    antenna_loss_db: float
+    receiver_noise_figure_db: float
+    pfa: float
+    n_reference: int
+    doppler_cells: int
+    bistatic_range_floor_m: float
+    azimuth_floor_deg: float
+    multipath: Multipath | None = None
+
+    @cached_property
+    def positions_enu_m(self) -> Floats:
+        """Of the transmitters; (channels, 3)."""
+        return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
+
+    @cached_property
+    def range_resolution_m(self) -> Floats:
+        """Of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
+        return C_M_S / self._each("bandwidth_hz")
+
+    @cached_property
+    def resolution_cells(self) -> tuple[int, ...]:
+        """Bistatic range cells x azimuth beams x Doppler cells, by channel (eq 9, right form)."""
+        beams = max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
+        range_cells = [max(round(self.range_max_m / m), 1) for m in self.range_resolution_m]
+        return tuple(n * beams * self.doppler_cells for n in range_cells)
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Mean number of false plots: what the detectors let through (eq 9) and has a place."""
+        return float(self.pfa * np.array(self.resolution_cells) @ self.placed_shares)
+
+    @cached_property
+    def placed_shares(self) -> Floats:
+        """The share of false alarms whose solution lies within range, by channel; (channels,).
+
+        At each azimuth those up to the bistatic range of a point at the end of the range.
+        """
+        share = (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+        azimuth_deg = self.azimuth_cover.min_deg + share * self.azimuth_cover.span_deg
+        ends_m = np.array([self.range_min_m, self.range_max_m])
+        points_enu_m = aer_to_enu(azimuth_deg[:, None, None], 0.0, ends_m)
+        excess_m = propagation.bistatic_range(points_enu_m, self.positions_enu_m[:, None])
+        low_m, high_m = np.minimum(excess_m, self.range_max_m).mean(axis=0).T
+        return np.asarray((high_m - low_m) / self.range_max_m)
+
+    @cached_property
+    def disturbance_w(self) -> Floats:
+        """What is left of the broadcasts, and radio noise (eqs 28 to 31); (channels,)."""
+        direct_w = propagation.direct_signal_power_w(
+            erp_w=self._each("erp_w"),
+            gain_rx_dbi=self.gain_rx_dbi,
+            sidelobe_db=self.sidelobe_db,
+            cancellation_db=self.cancellation_db,
+            wavelength_m=self.wavelengths_m,
+            baseline_m=np.linalg.norm(self.positions_enu_m, axis=-1),
+        )
+        if self.multipath is not None:
+            direct_w *= self.multipath.power_factor(self.positions_enu_m, self.wavelengths_m)
+        noise_w = propagation.passive_noise_power_w(
+            self._each("bandwidth_hz"),
+            self._each("external_noise_db"),
+            self.line_loss_db,
+            self.antenna_loss_db,
+            self.receiver_noise_figure_db,
+        )
+        return direct_w + noise_w
+
+    def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""
+        offset_m = position_enu_m[:, None] - self.positions_enu_m
+        power_w = propagation.passive_target_power_w(
+            erp_w=self._each("erp_w"),
+            gain_rx_dbi=self.gain_rx_dbi,
+            wavelength_m=self.wavelengths_m,
+            rcs_m2=rcs_m2[:, None],
+            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), propagation.NEAREST_M),
+            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)[
+                :, None
+            ],
+            loss_db=self.loss_db,
+        )
+        if self.multipath is not None:
+            ends_enu_m, lengths_m = position_enu_m[:, None], self.wavelengths_m
+            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m)
+            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m, self.positions_enu_m)
+        return power_w
+
+    def mean_snr(self, target_w: Floats) -> Floats:
+        """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
+        return propagation.correlated_snr(target_w, self.disturbance_w, self.time_bandwidth)
+
+    def pd(self, snr: Floats) -> Floats:
+        """Probability of detection (eqs 6, 7)."""
+        return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
+
+    def sigmas(self, snr: Floats, range_resolution_m: Floats) -> tuple[Floats, Floats]:
+        """Standard deviations of bistatic range and azimuth at a detection's own SNR."""
+        return (
+            accuracy.with_floor(
+                accuracy.sigma_range_m(snr, range_resolution_m), self.bistatic_range_floor_m
+            ),
+            accuracy.with_floor(
+                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
+            ),
+        )
+
+    @cached_property
+    def wavelengths_m(self) -> Floats:
+        """By channel."""
+        return C_M_S / self._each("frequency_hz")
+
+    @cached_property
+    def time_bandwidth(self) -> Floats:
+        """By channel."""
+        return self.integration_s * self._each("bandwidth_hz")
+
+    def _each(self, name: str) -> Floats:
+        """A property of the transmitters; (channels,)."""
+        return np.array([getattr(t, name) for t in self.transmitters], dtype=np.float64)

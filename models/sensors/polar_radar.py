@@ -1,0 +1,330 @@
+"""What radars that measure range, azimuth and elevation share, whatever makes their echoes.
+
+Thermal noise alone, a CFAR detector, and measurement errors that follow the signal-to-noise ratio
+of the very detection: section 3.1.1 of the paper, equations 4, 5 and 9 to 15 in right form.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models.beam.cover import Volume
+from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
+from plotfeed.models.effects.finer_detection import Aside, Finer, true_geometry
+from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets, rows_where
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+    from plotfeed.models.effects.readings import Readings
+
+
+MEASURED_OF = ("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
+"""Columns of looks from which plots are made."""
+
+
+def mean_over_signals(snrs: Floats) -> Floats:
+    """The mean ratio of each look (eq 18); (n, K) in, (n,) out."""
+    return snrs[:, 0] if snrs.shape[1] == 1 else snrs.mean(axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarRadar(Volume, ABC):
+    """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
+
+    A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
+    What is None is not modelled, and run lengths are not where nobody asks for them.
+    """
+
+    frequency_hz: float
+    gain_rx_dbi: float
+    integration_s: float
+    loss_db: float
+    noise_figure_db: float
+    pfa: float
+    n_reference: int
+    range_resolution_m: float
+    azimuth_beamwidth_deg: float
+    elevation_beamwidth_deg: float
+    doppler_cells: int
+    range_floor_m: float
+    azimuth_floor_deg: float
+    elevation_floor_deg: float
+    measures_elevation: bool
+    measures_run_length: bool = True
+    multipath: Multipath | None = None
+    doppler: Doppler | None = None
+    merging: Merging | None = None
+
+    @abstractmethod
+    def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
+
+    @abstractmethod
+    def pd(self, snrs: Floats) -> Floats:
+        """Probability of detection by all signals; (n, K) in, (n,) out."""
+
+    @abstractmethod
+    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Powers a signal of detections, and thresholds, in mean noise powers; each (n,)."""
+
+    @abstractmethod
+    def inverse_detected(self, snrs: Floats) -> Floats:
+        """Mean of 1/x over detections, x the power that `draw_detected` draws; (n,)."""
+
+    @property
+    @abstractmethod
+    def n_signals(self) -> int:
+        """K."""
+
+    @cached_property
+    def resolution_cells(self) -> int:
+        """Range cells x azimuth beams x elevation beams x Doppler cells (eq 9, right form)."""
+        range_cells = round((self.range_max_m - self.range_min_m) / self.range_resolution_m)
+        azimuth_beams = round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg)
+        elevation_span_deg = self.elevation_max_deg - self.elevation_min_deg
+        elevation_beams = round(elevation_span_deg / self.elevation_beamwidth_deg)
+        return (
+            max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
+        ) * self.doppler_cells
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """Light takes no time worth modelling."""
+        return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """Whether its Doppler cells are modelled."""
+        return self.doppler is not None
+
+    @cached_property
+    def _finer(self) -> Finer | None:
+        """Where it models more than the usual."""
+        if self.doppler is None and self.merging is None:
+            return None
+        return Finer(
+            doppler=self.doppler,
+            merging=self.merging,
+            odds=lambda snrs, _: (mean_over_signals(snrs), self.pd(snrs)),
+        )
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
+
+    @cached_property
+    def noise_dbm(self) -> float:
+        """Noise power of the receiver, in the bandwidth of a range cell, c/2D (eqs 5, 21).
+
+        The amplitude of a plot is its SNR above this: what the integration gains is counted in.
+        """
+        density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
+        bandwidth_hz = C_M_S / (2 * self.range_resolution_m)
+        return float(10 * np.log10(density_w_hz * bandwidth_hz) + 30)
+
+    def sigmas(self, snr: Floats) -> Floats:
+        """Standard deviations of range, azimuth and elevation, rows, at a detection's own SNR.
+
+        (n,) in, (3, n) out: eqs 13 to 15, and floors in quadrature.
+        """
+        widths, floors = self._widths_and_floors
+        return accuracy.with_floor(accuracy.noise_share(snr) * widths, floors)
+
+    @cached_property
+    def _widths_and_floors(self) -> tuple[Floats, Floats]:
+        """Of range, azimuth and elevation: what noise leaves of them, and what stays; (3, 1)."""
+        widths = [
+            accuracy.sigma_range_m(0.5, self.range_resolution_m),
+            accuracy.sigma_angle_deg(0.5, self.azimuth_beamwidth_deg),
+            accuracy.sigma_angle_deg(0.5, self.elevation_beamwidth_deg),
+        ]
+        floors = [self.range_floor_m, self.azimuth_floor_deg, self.elevation_floor_deg]
+        return np.array(widths)[:, None], np.array(floors)[:, None]
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """One look at each target: those within cover, and the plots of those detected.
+
+        Heights are left out: they take the sensor's place on Earth.
+        """
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        rng = of_rows(rng, covered)
+        snrs = self.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
+        pd = self.pd(snrs)
+        looks = Looks(
+            drone=targets.drone[covered],
+            channel=np.zeros(len(pd), np.int64),
+            t_utc_ns=targets.t_utc_ns[covered],
+            range_m=range_m[covered],
+            azimuth_deg=azimuth_deg[covered],
+            elevation_deg=elevation_deg[covered],
+            snr=mean_over_signals(snrs),
+            pd=pd,
+            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
+        )
+        if self._finer is not None:
+            return self._observe_finer(self._finer, looks, snrs, targets, covered, rng)
+        if not looks.detected.any():
+            return looks, NO_PLOTS
+        hits = rows_where(looks.detected)
+        seen = looks.picked(hits, MEASURED_OF)
+        truth = true_geometry(seen, targets, covered, hits)
+        return looks, self._measure(seen, snrs[hits], truth, targets.readings, of_rows(rng, hits))
+
+    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
+        self,
+        finer: Finer,
+        looks: Looks,
+        snrs: Floats,
+        targets: Targets,
+        covered: Ints | slice,
+        rng: np.random.Generator,
+    ) -> tuple[Looks, Plots]:
+        rate_m_s = self._range_rates(targets, covered)
+        aside = Aside(
+            **true_geometry(looks, targets, covered),
+            range_rate_m_s=rate_m_s,
+            true_range_rate_m_s=rate_m_s,
+        )
+        looks, hits = finer.detect(looks, snrs, aside, looks.range_m, rng)
+        if not len(hits.echoes):
+            return looks, NO_PLOTS
+        plots = self._measure(hits.echoes, hits.powers, hits.columns, targets.readings, hits.rng)
+        return looks, plots
+
+    def _range_rates(self, targets: Targets, rows: Ints | slice) -> Floats | None:
+        """Of those targets, if Doppler is modelled and their velocities are known."""
+        if self.doppler is None or targets.velocity_enu_m_s is None:
+            return None
+        return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Closed forms at the targets' mean signal-to-noise ratios."""
+        snrs = self.signal_snrs(targets.true_position_enu_m, targets.rcs_m2())
+        pd, sigma_rate_m_s = self.pd(snrs), None
+        # Error variances go as one over the detection's own power.
+        effective_snr = 1.0 / self.inverse_detected(snrs)
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)
+        if self.doppler is not None:
+            channel = np.zeros(len(snrs), np.int64)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            rate_m_s = self._range_rates(targets, slice(None))
+            if rate_m_s is not None:
+                pd = pd * self.doppler.share_passed(rate_m_s, channel)
+        return Prediction(
+            snr=mean_over_signals(snrs),
+            pd=pd,
+            sigma_range_m=sigma_range_m,
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            sigma_elevation_deg=(
+                sigma_elevation_deg if self.measures_elevation else np.full(len(snrs), np.nan)
+            ),
+            sigma_range_rate_m_s=sigma_rate_m_s,
+        )
+
+    def _measure(
+        self,
+        hits: Looks,
+        snrs: Floats,
+        columns: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
+        """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection.
+
+        `columns` are the true ones of the plots, and what else was found out.
+        """
+        snr, threshold = self.draw_detected(snrs, rng)
+        sigmas = self.sigmas(snr)
+        errors = rng.standard_normal((3, len(hits))) * sigmas
+        range_m, azimuth_deg = hits.range_m, hits.azimuth_deg
+        if readings is not None:
+            range_m = readings.range_m(range_m, hits.t_utc_ns)
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
+            azimuth_deg + errors[1], hits.elevation_deg + errors[2]
+        )
+        if self.doppler is not None and "range_rate_m_s" in columns:
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
+        plots = self._plots(
+            snr,
+            threshold,
+            sigmas,
+            t_utc_ns=hits.t_utc_ns,
+            range_m=range_m + errors[0],
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            drone=hits.drone,
+            **columns,
+        )
+        inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
+        return plots.rows(inside & (plots.range_m > 0))
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """The false alarms of one sector: binomial over its resolution cells, uniform in them.
+
+        Uniform in range, azimuth and elevation (eqs 9 to 12; elevation is drawn, not height).
+        """
+        azimuth_deg = false_alarms.draw_azimuths(
+            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+        )
+        n = len(azimuth_deg)
+        if not n:
+            return NO_PLOTS
+        snr, threshold = self.draw_detected(np.zeros((n, self.n_signals)), rng)
+        columns = {}
+        if self.doppler is not None:
+            columns = self.doppler.of_false_alarms(snr, np.zeros(n, np.int64), rng)
+        return self._plots(
+            snr,
+            threshold,
+            self.sigmas(snr),
+            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+            range_m=false_alarms.draw_uniform(self.range_min_m, self.range_max_m, n, rng),
+            azimuth_deg=azimuth_deg,
+            elevation_deg=false_alarms.draw_uniform(
+                self.elevation_min_deg, self.elevation_max_deg, n, rng
+            ),
+            **columns,
+        )
+
+    def _plots(
+        self,
+        snr: Floats,
+        threshold: Floats,
+        sigmas: Floats,
+        **columns: NDArray[Any],
+    ) -> Plots:
+        """With what follows from a detection's power alone: amplitude, run length, stated sigmas.
+
+        The run length is the width over which a Gaussian receive beam keeps the echo above the
+        threshold: the transmit beam is taken as the wider one.
+        """
+        if self.measures_elevation:
+            columns["sigma_elevation_deg"] = sigmas[2]
+        else:
+            del columns["elevation_deg"]
+        if self.measures_run_length:
+            width = np.sqrt(np.log2(snr / threshold))
+            columns["run_length_deg"] = self.azimuth_beamwidth_deg * width
+        return Plots.of(
+            snr=snr,
+            amplitude_dbm=self.noise_dbm + 10 * np.log10(snr),
+            sigma_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
+            **columns,
+        )

@@ -1,0 +1,95 @@
+"""The technology-agnostic sensor from which the paper starts: a range gate and Gaussian noise.
+
+Every drone within range is reported at every scan, and nothing else is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plotfeed.models.beam.scan import Sector
+from plotfeed.models.effects.finer_detection import true_geometry
+from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
+from plotfeed.models.state import Floats, Looks, Plots, Targets
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeGate:
+    """The radius of the gate, and the noise on east, north and up alike."""
+
+    range_max_m: float
+    sigma_m: float
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """It sees at once."""
+        return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """It has none."""
+        return 0.0
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """Every target within the gate, its position with noise added."""
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        seen = np.flatnonzero((range_m > 0) & (range_m <= self.range_max_m))
+        looks = Looks(
+            drone=targets.drone[seen],
+            channel=np.zeros(len(seen), np.int64),
+            t_utc_ns=targets.t_utc_ns[seen],
+            range_m=range_m[seen],
+            azimuth_deg=azimuth_deg[seen],
+            elevation_deg=elevation_deg[seen],
+            snr=np.full(len(seen), np.nan),
+            pd=np.ones(len(seen)),
+            detected=np.ones(len(seen), np.bool_),
+        )
+        noise_m = self.sigma_m * rng.standard_normal((len(seen), 3))
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
+        sigmas = self._sigmas(elevation_deg, range_m)
+        if targets.readings is not None:
+            range_m = targets.readings.range_m(range_m, looks.t_utc_ns)
+            azimuth_deg = targets.readings.azimuth_deg(azimuth_deg, looks.t_utc_ns)
+            azimuth_deg = wrap_360(azimuth_deg)
+        return looks, Plots.of(
+            t_utc_ns=looks.t_utc_ns,
+            range_m=range_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            sigma_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
+            sigma_elevation_deg=sigmas[2],
+            drone=looks.drone,
+            **true_geometry(looks, targets, seen),
+        )
+
+    def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:
+        """None."""
+        return NO_PLOTS
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Certain within the gate, with the same noise everywhere."""
+        _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        sigmas = self._sigmas(elevation_deg, range_m)
+        return Prediction(
+            snr=np.full(len(range_m), np.nan),
+            pd=np.where(range_m <= self.range_max_m, 1.0, 0.0),
+            sigma_range_m=sigmas[0],
+            sigma_azimuth_deg=sigmas[1],
+            sigma_elevation_deg=sigmas[2],
+        )
+
+    def _sigmas(self, elevation_deg: Floats, range_m: Floats) -> tuple[Floats, Floats, Floats]:
+        """Of range, azimuth and elevation, to first order in noise over range."""
+        across_deg = np.degrees(self.sigma_m / range_m)
+        along_m = np.full(len(range_m), self.sigma_m)
+        return along_m, across_deg / np.cos(np.radians(elevation_deg)), across_deg

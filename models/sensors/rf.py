@@ -1,0 +1,319 @@
+"""The RF sensor: it detects what drones emit, finds its direction, and reads it if it can.
+
+Free-space or log-distance propagation, an energy detector, emissions in bursts and hops, and an
+interferometer. Every emitter of a drone is looked at, detected and reported by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models import accuracy, detection, energy, false_alarms, propagation
+from plotfeed.models.beam.cover import AzimuthCover
+from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models.constants import C_M_S
+from plotfeed.models.effects.finer_detection import true_geometry
+from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
+from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Targets, Texts
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.readings import Readings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Emissions(Columns):
+    """All that targets emit: `target` is a row of theirs, `channel` the emitter on that drone."""
+
+    target: Ints
+    channel: Ints
+    frequency_hz: Floats
+    bandwidth_hz: Floats
+    eirp_dbm: Floats
+    kind: Texts
+    identity: Texts
+
+    @classmethod
+    def of(cls, targets: Targets) -> Self:
+        """One row an emitter, in the order of the targets."""
+        found = [
+            (row, channel, emitter)
+            for row, drone in enumerate(targets.drone.tolist())
+            for channel, emitter in enumerate(targets.signatures.emitters[drone])
+        ]
+        return cls(
+            target=np.array([row for row, _, _ in found], np.int64),
+            channel=np.array([channel for _, channel, _ in found], np.int64),
+            frequency_hz=np.array([e.frequency_hz for _, _, e in found], np.float64),
+            bandwidth_hz=np.array([e.bandwidth_hz for _, _, e in found], np.float64),
+            eirp_dbm=np.array([e.eirp_dbm for _, _, e in found], np.float64),
+            kind=np.array([e.kind for _, _, e in found], np.object_),
+            identity=np.array([e.identity for _, _, e in found], np.object_),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RfDirectionFinder:
+    """What the equations need.
+
+    `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
+    `instantaneous_bandwidth_hz` how much of the band is heard at once. A `path_loss_exponent` of 2
+    is free space. `azimuth_beams` are cells for false alarms, heard side by side. An emission whose
+    kind is among `decodes` gives its identity. Without `multipath` there is no ground.
+    """
+
+    frequency_min_hz: float
+    frequency_max_hz: float
+    instantaneous_bandwidth_hz: float
+    channel_bandwidth_hz: float
+    integration_s: float
+    gain_rx_dbi: float
+    loss_db: float
+    noise_figure_db: float
+    path_loss_exponent: float
+    path_loss_reference_m: float
+    pfa: float
+    duty_cycle: float
+    bursts_per_dwell: int
+    range_max_m: float
+    azimuth_cover: AzimuthCover
+    azimuth_beams: int
+    measures_azimuth: bool
+    baseline_m: float
+    azimuth_floor_deg: float
+    classifies: bool
+    decodes: frozenset[str]
+    multipath: Multipath | None = None
+
+    @cached_property
+    def samples(self) -> int:
+        """How many independent ones the detector sums: bandwidth times time."""
+        return max(round(self.channel_bandwidth_hz * self.integration_s), 1)
+
+    @cached_property
+    def noise_dbm(self) -> float:
+        """Noise power in one channel: -174 dBm in one hertz, and the noise figure."""
+        density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
+        return float(10 * np.log10(density_w_hz * self.channel_bandwidth_hz) + 30)
+
+    @cached_property
+    def resolution_cells(self) -> int:
+        """Channels that are heard at once, each in every beam."""
+        return (
+            max(round(self.instantaneous_bandwidth_hz / self.channel_bandwidth_hz), 1)
+            * self.azimuth_beams
+        )
+
+    @property
+    def signal_speed_m_s(self) -> None:
+        """Light takes no time worth modelling."""
+        return
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """It does not."""
+        return False
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
+
+    @nan_without_warnings
+    def width_in_band_hz(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
+        """How much of emissions lies in the sensor's band; negative for those beside it."""
+        low_hz = np.maximum(frequency_hz - bandwidth_hz / 2, self.frequency_min_hz)
+        high_hz = np.minimum(frequency_hz + bandwidth_hz / 2, self.frequency_max_hz)
+        return high_hz - low_hz
+
+    @nan_without_warnings
+    def share_in_band(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
+        """The share of emissions' power that lies in the sensor's band; a carrier's is 0 or 1."""
+        width_hz = self.width_in_band_hz(frequency_hz, bandwidth_hz)
+        carrier = np.where(width_hz >= 0, 1.0, 0.0)
+        return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
+
+    @nan_without_warnings
+    def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
+        """That one burst or more falls into the dwell, where the receiver is tuned: 1 - (1-p)^n.
+
+        p is the duty cycle times the share of the hops in the band that are heard at once.
+        """
+        width_hz = np.maximum(self.width_in_band_hz(frequency_hz, bandwidth_hz), 0.0)
+        tuned = np.minimum(self.instantaneous_bandwidth_hz / width_hz, 1.0)
+        log_missed = self.bursts_per_dwell * np.log1p(-self.duty_cycle * tuned)
+        return np.asarray(-np.expm1(log_missed))
+
+    @nan_without_warnings
+    def mean_snr(self, emissions: Emissions, range_m: Floats) -> Floats:
+        """Signal-to-noise ratio of one sample, linear, of emissions at those ranges; (n,)."""
+        loss_db = self.loss_db + propagation.path_loss_db(
+            range_m,
+            C_M_S / emissions.frequency_hz,
+            self.path_loss_exponent,
+            self.path_loss_reference_m,
+        )
+        share = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz)
+        received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
+        return share * 10 ** ((received_dbm - self.noise_dbm) / 10)
+
+    def _snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
+        """The same over the ground, if it is modelled; ranges are the targets'."""
+        source = emissions.target
+        snr = self.mean_snr(emissions, range_m[source])
+        if self.multipath is not None:
+            wavelength_m = C_M_S / emissions.frequency_hz
+            snr *= self.multipath.power_factor(targets.true_position_enu_m[source], wavelength_m)
+        return snr
+
+    def pd(self, emissions: Emissions, snr: Floats) -> Floats:
+        """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
+        intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
+        crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
+        heard = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
+        return np.where(heard, intercepted * crossed, 0.0)
+
+    @nan_without_warnings
+    def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
+        """Standard deviation of an interferometer's azimuth, with the floor.
+
+        Phase noise 1/sqrt(2 S M) over the electrical length of the baseline.
+        """
+        phase_rad = 1 / np.sqrt(2 * snr * self.samples)
+        radians = C_M_S / frequency_hz * phase_rad / (2 * np.pi * self.baseline_m)
+        return accuracy.with_floor(np.degrees(radians), self.azimuth_floor_deg)
+
+    def in_cover(self, range_m: Floats, azimuth_deg: Floats) -> Bools:
+        """Near enough and within cover; straight above only if no direction is sought."""
+        omnidirectional = not self.measures_azimuth and self.azimuth_cover.span_deg >= 360
+        inside = self.azimuth_cover.holds(azimuth_deg) | omnidirectional
+        return (range_m > 0) & (range_m <= self.range_max_m) & inside
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """One look at each emitter of each target within cover and within the band."""
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        emissions = Emissions.of(targets)
+        in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
+        covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
+        emissions = emissions.rows(in_band & covered)
+        source = emissions.target
+        snr = self._snr(emissions, targets, range_m)
+        pd = self.pd(emissions, snr)
+        looks = Looks(
+            drone=targets.drone[source],
+            channel=emissions.channel,
+            t_utc_ns=targets.t_utc_ns[source],
+            range_m=range_m[source],
+            azimuth_deg=azimuth_deg[source],
+            elevation_deg=elevation_deg[source],
+            snr=snr,
+            pd=pd,
+            detected=detection.draw_hits(pd, rng),
+        )
+        if not looks.detected.any():
+            return looks, NO_PLOTS
+        hits, emissions = looks.rows(looks.detected), emissions.rows(looks.detected)
+        truth = true_geometry(hits, targets, emissions.target)
+        return looks, self._measure(hits, emissions, truth, targets.readings, rng)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
+
+        NaN for targets that do not emit.
+        """
+        emissions = Emissions.of(targets)
+        source = emissions.target
+        snr = self._snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
+        pd = np.nan_to_num(self.pd(emissions, snr))
+        miss = np.ones(len(targets))
+        np.multiply.at(miss, source, 1 - pd)
+        strongest = np.full(len(targets), np.nan)
+        np.fmax.at(strongest, source, snr)
+        return Prediction(
+            snr=strongest,
+            pd=1 - miss,
+            sigma_range_m=np.full(len(targets), np.nan),
+            sigma_azimuth_deg=self._rms_azimuth_deg(emissions, snr, pd, len(targets)),
+            sigma_elevation_deg=np.full(len(targets), np.nan),
+        )
+
+    @nan_without_warnings
+    def _rms_azimuth_deg(
+        self, emissions: Emissions, snr: Floats, pd: Floats, n_targets: int
+    ) -> Floats:
+        """Over the reports of each target, each emitter with its share of them; (n_targets,)."""
+        if not self.measures_azimuth:
+            return np.full(n_targets, np.nan)
+        effective_snr = 1 / energy.inverse_estimated_snr(snr, self.pfa, self.samples)
+        sigma_deg = self.sigma_azimuth_deg(emissions.frequency_hz, effective_snr)
+        reported = pd > 0
+        rows, weights = emissions.target[reported], pd[reported]
+        squares_deg2 = np.bincount(rows, weights * sigma_deg[reported] ** 2, n_targets)
+        return np.sqrt(squares_deg2 / np.bincount(rows, weights, n_targets))
+
+    def _measure(
+        self,
+        hits: Looks,
+        emissions: Emissions,
+        truth: dict[str, NDArray[Any]],
+        readings: Readings | None,
+        rng: np.random.Generator,
+    ) -> Plots:
+        """Directions with errors by the SNR that each very detection shows, and what was read."""
+        snr = self._draw_estimated_snr(hits.snr, rng)
+        errors = rng.standard_normal(len(hits))
+        read = [kind in self.decodes for kind in emissions.kind]
+        told = np.array(read, np.bool_) | self.classifies
+        azimuth_deg = hits.azimuth_deg
+        if readings is not None:
+            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        return self._plots(
+            snr,
+            emissions.frequency_hz,
+            azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
+            t_utc_ns=hits.t_utc_ns,
+            channel=hits.channel,
+            kind=np.where(told, emissions.kind, ""),
+            identity=np.where(read, emissions.identity, ""),
+            drone=hits.drone,
+            **truth,
+        )
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """Binomial over channels and beams, uniform in azimuth and over the band; of no kind."""
+        azimuth_deg = false_alarms.draw_azimuths(
+            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+        )
+        n = len(azimuth_deg)
+        if not n:
+            return NO_PLOTS
+        frequency_hz = false_alarms.draw_uniform(
+            self.frequency_min_hz, self.frequency_max_hz, n, rng
+        )
+        return self._plots(
+            self._draw_estimated_snr(np.zeros(n), rng),
+            frequency_hz,
+            azimuth_deg,
+            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+        )
+
+    def _draw_estimated_snr(self, snr: Floats, rng: np.random.Generator) -> Floats:
+        """The SNR that the energy of each detection shows."""
+        detected = energy.draw_detected_energy(snr, self.pfa, self.samples, rng)
+        return energy.estimated_snr(detected, self.samples)
+
+    def _plots(
+        self, snr: Floats, frequency_hz: Floats, azimuth_deg: Floats, **columns: NDArray[Any]
+    ) -> Plots:
+        """With the received power, and with the direction if the sensor finds it."""
+        if self.measures_azimuth:
+            columns["azimuth_deg"] = wrap_360(azimuth_deg)
+            columns["sigma_azimuth_deg"] = self.sigma_azimuth_deg(frequency_hz, snr)
+        return Plots.of(snr=snr, amplitude_dbm=self.noise_dbm + 10 * np.log10(snr), **columns)

@@ -1,0 +1,1 @@
+"""Tracks of sensors that track on board: the truth with a filter's errors, and their lives."""

@@ -1,0 +1,208 @@
+"""Tracks as a sensor that tracks on board would report them: the truth, with a filter's errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
+from plotfeed.models.tracking.track_lives import TrackLives, TrackRule
+
+
+@dataclass(frozen=True, slots=True)
+class AlphaBeta:
+    """The critically damped filter: a straight line by least squares through all plots so far.
+
+    In it a plot that is n scans old weighs theta^n.
+    """
+
+    smoothing_scans: float
+
+    @property
+    def memory(self) -> float:
+        """What a scan leaves of a plot's weight, theta = exp(-1 / smoothing_scans)."""
+        return math.exp(-1.0 / self.smoothing_scans)
+
+    @property
+    def alpha(self) -> float:
+        """Of the position: 1 - theta^2."""
+        return 1.0 - self.memory**2  # Brookner, Tracking and Kalman Filtering Made Easy, ch. 1
+
+    @property
+    def beta(self) -> float:
+        """Of the velocity: (1 - theta)^2."""
+        return (1.0 - self.memory) ** 2
+
+    def position_variance(self, misses: ArrayLike) -> Floats:
+        """Of x after so many periods without a plot, as a multiple of a plot's own variance."""
+        position, both, velocity = self._stationary()
+        n = np.asarray(misses, dtype=np.float64)
+        return position + n * (2.0 * both + n * velocity)
+
+    def velocity_variance(self) -> float:
+        """Of v, as a multiple of a plot's own variance over T^2."""
+        return self._stationary()[2]
+
+    def _stationary(self) -> tuple[float, float, float]:
+        """Variance of x, covariance of x and vT, variance of vT, of plots with variance 1.
+
+        The P that stays as it is under P = A P A' + K K', with K = (alpha, beta)' and
+        A = (1 - alpha, 1 - alpha; -beta, 1 - beta).
+        """
+        alpha, beta = self.alpha, self.beta
+        whole = alpha * (4.0 - 2.0 * alpha - beta)
+        return (
+            (2.0 * alpha**2 + 2.0 * beta - 3.0 * alpha * beta) / whole,
+            beta * (2.0 * alpha - beta) / whole,
+            2.0 * beta**2 / whole,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerLooks(Columns):
+    """A look at each drone, by ascending index, and the error of the plot if there was one.
+
+    Covariances are (n, 3, 3), east, north and up; NaN where there was no plot.
+    """
+
+    drone: Ints
+    t_utc_ns: Ints
+    hit: Bools
+    covariance_m2: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalStates(Columns):
+    """Where drones are, east, north and up of one place, (n, 3), all at one time."""
+
+    drone: Ints
+    position_enu_m: Floats
+    velocity_enu_m_s: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackStates(Columns):
+    """Tracks at one time, east, north and up of one place; vectors and sigmas are (n, 3).
+
+    `misses` are the looks since the last plot, of which `age_s` is the age.
+    """
+
+    drone: Ints
+    track: Ints
+    misses: Ints
+    age_s: Floats
+    first: Bools
+    last: Bools
+    position_enu_m: Floats
+    velocity_enu_m_s: Floats
+    sigma_position_m: Floats
+
+
+class SmoothedTruth:
+    """The tracks of one sensor, fed sector by sector."""
+
+    def __init__(self, rule: TrackRule, smoothing_scans: float) -> None:
+        self._lives = TrackLives(rule)
+        self._filter = AlphaBeta(smoothing_scans)
+        self._period_s = rule.period_ns / NS
+        self._t_ns: Ints = np.zeros(0, np.int64)
+        self._units: Floats = np.zeros((0, 2, 3))  # errors of position and velocity, over sigma
+        self._covariance_m2: Floats = np.zeros((0, 3, 3))
+        self._states: Floats = np.zeros((0, 2, 3))  # position and velocity when last reported
+
+    @property
+    def drones(self) -> Ints:
+        """The drones that have a track, or were detected of late."""
+        return self._lives.drones
+
+    def take(
+        self,
+        looks: TrackerLooks,
+        truth: LocalStates,
+        *,
+        start_ns: int,
+        end_ns: int,
+        rng: np.random.Generator,
+    ) -> TrackStates:
+        """The tracks to report at the end of a sector.
+
+        `truth` is of that time, for the drones looked at and those in `drones`, as far as they are
+        still there. A track whose drone is gone flies straight on until it ends.
+        """
+        self._make_room(int(looks.drone[-1]) + 1 if len(looks) else 0)
+        looks = looks.rows(np.isin(looks.drone, truth.drone))
+        # Of its plots of late: those before it had any account of the drone are another life's.
+        unknown = np.setdiff1d(looks.drone, self.drones)
+        self._covariance_m2[unknown] = np.nan
+        self._learn_errors(looks.rows(looks.hit))
+        living = self._lives.take(
+            looks.drone, looks.t_utc_ns, looks.hit, start_ns=start_ns, end_ns=end_ns
+        )
+        self._move(living.drone, truth, end_ns)
+        self._draw(living.drone, living.first, end_ns, rng)
+        covariance_m2 = np.nan_to_num(self._covariance_m2[living.drone], nan=0.0)
+        scale = np.sqrt(self._filter.position_variance(living.misses))[:, None]
+        rate_hz = self._filter.velocity_variance() ** 0.5 / self._period_s
+        shaped_m = _shaped(covariance_m2, self._units[living.drone])
+        sigma_m = np.sqrt(np.diagonal(covariance_m2, axis1=1, axis2=2))
+        return TrackStates(
+            drone=living.drone,
+            track=living.track,
+            misses=living.misses,
+            age_s=(end_ns - living.hit_utc_ns) / NS,
+            first=living.first,
+            last=living.last,
+            position_enu_m=self._states[living.drone, 0] + scale * shaped_m[:, 0],
+            velocity_enu_m_s=self._states[living.drone, 1] + rate_hz * shaped_m[:, 1],
+            sigma_position_m=scale * sigma_m,
+        )
+
+    def _make_room(self, drones: int) -> None:
+        more = max(drones, 16) - len(self._t_ns)
+        if more <= 0:
+            return
+        more = max(more, len(self._t_ns))
+        self._t_ns = np.concatenate([self._t_ns, np.zeros(more, np.int64)])
+        for name in ("_units", "_covariance_m2", "_states"):
+            column = getattr(self, name)
+            setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
+
+    def _learn_errors(self, hits: TrackerLooks) -> None:
+        """A fading mean of the plots' covariances, by alpha; one without bounds teaches nothing."""
+        bounded = np.isfinite(hits.covariance_m2).all(axis=(1, 2))
+        hits = hits.rows(np.flatnonzero(bounded))
+        before = self._covariance_m2[hits.drone]
+        before = np.where(np.isnan(before), hits.covariance_m2, before)
+        change = hits.covariance_m2 - before
+        self._covariance_m2[hits.drone] = before + self._filter.alpha * change
+
+    def _move(self, drone: Ints, truth: LocalStates, t_utc_ns: int) -> None:
+        """Put tracks where their drones are, or would be."""
+        into_s = ((t_utc_ns - self._t_ns[drone]) / NS)[:, None]
+        self._states[drone, 0] += into_s * self._states[drone, 1]
+        there = truth.rows(np.isin(truth.drone, drone))
+        self._states[there.drone, 0] = there.position_enu_m
+        self._states[there.drone, 1] = there.velocity_enu_m_s
+
+    def _draw(self, drone: Ints, first: Bools, t_utc_ns: int, rng: np.random.Generator) -> None:
+        into_s = np.abs(t_utc_ns - self._t_ns[drone]) / NS
+        kept = np.exp(-into_s / (self._filter.smoothing_scans * self._period_s))
+        kept = np.where(first, 0.0, kept)[:, None, None]
+        drawn = rng.standard_normal((len(drone), 2, 3))
+        self._units[drone] = kept * self._units[drone] + np.sqrt(1 - kept**2) * drawn
+        self._t_ns[drone] = t_utc_ns
+
+
+def _shaped(covariance: Floats, units: Floats) -> Floats:
+    """Unit normals (n, k, 3) to errors of those covariances (n, 3, 3).
+
+    By the symmetric root, which follows a covariance that changes by little with little change.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    along = np.einsum("nia,nki->nka", axes, units)
+    along *= np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    shaped: Floats = np.einsum("nia,nka->nki", axes, along)
+    return shaped

@@ -1,0 +1,125 @@
+"""Many records at once: NumPy arrays of big-endian words, column by column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plotfeed.proto.asterix.codec.layout import Overflow
+from plotfeed.proto.asterix.codec.machine_words import Word, cells
+from plotfeed.proto.asterix.codec.scaling import ScalingRule
+from plotfeed.proto.errors import EncodeError
+
+Integers = NDArray[np.int64]
+
+INT64_SAFE = 2.0**62
+
+
+class VectorEncoder:
+    """Encodes columns of numbers; its octets are those of the scalar path."""
+
+    def __init__(self, octets: int, template: int, rules: Sequence[ScalingRule]) -> None:
+        self._rules = tuple(rules)
+        self._words = cells(octets, template, rules)
+        self._template = np.frombuffer(template.to_bytes(octets, "big"), dtype=f"V{octets}")
+        self._dtype = np.dtype(
+            {
+                "names": [_name(word) for word in self._words],
+                "formats": [f">u{word.size}" for word in self._words],
+                "offsets": [word.offset for word in self._words],
+                "itemsize": octets,
+            }
+        )
+
+    def records(self, columns: Sequence[ArrayLike], n: int) -> bytes:
+        """The octets of n records, one after the other; a column is (n,) or one number for all."""
+        integers = [
+            _integers(rule, column) for rule, column in zip(self._rules, columns, strict=True)
+        ]
+        records = np.repeat(self._template, n)
+        view = records.view(self._dtype)
+        for word in self._words:
+            view[_name(word)] = _word(word, integers)
+        return records.tobytes()
+
+
+def _name(word: Word) -> str:
+    return f"octet{word.offset}"
+
+
+def _integers(rule: ScalingRule, column: ArrayLike) -> NDArray[np.uint64]:
+    """The integers of a column, in two's complement; (n,) to (n,)."""
+    raw = _rounded(rule, column)
+    match rule.overflow:
+        case Overflow.WRAP:
+            raw = _wrapped(raw, rule.modulus)
+        case Overflow.SATURATE:
+            raw = np.clip(raw, rule.low, rule.high)
+        case Overflow.REFUSE:
+            inside = (raw >= rule.low) & (raw <= rule.high)
+            if not inside.all():
+                rule.integer(np.asarray(column)[~inside].flat[0].item())
+    whole: Integers = np.asarray(raw, dtype=np.int64)
+    if rule.low < 0:
+        whole = whole & ((1 << rule.bits) - 1)
+    return whole.view(np.uint64)
+
+
+def _wrapped(raw: NDArray[Any], modulus: int) -> NDArray[Any]:
+    """Whole numbers modulo another, without the remainder of floats where integers will do."""
+    if raw.dtype.kind == "f" and np.abs(raw).max(initial=0) >= INT64_SAFE:
+        remainder: NDArray[np.float64] = np.mod(raw, modulus)
+        return remainder
+    whole: Integers = raw.astype(np.int64, copy=False)
+    power_of_two = not modulus & modulus - 1
+    return whole & modulus - 1 if power_of_two else whole - whole // modulus * modulus
+
+
+def _rounded(rule: ScalingRule, column: ArrayLike) -> NDArray[Any]:
+    """A column in LSBs: floats that are whole numbers, because they may exceed any integer."""
+    if not isinstance(rule.lsb, int):
+        values = _array(rule, column, "fiub", np.float64)
+        with np.errstate(over="ignore"):
+            scaled = values / rule.lsb
+        finite = np.isfinite(scaled)
+        if not finite.all():
+            rule.integer(values[~finite].flat[0].item())
+        return np.rint(scaled)
+    values = _array(rule, column, "iub", np.int64)
+    if rule.lsb == 1:
+        return values
+    quotient: Integers = values // rule.lsb
+    up: NDArray[np.bool_] = 2 * (values - quotient * rule.lsb) + (quotient & 1) > rule.lsb
+    return quotient + up
+
+
+def _array(
+    rule: ScalingRule, column: ArrayLike, kinds: str, dtype: type[np.generic]
+) -> NDArray[Any]:
+    try:
+        values = np.asarray(column)
+    except ValueError:
+        values = np.empty((0, 0))
+    if values.ndim > 1 or values.dtype.kind not in kinds:
+        wanted = "numbers" if "f" in kinds else "integers"
+        raise EncodeError(f"a column of {wanted} is one-dimensional", field=rule.path)
+    return values.astype(dtype, copy=False)
+
+
+def _word(word: Word, integers: Sequence[NDArray[np.uint64]]) -> NDArray[np.uint64]:
+    bits: NDArray[np.uint64] | None = None
+    for piece in word.pieces:
+        part = integers[piece.column]
+        if piece.shift > 0:
+            part = part << np.uint64(piece.shift)
+        elif piece.shift < 0:
+            part = part >> np.uint64(-piece.shift)
+        if piece.mask:
+            part = part & np.uint64(piece.mask)
+        bits = part if bits is None else bits | part
+    if bits is None:
+        return np.asarray(word.constant, dtype=np.uint64)
+    return bits | np.uint64(word.constant) if word.constant else bits

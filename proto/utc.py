@@ -1,0 +1,26 @@
+"""The time line: nanoseconds of UTC since 1970, and how they are written for people."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from functools import lru_cache
+
+from plotfeed.models.state import NS
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+__all__ = ["NS", "iso_utc"]
+
+
+def iso_utc(t_utc_ns: int) -> str:
+    """2026-01-01T12:00:00.123456789Z; empty for a time that no calendar holds."""
+    seconds, ns = divmod(t_utc_ns, NS)
+    try:
+        return f"{_to_the_second(seconds)}.{ns:09d}Z"
+    except OverflowError:
+        return ""
+
+
+@lru_cache(maxsize=16)  # a session writes the same second again and again
+def _to_the_second(seconds: int) -> str:
+    return f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}"

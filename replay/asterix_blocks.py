@@ -1,0 +1,137 @@
+"""What can be said of a payload of ASTERIX without decoding its items: blocks, categories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from plotfeed.replay.times import DAY_NS
+
+HEADER_OCTETS = 3
+MAX_TRAILER_OCTETS = 16
+CONTENT_TYPE = "application/x-asterix"
+UNKNOWN = "application/octet-stream"
+_OF_CATEGORY = tuple(f"{CONTENT_TYPE}; cat={category}" for category in range(256))
+
+
+def block_octets(payload: bytes) -> int:
+    """How many of the first octets are whole data blocks, back to back."""
+    if _is_one_block(payload):
+        return len(payload)
+    return sum(length for _, length in _headers(payload))
+
+
+def categories(payload: bytes) -> tuple[int, ...]:
+    """Of the whole data blocks at the start of a payload: each once, in their order."""
+    return tuple(dict.fromkeys(category for category, _ in _headers(payload)))
+
+
+def trailer_octets(payload: bytes) -> int | None:
+    """Octets that a vendor appended to the data blocks, mostly 0; None if it is no ASTERIX.
+
+    Of a payload that nobody has labelled: what could be a block by chance must have a category,
+    which 0 is not, and an octet in it.
+    """
+    octets = block_octets(payload)
+    left = len(payload) - octets
+    if not octets or left > MAX_TRAILER_OCTETS or not payload[0] or octets == HEADER_OCTETS:
+        return None
+    return left
+
+
+def content_type(payload: bytes) -> str:
+    """Of a payload that nobody has labelled: ASTERIX, of one category or many, or unknown."""
+    if _is_one_block(payload) and len(payload) > HEADER_OCTETS and payload[0]:
+        return _OF_CATEGORY[payload[0]]
+    if trailer_octets(payload) is None:
+        return UNKNOWN
+    found = categories(payload)
+    return _OF_CATEGORY[found[0]] if len(found) == 1 else CONTENT_TYPE
+
+
+def is_asterix(content: str, payload: bytes) -> bool:
+    """Whether a payload of that content type, empty if unknown, holds a block of ASTERIX."""
+    if content and not content.startswith(CONTENT_TYPE):
+        return False
+    return bool(block_octets(payload)) if content else trailer_octets(payload) is not None
+
+
+def _is_one_block(payload: bytes) -> bool:
+    """Whether it is a single block, as most are."""
+    octets = len(payload)
+    return octets >= HEADER_OCTETS and payload[1] << 8 | payload[2] == octets
+
+
+def _headers(payload: bytes) -> Iterator[tuple[int, int]]:
+    """Category and length of each block, up to the first that is not whole."""
+    at = 0
+    while len(payload) - at >= HEADER_OCTETS:
+        length = int.from_bytes(payload[at + 1 : at + 3], "big")
+        if not HEADER_OCTETS <= length <= len(payload) - at:
+            return
+        yield payload[at], length
+        at += length
+
+
+TIME, EXTENDED, SPARE = -1, 0, -2
+TIME_OCTETS = 3
+LSB_NS = 7_812_500  # 1/128 s
+FX = 1
+
+ITEMS: Mapping[int, tuple[int, ...]] = {
+    2: (2, 1, 1, TIME),
+    10: (2, 1, EXTENDED, TIME),
+    15: (2, 1, 1, EXTENDED, EXTENDED, TIME),
+    16: (2, 1, 1, TIME),
+    19: (2, 1, TIME),
+    20: (2, EXTENDED, TIME),
+    21: (2, EXTENDED, 2, 1, TIME, 6, 8, TIME, 2, 2, 3, TIME),
+    23: (2, 1, 1, TIME),
+    25: (2, 1, 3, 1, 6, TIME),
+    34: (2, 1, TIME),
+    48: (2, TIME),
+    62: (2, SPARE, 1, TIME),
+    63: (2, 1, TIME),
+    65: (2, 1, 1, TIME),
+    129: (2, 2, 3, 3, 12, 2, TIME),
+    205: (2, 1, 1, TIME),
+}
+"""Octets of each item of the user application profile, up to the last that is a time of day.
+
+EXTENDED ones end with the first octet whose last bit is clear.
+"""
+
+
+def time_of_day_ns(block: bytes) -> int | None:
+    """Of the first record of a whole data block; None where it has none, or none that is known."""
+    slots = ITEMS.get(block[0], ()) if block else ()
+    flags = _flags(block)
+    at = HEADER_OCTETS + len(flags)
+    for place, octets in enumerate(slots):
+        if place // 7 >= len(flags) or not flags[place // 7] >> (7 - place % 7) & 1:
+            continue
+        if octets == TIME:
+            return _time(block[at : at + TIME_OCTETS])
+        if octets == SPARE:
+            return None
+        at = at + octets if octets else _after_extended(block, at)
+    return None
+
+
+def _flags(block: bytes) -> bytes:
+    """The octets of flags of the first record, all of them."""
+    end = HEADER_OCTETS
+    while end < len(block) and block[end] & FX:
+        end += 1
+    return block[HEADER_OCTETS : end + 1]
+
+
+def _after_extended(block: bytes, at: int) -> int:
+    while at < len(block) and block[at] & FX:
+        at += 1
+    return at + 1
+
+
+def _time(octets: bytes) -> int | None:
+    time_ns = int.from_bytes(octets, "big") * LSB_NS
+    # Some senders write 86400.0 for midnight; what is beyond that is no time of day.
+    return time_ns % DAY_NS if len(octets) == TIME_OCTETS and time_ns <= DAY_NS else None

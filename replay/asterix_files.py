@@ -1,0 +1,263 @@
+"""Files of ASTERIX blocks: raw, back to back, timed by the records' times of day; and FINAL."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator
+from itertools import chain, pairwise
+from typing import BinaryIO
+
+from plotfeed.replay.asterix_blocks import (
+    CONTENT_TYPE,
+    HEADER_OCTETS,
+    block_octets,
+    categories,
+    is_asterix,
+    time_of_day_ns,
+)
+from plotfeed.replay.octets import Octets
+from plotfeed.replay.recorded import Damages, Recorded
+from plotfeed.replay.times import BEHIND_NS, DAY_NS, DayClock, ahead_ns
+
+Timed = tuple[bytes, int | None]
+"""A data block, and the time of day of its first record if that has one."""
+
+
+class RawReader:
+    """The data blocks of a file, each a message. Nothing tells where the next one is after damage.
+
+    A message is of the time of day of its block's first record, and if that has none, or one that
+    is alone against those around it, of the time of the message before. No message is earlier than
+    the one before it, so that they stay in their order.
+    """
+
+    def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
+        self._octets = Octets(file)
+        self._clock = DayClock(date_utc_ns)
+        self._first_utc_ns = date_utc_ns
+        self.damage = Damages()
+        self.skipped = 0
+
+    @property
+    def at(self) -> int:
+        """Octets of the file that were read."""
+        return self._octets.at
+
+    def messages(self) -> Iterator[Recorded]:
+        """Each data block, on the topic asterix/CATEGORY."""
+        last_utc_ns = self._first_utc_ns
+        timed = ((block, time_of_day_ns(block)) for block, _ in self.blocks())
+        for block, time_ns in without_outliers(timed):
+            if time_ns is not None:
+                last_utc_ns = max(last_utc_ns, self._clock.utc_ns(time_ns))
+            yield Recorded(
+                topic=f"asterix/{block[0]:03d}",
+                payload=block,
+                log_time_ns=last_utc_ns,
+                publish_time_ns=last_utc_ns,
+                content_type=f"{CONTENT_TYPE}; cat={block[0]}",
+            )
+
+    def blocks(self) -> Iterator[tuple[bytes, int]]:
+        """The data blocks with their headers, and where they begin."""
+        octets = self._octets
+        while True:
+            at = octets.at
+            header = octets.peek(HEADER_OCTETS)
+            if len(header) < HEADER_OCTETS:
+                if header:
+                    self.damage.add(at, "the header of a data block is cut off")
+                return
+            length = int.from_bytes(header[1:], "big")
+            if length < HEADER_OCTETS:
+                self.damage.add(at, f"a data block of {length} octets has no header")
+                return
+            block = octets.take(length)
+            if len(block) < length:
+                self.damage.add(at, f"a data block of {length} octets, {len(block)} are there")
+                return
+            yield block, at
+
+
+def without_outliers(timed: Iterable[Timed]) -> Iterator[Timed]:
+    """None in place of a time of day far from the one before where the one after is near that."""
+    last_ns: int | None = None
+    for (block, time_ns), (_, next_ns) in pairwise(chain(timed, [(b"", None)])):
+        if time_ns is not None and _alone(last_ns, time_ns, next_ns):
+            yield block, None
+            continue
+        last_ns = last_ns if time_ns is None else time_ns
+        yield block, time_ns
+
+
+def _alone(before_ns: int | None, time_ns: int, after_ns: int | None) -> bool:
+    if before_ns is None or after_ns is None:
+        return False
+    near_by = ahead_ns(before_ns, after_ns) <= BEHIND_NS
+    return near_by and ahead_ns(before_ns, time_ns) > BEHIND_NS
+
+
+class RawWriter:
+    """Data blocks back to back. Of what they came with, nothing is kept."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._trailers = 0
+
+    def write(self, message: Recorded) -> str | None:
+        """Write a message; why it cannot be held, or None."""
+        if not is_asterix(message.content_type, message.payload):
+            return "no ASTERIX"
+        octets = block_octets(message.payload)
+        self._trailers += octets < len(message.payload)
+        self._file.write(message.payload[:octets])
+        return None
+
+    def notes(self) -> list[str]:
+        """What was lost of messages that are in the file."""
+        notes = ["it has no times but those of day that its records have, and no topics"]
+        if self._trailers:
+            notes.append(f"{self._trailers} messages lost what came after their data blocks")
+        return notes
+
+    def close(self) -> None:
+        """Nothing is left to be written."""
+
+
+TICK_NS = 10_000_000
+TICKS_A_DAY = DAY_NS // TICK_NS
+FINAL_HEADER_OCTETS = 8
+TRAILER = b"\xa5\xa5\xa5\xa5"
+MIN_FRAME_OCTETS = FINAL_HEADER_OCTETS + len(TRAILER)
+MAX_FRAME_OCTETS = 0xFFFF
+_HEADER = struct.Struct(">HBBBBH")
+
+ERROR, LINE, DAY = "final-error", "final-line", "final-day"
+"""Properties that keep what a frame says and a message does not."""
+
+
+class FinalReader:
+    """The frames of a file, each a message. After damage it goes on behind the next trailer."""
+
+    def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
+        self._octets = Octets(file)
+        self._clock = DayClock(date_utc_ns)
+        self._last_utc_ns = date_utc_ns
+        self.damage = Damages()
+        self.skipped = 0
+
+    @property
+    def at(self) -> int:
+        """Octets of the file that were read."""
+        return self._octets.at
+
+    def messages(self) -> Iterator[Recorded]:
+        """Each frame, on the topic line/LINE/asterix."""
+        octets = self._octets
+        lost_from: int | None = None
+        behind_trailer = False
+        while octets.peek(1):
+            at = octets.at
+            frame = self._frame()
+            if frame:
+                self._lost(lost_from, at)
+                lost_from = None
+                yield self._message(frame, at)
+                continue
+            lost_from = at if lost_from is None else lost_from
+            if behind_trailer and octets.peek(1) == TRAILER[:1]:
+                octets.skip(1)  # more than four of them: the trailer may be the last four
+            else:
+                behind_trailer = octets.skip_behind(TRAILER)
+        self._lost(lost_from, octets.at)
+
+    def _frame(self) -> bytes:
+        """Take the frame that begins here; nothing if there is none."""
+        length = int.from_bytes(self._octets.peek(2), "big")
+        if length < MIN_FRAME_OCTETS:
+            return b""
+        trailer = self._octets.peek(len(TRAILER), ahead=length - len(TRAILER))
+        return self._octets.take(length) if trailer == TRAILER else b""
+
+    def _lost(self, first: int | None, end: int) -> None:
+        if first is not None:
+            what = f"{end - first} octets that are no frames of 12 octets or more and their trailer"
+            self.damage.add(first, what)
+
+    def _message(self, frame: bytes, at: int) -> Recorded:
+        _, error, line, day, high, low = _HEADER.unpack_from(frame)
+        ticks = high << 16 | low
+        if ticks < TICKS_A_DAY:
+            self._last_utc_ns = self._clock.utc_ns(ticks * TICK_NS)
+        else:
+            self.damage.add(
+                at, f"a time of day of {ticks // 100} s; that of the frame before is it"
+            )
+        payload = frame[FINAL_HEADER_OCTETS : -len(TRAILER)]
+        found = categories(payload)
+        return Recorded(
+            topic=f"line/{line}/asterix",
+            payload=payload,
+            log_time_ns=self._last_utc_ns,
+            publish_time_ns=self._last_utc_ns,
+            content_type=f"{CONTENT_TYPE}; cat={found[0]}" if len(found) == 1 else CONTENT_TYPE,
+            properties=((ERROR, str(error)), (LINE, str(line)), (DAY, str(day))),
+        )
+
+
+class FinalWriter:
+    """ASTERIX in frames. Times are rounded to 10 ms.
+
+    Error, line and day of a frame that was read stay; else the line is the number of the topic, of
+    those in the file, and the others are 0.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._lines: dict[str, int] = {}
+        self._trailers = 0
+
+    def write(self, message: Recorded) -> str | None:
+        """Write a message; why it cannot be held, or None."""
+        if not is_asterix(message.content_type, message.payload):
+            return "no ASTERIX"
+        blocks = message.payload[: block_octets(message.payload)]
+        length = MIN_FRAME_OCTETS + len(blocks)
+        if length > MAX_FRAME_OCTETS:
+            return f"longer than a frame's {MAX_FRAME_OCTETS} octets"
+        self._trailers += len(blocks) < len(message.payload)
+        kept = dict(message.properties)
+        error, day = _octet(kept.get(ERROR), 0), _octet(kept.get(DAY), 0)
+        line = _octet(kept.get(LINE), self._line(message.topic))
+        ticks = ticks_of_day(message.log_time_ns)
+        self._file.write(
+            _HEADER.pack(length, error, line, day, ticks >> 16, ticks & 0xFFFF) + blocks + TRAILER
+        )
+        return None
+
+    def notes(self) -> list[str]:
+        """What was lost of messages that are in the file."""
+        notes = ["its clock counts 10 ms, and it has no date"]
+        if self._trailers:
+            notes.append(f"{self._trailers} messages lost what came after their data blocks")
+        return notes
+
+    def close(self) -> None:
+        """Nothing is left to be written."""
+
+    def _line(self, topic: str) -> int:
+        if len(self._lines) > 0xFF and topic not in self._lines:
+            return 0xFF
+        return self._lines.setdefault(topic, len(self._lines))
+
+
+def ticks_of_day(t_utc_ns: int) -> int:
+    """The nearest 10 ms of the day; half of one is rounded up."""
+    return (t_utc_ns + TICK_NS // 2) // TICK_NS % TICKS_A_DAY
+
+
+def _octet(text: str | None, otherwise: int) -> int:
+    """A number of an octet that a property has."""
+    if text is None or not (text.isascii() and text.isdecimal() and len(text) <= 3):
+        return otherwise
+    return int(text) if int(text) <= 0xFF else otherwise

@@ -1,0 +1,1 @@
+"""The native log, MCAP: records, chunks, channels and index, read and written."""

@@ -1,0 +1,394 @@
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+import time
+from importlib.metadata import entry_points, version
+from pathlib import Path
+
+import pytest
+from support.brokers import deaf_server, free_port
+from support.command import PLOTFEED, plotfeed, running
+from support.mqtt_client import PATIENCE_S, Client, listening
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.decode import decode_lenient
+
+FAST = radar(period_s=0.2, sectors=8)
+START = "2026-01-01T12:00:00.05Z"
+
+
+def is_one_line(text: str) -> bool:
+    return len(text.splitlines()) == 1 and text.startswith("plotfeed: ")
+
+
+def test_the_entry_point_is_the_command() -> None:
+    (script,) = entry_points(group="console_scripts", name="plotfeed")
+    assert script.value == "plotfeed.feeds.cli.main:main"
+
+
+def test_help_names_every_command() -> None:
+    done = plotfeed("--help")
+    assert done.returncode == 0
+    for name in ("demo", "run", "inject", "check", "show", "convert", "schema"):
+        assert f"  {name} " in done.stdout
+        assert plotfeed(name, "-h").returncode == 0
+
+
+def test_version_is_that_of_the_package() -> None:
+    assert version("plotfeed") in plotfeed("--version").stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fly",),
+        ("run",),
+        ("demo", "--speed", "fast"),
+        ("demo", "--speed", "-1"),
+        ("demo", "--speed", "nan"),
+        ("demo", "--duration", "0"),
+        ("demo", "--broker", "http://here"),
+        ("demo", "--broker", "mqtt://:1883"),
+        ("demo", "--broker", "mqtt://user:secret@here"),
+        ("demo", "--broker", "mqtt://here:99999"),
+        ("demo", "--broker", "mqtt://[::1"),
+        ("show", "http://here/x"),
+        ("schema", "nothing"),
+        ("inject", "absent.csv", "--column", "x"),
+    ],
+)
+def test_wrong_use_is_exit_code_2(arguments: tuple[str, ...]) -> None:
+    done = plotfeed(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr != ""
+    assert "secret" not in done.stderr
+
+
+def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
+    done = plotfeed("demo", "--duration", "1.5")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "WebSocket", "plotfeed/active/plots"):
+        assert word in done.stdout
+    counts = done.stdout.splitlines()[-1].split()
+    assert counts[0] == "drones"
+    assert int(counts[counts.index("messages") + 1]) > 0
+
+
+def test_the_demo_can_end_with_json() -> None:
+    done = plotfeed("demo", "--duration", "1", "--broker", "none", "--speed", "max", "--json")
+    totals = json.loads(done.stdout)
+    assert totals["drones"] == 1
+    assert totals["messages"] > 0
+    assert totals["undelivered"] == 0
+
+
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_a_signal_is_a_clean_end(how: signal.Signals, code: int, tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    with (
+        running("run", scene) as session,
+        listening(session.port("MQTT 5"), 5, "plotfeed/radar/status") as client,
+    ):
+        client.wait_for(lambda m: json.loads(m.payload)["state"] == "ONLINE")
+        returned, out, err = session.end(how)
+        client.wait_for(lambda m: json.loads(m.payload)["state"] == "OFFLINE")
+    assert returned == code
+    assert err == ""
+    assert out.startswith("drones 1 ")
+
+
+def test_a_signal_while_it_starts_is_no_traceback(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    for delay_s in (0.0, 0.2, 0.5):
+        process = subprocess.Popen(
+            [*PLOTFEED, "run", str(scene)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        time.sleep(delay_s)
+        process.terminate()
+        _, err = process.communicate(timeout=PATIENCE_S)
+        assert "Traceback" not in err
+
+
+def test_a_wrong_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
+    for verb in ("run", "check"):
+        done = plotfeed(verb, scene)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert done.stderr.splitlines() == [
+            f"plotfeed: {scene}: sensor[0].power_w: missing",
+            f"plotfeed: {scene}: sensor[0].powr_w: no such key; did you mean power_w?",
+        ]
+
+
+@pytest.mark.parametrize("verb", ["run", "check", "inject", "show"])
+def test_a_file_that_is_not_there_is_one_line(verb: str, tmp_path: Path) -> None:
+    absent = tmp_path / "absent.csv"
+    done = plotfeed(verb, absent)
+    assert done.returncode in (1, 2)
+    assert is_one_line(done.stderr)
+    assert str(absent) in done.stderr
+
+
+def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text())
+    text = plotfeed("check", scene)
+    assert text.returncode == 0
+    assert "radar (active_radar)" in text.stdout
+    found = json.loads(plotfeed("check", scene, "--json").stdout)
+    assert found["scene"] == "test"
+    assert found["drones"] == 1
+    (sensor,) = found["sensors"]
+    pds = [row["pd"] for row in sensor["table"]]
+    assert all(0 <= pd <= 1 for pd in pds)
+    bigger = json.loads(plotfeed("check", scene, "--json", "--rcs-m2", "1.0").stdout)
+    assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
+
+
+def test_the_schemas_are_printed() -> None:
+    assert json.loads(plotfeed("schema").stdout)["$schema"].startswith("https://json-schema.org/")
+    assert "message PlotBatch {" in plotfeed("schema", "messages").stdout
+
+
+def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = None) -> Path:
+    """ASTERIX as a session wrote it in simulated time."""
+    scene = scene or scene_file(folder, scene_text(start_utc=START, sensors=FAST))
+    path = folder / name
+    options = ("--speed", "max", "--duration", duration_s, "--write", path)
+    done = plotfeed("run", scene, "--broker", "none", *options)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+def test_the_same_scene_gives_the_same_octets(tmp_path: Path) -> None:
+    one = recorded(tmp_path, "one", 5.0).read_bytes()
+    other = recorded(tmp_path, "other", 5.0).read_bytes()
+    assert one == other
+    records, errors = decode_lenient(one)
+    assert errors == []
+    assert sum(r.category == 34 for r in records) == 25 * (8 + 1)
+    assert sum(r.category == 48 for r in records) > 5
+
+
+def test_real_time_gives_the_octets_of_simulated_time(tmp_path: Path) -> None:
+    # Turns are long, so that a machine that stalls for a while is late but skips none of them.
+    sensors = radar(period_s=3.0, sectors=60, more="receive_beams = 8")
+    scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=sensors))
+    expected = recorded(tmp_path, "max", 3.0, scene).read_bytes()
+    paths = [tmp_path / "with-broker", tmp_path / "without"]
+    sessions = [
+        subprocess.Popen(
+            [*PLOTFEED, "run", scene, "--duration", "3", "--write", path, *options],
+            stdout=subprocess.DEVNULL,
+        )
+        for path, options in zip(paths, [(), ("--broker", "none")], strict=True)
+    ]
+    for session, path in zip(sessions, paths, strict=True):
+        assert session.wait(60) == 0
+        assert path.read_bytes() == expected
+
+
+def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
+    done = plotfeed(
+        "run",
+        scene,
+        "--broker",
+        "none",
+        "--speed",
+        "max",
+        "--duration",
+        "60",
+        "--write",
+        "/dev/full",
+    )
+    assert done.returncode == 1
+    assert done.stderr == (
+        "plotfeed: /dev/full: No space left on device; what came after is not in the file\n"
+    )
+    assert done.stdout.splitlines()[-1].startswith("drones 1 ")
+
+
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    done = plotfeed("demo", "--duration", "1", "--write", tmp_path / "no" / "where")
+    assert done.returncode == 1
+    assert is_one_line(done.stderr)
+
+
+def test_show_prints_a_line_for_each_record(tmp_path: Path) -> None:
+    path = recorded(tmp_path, "raw.ast", 2.0)
+    records, _ = decode_lenient(path.read_bytes())
+    done = plotfeed("show", path, "--list")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(records)
+    assert lines[0].startswith("CAT034  12:00:00.")
+    done = plotfeed("show", path, "--list", "--json")
+    objects = [json.loads(x) for x in done.stdout.splitlines()]
+    assert [x["category"] for x in objects] == [r.category for r in records]
+    assert len(plotfeed("show", path, "--count", "3").stdout.splitlines()) == 3
+
+
+def test_show_prints_what_a_damaged_file_still_holds(tmp_path: Path) -> None:
+    path = recorded(tmp_path, "raw.ast", 2.0)
+    whole = plotfeed("show", path, "--list").stdout.splitlines()
+    path.write_bytes(path.read_bytes()[:-3])
+    done = plotfeed("show", path, "--list")
+    assert done.returncode == 2
+    assert done.stdout.splitlines() == whole[:-1]
+    assert is_one_line(done.stderr)
+
+
+@pytest.mark.parametrize("content", [b"\xff" * 100, b"hello, this is no ASTERIX", b"\0"])
+def test_show_says_what_garbage_is(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "garbage"
+    path.write_bytes(content)
+    done = plotfeed("show", path)
+    assert done.returncode == 2
+    assert str(path) in done.stderr
+
+
+def test_show_of_a_folder_is_one_line(tmp_path: Path) -> None:
+    done = plotfeed("show", tmp_path)
+    assert done.returncode != 0
+    assert is_one_line(done.stderr)
+
+
+def test_show_ends_quietly_when_nobody_reads_on(tmp_path: Path) -> None:
+    path = recorded(tmp_path, "raw.ast", 60.0)
+    shown = subprocess.Popen(
+        [*PLOTFEED, "show", str(path), "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert shown.stdout is not None
+    assert shown.stdout.readline().startswith(b"CAT034")
+    shown.stdout.close()
+    assert shown.stderr is not None
+    assert shown.stderr.read() == b""
+    shown.stderr.close()
+    assert shown.wait(PATIENCE_S) == 0
+
+
+def test_show_prints_what_a_broker_has(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    with running("run", scene) as session:
+        for port, _ in session.ports():
+            url = f"mqtt://127.0.0.1:{port}"
+            done = plotfeed("show", f"{url}/plotfeed/+/asterix/#", "--count", "5")
+            assert done.returncode == 0
+            lines = done.stdout.splitlines()
+            assert len(lines) == 5
+            assert all(x.startswith("plotfeed/radar/asterix/0") for x in lines)
+            done = plotfeed("show", f"{url}/plotfeed/truth", "--count", "2", "--json")
+            assert all("Ledger" in json.loads(x)["message"] for x in done.stdout.splitlines())
+        done = plotfeed("show", url, "--duration", "1", "--json")
+        topics = {json.loads(line)["topic"] for line in done.stdout.splitlines()}
+        assert topics >= {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
+
+
+def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
+    flight, scene = csv_flight(tmp_path), scene_file(tmp_path, scene_text(sensors=FAST))
+    nobody = f"mqtt://127.0.0.1:{free_port()}"
+    with deaf_server() as port:
+        deaf = f"mqtt://127.0.0.1:{port}"
+        commands = {
+            ("run", scene, "--broker", nobody): nobody,
+            ("run", scene, "--broker", deaf): deaf,
+            ("show", nobody): nobody,
+            ("inject", flight, "--broker", deaf, "--altitude-reference", "ellipsoid"): deaf,
+        }
+        started = [
+            subprocess.Popen(
+                [*PLOTFEED, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+            for command in commands
+        ]
+        for process, url in zip(started, commands.values(), strict=True):
+            _, err = process.communicate(timeout=60)
+            assert process.returncode == 1
+            assert is_one_line(err)
+            assert url in err
+
+
+def csv_flight(folder: Path) -> Path:
+    """Two seconds in a circle near the site, four samples a second."""
+    lines = ["time,latitude_deg,longitude_deg,altitude_m"]
+    for i in range(9):
+        north = 40.462 + 5e-5 * math.cos(i / 5)
+        east = -3.72 + 5e-5 * math.sin(i / 5)
+        lines.append(f"{1_767_268_800 + i / 4:.2f},{north:.7f},{east:.7f},{900 + i:.1f}")
+    path = folder / "my flight.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+SRT_BLOCK = """{n}
+00:00:0{n},000 --> 00:00:0{n},999
+2026-01-01 12:00:0{n}.000
+[iso: 100] [latitude: 40.4{n}] [longitude: -3.72] [rel_alt: 20.0 abs_alt: 700.0]
+
+"""
+
+
+def srt_flight(folder: Path) -> Path:
+    path = folder / "dji.srt"
+    path.write_text("".join(SRT_BLOCK.format(n=n).replace("40.4", "40.460") for n in (1, 2, 3)))
+    return path
+
+
+def looks_at(client: Client, drone: str) -> None:
+    client.wait_for(
+        lambda m: drone in {look.drone for look in pb.Ledger.FromString(m.payload).looks}
+    )
+
+
+def test_a_flight_can_be_injected_into_a_session(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, drones=""))
+    flight = csv_flight(tmp_path)
+    with running("run", scene) as session:
+        with listening(session.port("MQTT 5"), 5, "plotfeed/truth") as client:
+            for port, encoding in (
+                (session.port("MQTT 3.1.1"), "json"),
+                (session.port("MQTT 5"), "protobuf"),
+            ):
+                drone = f"by-{encoding}"
+                done = plotfeed(
+                    "inject", flight, "--now", "--speed", "4", "--drone", drone,
+                    "--broker", f"mqtt://127.0.0.1:{port}", "--encoding", encoding,
+                    "--altitude-reference", "ellipsoid",
+                )  # fmt: skip
+                assert done.returncode == 0, done.stderr
+                assert f"9 reports sent to mqtt://127.0.0.1:{port}" in done.stdout
+                assert f"plotfeed/telemetry/{drone}, 0 undelivered, 0 refused" in done.stdout
+                looks_at(client, drone)
+        code, out, err = session.end(signal.SIGTERM)
+    assert code == 0
+    assert err == ""
+    assert "telemetry 18 refused 0" in out
+
+
+def test_why_an_injected_flight_was_refused_is_shown(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, drones="", telemetry=""))
+    flight = srt_flight(tmp_path)
+    with running("run", scene) as session:
+        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
+        options = ("--now", "--speed", "10", "--altitude-reference", "above_takeoff", *broker)
+        done = plotfeed("inject", flight, *options)
+        assert done.returncode == 1
+        assert "3 refused" in done.stdout
+        assert "the scene lacks telemetry.takeoff_height_m" in done.stderr
+        done = plotfeed("inject", flight, *options, "--takeoff-height-m", "650")
+        assert done.returncode == 0
+        assert "0 refused" in done.stdout
+        old = plotfeed("inject", flight, "--takeoff-height-m", "650", "--speed", "10", *broker)
+        assert old.returncode == 1
+        assert " s old; at most 60 s" in old.stderr or "ahead of now" in old.stderr

@@ -1,0 +1,123 @@
+"""The live page of a demo, which nobody had to ask for."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from urllib.request import urlopen
+
+import pytest
+from support.brokers import free_port
+from support.command import plotfeed, running
+from support.mqtt_client import PATIENCE_S
+
+pytest.importorskip("uvicorn")
+
+USUAL_PORT = 8590
+WITHOUT_THE_EXTRA = [
+    sys.executable,
+    "-c",
+    "import sys; sys.modules['uvicorn'] = None; from plotfeed.feeds.cli.main import main; main()",
+]
+"""The command where one of the page's libraries is not installed."""
+QUICK = ("--speed", "20", "--duration", "5", "--broker", "none")
+
+
+@contextmanager
+def usual_port_is_taken() -> Iterator[None]:
+    """By this test, or by somebody else already."""
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):
+            listener.bind(("127.0.0.1", USUAL_PORT))
+            listener.listen()
+        yield
+
+
+def title_at(port: int) -> bool:
+    with urlopen(f"http://127.0.0.1:{port}/", timeout=PATIENCE_S) as answer:
+        return b"<title>plotfeed</title>" in answer.read()
+
+
+def test_a_demo_has_its_page_and_says_where() -> None:
+    with running("demo") as demo:
+        port = demo.port("page")
+        assert title_at(port)
+        way = f"look at it: in a browser http://127.0.0.1:{port}/, or plotfeed show mqtt://"
+        assert demo.introduction[-1].startswith(way)
+        moved = any(line.startswith(f"port {USUAL_PORT} is taken") for line in demo.introduction)
+        assert moved == (port != USUAL_PORT)
+
+
+def test_where_the_usual_port_is_taken_it_says_so_and_has_another() -> None:
+    with usual_port_is_taken(), running("demo") as demo:
+        assert demo.introduction[0] == f"port {USUAL_PORT} is taken: the page has another"
+        assert demo.port("page") != USUAL_PORT
+        assert title_at(demo.port("page"))
+
+
+def test_an_address_that_was_asked_for_is_the_only_one() -> None:
+    port = free_port()
+    with running("demo", "--page", port) as demo:
+        assert demo.port("page") == port
+    with usual_port_is_taken():
+        done = plotfeed("demo", "--page", USUAL_PORT)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"plotfeed: --page 127.0.0.1:{USUAL_PORT}: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("options", [("--no-page",), ("--speed", "max")])
+def test_without_a_page_nothing_is_said_of_one(options: tuple[str, ...]) -> None:
+    done = plotfeed("demo", *QUICK, *options)
+    assert done.returncode == 0
+    assert "page" not in done.stdout
+    assert done.stderr == ""
+
+
+def test_totals_as_json_are_all_that_is_said() -> None:
+    with usual_port_is_taken():
+        assert json.loads(plotfeed("demo", *QUICK, "--json").stdout)["messages"] > 0
+
+
+def test_a_page_and_no_page_are_a_contradiction() -> None:
+    done = plotfeed("demo", "--page", "8590", "--no-page")
+    assert done.returncode == 2
+    assert "--no-page contradicts --page" in done.stderr
+
+
+def without_the_extra(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*WITHOUT_THE_EXTRA, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
+    done = without_the_extra("demo", *QUICK)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    hints = [line for line in done.stdout.splitlines() if "page" in line]
+    assert hints == ["  page        needs more: pip install 'plotfeed[page]'"]
+    assert done.stdout.splitlines()[-1].startswith("drones 1 ")
+
+
+def test_without_the_extra_a_page_that_was_asked_for_is_an_error_in_a_line() -> None:
+    done = without_the_extra("demo", *QUICK, "--page", "0")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "plotfeed: the page needs more: pip install 'plotfeed[page]'\n"
+
+
+def test_what_runs_a_session_with_its_page_loads_no_library_of_the_page() -> None:
+    code = (
+        "import sys, plotfeed.feeds.cli.run, plotfeed.feeds.page.run_with_page\n"
+        "print(sorted({'starlette', 'uvicorn', 'websockets'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,350 @@
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from support.command import PLOTFEED, plotfeed
+from support.mqtt_client import PATIENCE_S
+from support.recordings import MS, START_NS, block_048, message, plots, written
+from support.shared_files import shared
+
+from plotfeed.feeds.messages.topic_filter import checked, matches
+from plotfeed.feeds.recording.convert import Wanted, convert
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.files import FileFormat, open_recording, writer_to
+from plotfeed.replay.mcap.log_format import McapReader
+from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.records import Attachment
+from plotfeed.replay.recorded import Recorded, Stage
+
+Capture = pytest.CaptureFixture[str]
+DAY_NS = START_NS - 43_200_000_000_000
+BOTH_WAYS = [FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON]
+EVERYTHING = Wanted()
+
+
+def stored(path: Path, messages: list[Recorded]) -> Path:
+    path.write_bytes(written(lambda file: writer_to(file, suffix_format(path)), messages))
+    return path
+
+
+def suffix_format(path: Path) -> FileFormat:
+    return FileFormat({"ast": "raw", "ff": "final"}.get(path.suffix[1:], path.suffix[1:]))
+
+
+def read(path: Path, date_utc_ns: int = 0) -> list[Recorded]:
+    with open_recording(path, date_utc_ns=date_utc_ns) as recording:
+        messages = list(recording.reader.messages())
+        assert recording.reader.damage == []
+    return messages
+
+
+def totals(
+    capsys: Capture, source: Path, target: Path, wanted: Wanted = EVERYTHING, **more: Any
+) -> Any:
+    assert convert(source, target, wanted, as_json=True, **more) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("to", BOTH_WAYS)
+@pytest.mark.parametrize("origin", BOTH_WAYS)
+def test_every_format_becomes_every_other_and_payloads_stay(
+    origin: FileFormat, to: FileFormat, tmp_path: Path, capsys: Capture
+) -> None:
+    sent = plots(20, step_ns=250 * MS)
+    source = tmp_path / f"in.{origin}"
+    source.write_bytes(written(lambda file: writer_to(file, origin), sent))
+    target = tmp_path / f"out.{to}"
+    found = totals(capsys, source, target, date_utc_ns=DAY_NS, to_format=to)
+    assert (found["from"], found["to"], found["messages"]) == (origin, to, 20)
+    assert (found["left_out"], found["damage"]) == ({}, [])
+    got = read(target, DAY_NS)
+    assert [each.payload for each in got] == [each.payload for each in sent]
+    assert [each.log_time_ns for each in got] == [each.log_time_ns for each in sent]
+
+
+def test_a_real_capture_keeps_its_payloads_through_every_format(tmp_path: Path) -> None:
+    source = shared("recordings/croatia_cat_034_048.pcap")
+    whole = read(source)
+    for to in (FileFormat.MCAP, FileFormat.JSON, FileFormat.PCAP, FileFormat.FINAL):
+        target = tmp_path / f"out.{to}"
+        assert convert(source, target, EVERYTHING, to_format=to) == 0
+        assert [each.payload for each in read(target)] == [each.payload for each in whole]
+        if to is not FileFormat.FINAL:
+            assert read(target) == whole
+    assert convert(source, tmp_path / "out.ast", EVERYTHING) == 0
+    assert (tmp_path / "out.ast").read_bytes() == b"".join(each.payload for each in whole)
+
+
+@pytest.mark.parametrize(
+    "name", ["jade_062_one.ff", "jade_nats_cat048_tcas.ff", "croatia_cat_034_048.pcap"]
+)
+@pytest.mark.parametrize("by_way_of", [None, "mcap", "jsonl"])
+def test_a_real_recording_comes_back_to_the_octet(
+    name: str, by_way_of: str | None, tmp_path: Path
+) -> None:
+    source = between = shared(f"recordings/{name}")
+    again = tmp_path / f"again{source.suffix}"
+    if by_way_of is not None:
+        between = tmp_path / f"between.{by_way_of}"
+        assert convert(source, between, EVERYTHING) == 0
+    assert convert(between, again, EVERYTHING) == 0
+    assert again.read_bytes() == source.read_bytes()
+
+
+def test_the_official_reader_reads_what_a_capture_became(tmp_path: Path) -> None:
+    source = shared("recordings/croatia_cat_034_048.pcap")
+    target = tmp_path / "out.mcap"
+    assert convert(source, target, EVERYTHING) == 0
+    with target.open("rb") as file:
+        theirs = [
+            (channel.topic, found.log_time, found.data)
+            for _, channel, found in make_reader(file).iter_messages()
+            if not channel.topic.startswith("properties/")
+        ]
+    assert theirs == [(each.topic, each.log_time_ns, each.payload) for each in read(source)]
+
+
+def session() -> list[Recorded]:
+    (plot,) = plots(1)
+    return [
+        message(
+            b"{}",
+            START_NS,
+            topic="plotfeed/telemetry/d",
+            content_type="application/json",
+            stage=Stage.TELEMETRY,
+        ),
+        message(plot.payload, START_NS + 1, stage=Stage.BEFORE),
+        message(plot.payload, START_NS + 2, stage=Stage.AFTER),
+        message(
+            b"",
+            START_NS + 3,
+            topic="plotfeed/radar/plots",
+            content_type="application/x-protobuf; messageType=plotfeed.v1.PlotBatch",
+            stage=Stage.AFTER,
+        ),
+    ]
+
+
+def test_what_a_format_cannot_hold_is_counted_with_its_reason(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    source = stored(tmp_path / "in.mcap", session())
+    found = totals(capsys, source, tmp_path / "out.pcap")
+    assert found["messages"] == 1
+    assert found["left_out"] == {
+        "of stage telemetry; --stage takes them": 1,
+        "of stage before; --stage takes them": 1,
+        "neither UDP nor ASTERIX": 1,
+    }
+    assert found["notes"] == [
+        "pcap: it has one time of each message, and no topics, content types or stages",
+        "pcap: plotfeed/radar/asterix/048 became 127.1.0.0:8600",
+    ]
+    found = totals(capsys, source, tmp_path / "before.pcap", Wanted(stages=[Stage.BEFORE]))
+    assert (found["messages"], found["left_out"]) == (1, {})
+    assert read(tmp_path / "before.pcap")[0].log_time_ns == START_NS + 1
+    found = totals(capsys, source, tmp_path / "out.jsonl")
+    assert (found["messages"], found["left_out"], found["notes"]) == (4, {}, [])
+    assert read(tmp_path / "out.jsonl") == session()
+    assert convert(source, tmp_path / "text.pcap", EVERYTHING) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0].endswith("text.pcap (pcap): 1 messages, 14 octets")
+    assert out[1] == "  left out 1 messages: of stage telemetry; --stage takes them"
+
+
+def test_a_table_of_plots_has_those_of_asterix_and_of_batches(tmp_path: Path) -> None:
+    source = stored(tmp_path / "in.mcap", session())
+    assert convert(source, tmp_path / "out.csv", EVERYTHING) == 0
+    rows = list(csv.DictReader((tmp_path / "out.csv").read_text().splitlines()))
+    assert [row["sensor"] for row in rows] == ["radar"]
+
+
+def test_messages_are_chosen_by_topic_stage_and_time(tmp_path: Path, capsys: Capture) -> None:
+    sent = [
+        message(b"", START_NS + n * 1000 * MS, topic=f"a/{n % 2}/x", stage=Stage.AFTER)
+        for n in range(10)
+    ]
+    source = stored(tmp_path / "in.jsonl", sent)
+    target = tmp_path / "out.jsonl"
+    cases = [
+        (Wanted(topics=["a/+/x"]), sent),
+        (Wanted(topics=["a/1/#", "b"]), sent[1::2]),
+        (Wanted(stages=[Stage.BEFORE]), []),
+        (Wanted(start_ns=lambda first_ns: first_ns + 2000 * MS), sent[2:]),
+        (Wanted(end_ns=lambda _: START_NS + 2000 * MS), sent[:2]),
+    ]
+    for wanted, expected in cases:
+        assert totals(capsys, source, target, wanted, force=True)["read"] == 10
+        assert read(target) == expected
+
+
+def test_a_file_without_a_date_takes_it_from_the_command_or_says_so(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    source = stored(tmp_path / "in.ast", plots(3))
+    found = totals(capsys, source, tmp_path / "one.jsonl", date_utc_ns=DAY_NS)
+    assert found["notes"] == []
+    assert found["first_utc"] == "2026-01-01T12:00:00.000000000Z"
+    found = totals(capsys, source, tmp_path / "other.jsonl")
+    assert found["notes"] == ["raw has no date: its first day is 1970-01-01"]
+    assert found["first_utc"] == "1970-01-01T12:00:00.000000000Z"
+
+
+@pytest.mark.parametrize("form", BOTH_WAYS)
+def test_what_is_whole_of_a_damaged_file_is_converted_and_the_rest_told(
+    form: FileFormat, tmp_path: Path, capsys: Capture
+) -> None:
+    source = tmp_path / f"in.{form}"
+    data = written(lambda file: writer_to(file, form), plots(400))
+    source.write_bytes(data[: len(data) * 9 // 10 - 3])
+    found = totals(capsys, source, tmp_path / "out.mcap", from_format=form)
+    assert 300 <= found["messages"] <= 400 or form is FileFormat.MCAP
+    assert found["damage"] != []
+    assert convert(source, tmp_path / "again.mcap", EVERYTHING, from_format=form) == 0
+    assert capsys.readouterr().err.startswith(f"plotfeed: {source}: octet ")
+    assert len(read(tmp_path / "again.mcap")) == found["messages"]
+
+
+def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    source, target = tmp_path / "killed.mcap", tmp_path / "recovered.mcap"
+    scene = Attachment(name="scene.toml", media_type="application/toml", data=b"[scene]\n")
+    with source.open("wb") as file:
+        log = LogWriter(file, attachments=[scene])
+        for each in plots(50):
+            log.write(each)
+        log.flush()
+    found = totals(capsys, source, target)
+    assert found["messages"] == 50
+    assert found["damage"] != []
+    assert read(target) == plots(50)
+    with open_recording(target) as recording:
+        assert isinstance(recording.reader, McapReader)
+        (attachment,) = recording.reader.attachments()
+        assert (attachment.name, attachment.data) == ("scene.toml", b"[scene]\n")
+        assert recording.reader.log.summary().indexed
+    assert totals(capsys, target, tmp_path / "out.jsonl")["notes"] == [
+        "the attachment 'scene.toml' was left out"
+    ]
+
+
+@pytest.mark.parametrize("name", ["in.pcap", "in.mcap", "in.ff", "in.jsonl", "in.ast"])
+def test_a_file_of_which_nothing_is_whole_is_an_error_and_nothing_is_written(
+    name: str, tmp_path: Path
+) -> None:
+    source, target = tmp_path / name, tmp_path / "out.jsonl"
+    source.write_bytes(b"\x00no recording")
+    with pytest.raises(PlotfeedError, match=str(source)) as error:
+        convert(source, target, EVERYTHING)
+    assert error.value.exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_file_that_is_there_is_replaced_only_when_asked_and_only_when_it_is_done(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, target = stored(tmp_path / "in.mcap", plots(3)), tmp_path / "out.jsonl"
+    target.write_text("mine")
+    with pytest.raises(PlotfeedError, match="--force"):
+        convert(source, target, EVERYTHING)
+    with pytest.raises(PlotfeedError, match="is what is read"):
+        convert(source, source, EVERYTHING, force=True)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as broken:
+        broken.setattr("plotfeed.replay.json_lines.JsonLinesWriter.write", full)
+        with pytest.raises(OSError, match="No space"):
+            convert(source, target, EVERYTHING, force=True)
+    assert target.read_text() == "mine"
+    totals(capsys, source, target, force=True)
+    assert read(target) == plots(3)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.mcap", "out.jsonl"]
+
+
+def test_a_conversion_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    source, target = tmp_path / "in.jsonl", tmp_path / "out.mcap"
+    os.mkfifo(source)
+    held_open = os.open(source, os.O_RDWR)
+    command = [*PLOTFEED, "convert", str(source), str(target), "--from", "jsonl"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        deadline = time.monotonic() + PATIENCE_S
+        while not any(tmp_path.glob(".out.mcap.*")) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        process.terminate()
+        _, said = process.communicate(timeout=PATIENCE_S)
+    os.close(held_open)
+    assert (process.returncode, said) == (143, b"")
+    assert [path.name for path in tmp_path.iterdir()] == ["in.jsonl"]
+
+
+def test_a_pipe_is_written_as_it_is(tmp_path: Path) -> None:
+    source = stored(tmp_path / "in.mcap", plots(3))
+    assert convert(source, Path("/dev/null"), EVERYTHING, to_format=FileFormat.JSON) == 0
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        ("out.txt", "expected one of the suffixes"),
+        ("out.pcapng", "pcapng is only read"),
+        ("no/where/out.mcap", "a folder that is there"),
+        (".", "expected one of the suffixes"),
+    ],
+)
+def test_what_cannot_be_written_is_an_error(target: str, expected: str, tmp_path: Path) -> None:
+    source = stored(tmp_path / "in.mcap", plots(3))
+    with pytest.raises(PlotfeedError, match=expected):
+        convert(source, tmp_path / target, EVERYTHING)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("topic_filter", "topic", "expected"),
+    [
+        ("a/b", "a/b", True),
+        ("a/+", "a/b", True),
+        ("a/+", "a/b/c", False),
+        ("a/#", "a/b/c", True),
+        ("a/#", "a", True),
+        ("#", "", True),
+        ("+/+", "a", False),
+        ("a/b/c", "a/b", False),
+    ],
+)
+def test_topic_filters_are_those_of_mqtt(topic_filter: str, topic: str, expected: bool) -> None:
+    assert matches(checked(topic_filter), topic) is expected
+
+
+@pytest.mark.parametrize("topic_filter", ["a#", "#/a", "a+/b", "##"])
+def test_what_is_no_topic_filter_is_an_error(topic_filter: str, tmp_path: Path) -> None:
+    with pytest.raises(PlotfeedError, match="is a whole level"):
+        convert(tmp_path / "in.mcap", tmp_path / "out.mcap", Wanted(topics=[topic_filter]))
+
+
+def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
+    source = stored(tmp_path / "in.ast", [message(block_048(43_200 + n)) for n in range(9)])
+    target = tmp_path / "out.whatever"
+    done = plotfeed(
+        "convert", source, target, "--to", "jsonl", "--date", "2026-01-01", "--start", "2",
+        "--end", "2026-01-01T12:00:05Z", "--topic", "asterix/+", "--stage", "received", "--json",
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["messages"] == 3
+    assert [each.log_time_ns for each in read(target)] == [
+        START_NS + n * 1000 * MS for n in (2, 3, 4)
+    ]
+    again = plotfeed("convert", source, target, "--to", "jsonl")
+    assert again.returncode == 2
+    assert again.stderr.startswith(f"plotfeed: {target}: is there already")

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.decoded_text import categories_of, message_lines
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.encode_025 import StatusEncoder025
+
+TOPICS = [
+    "plotfeed/radar/asterix/048",
+    "plotfeed/radar/asterix/034",
+    "plotfeed/radar/plots",
+    "plotfeed/radar/status",
+    "plotfeed/truth",
+    "plotfeed/errors",
+    "plotfeed/telemetry/d",
+    "something/else",
+    "",
+]
+PROTOBUF = "application/x-protobuf; messageType="
+CONTENT_TYPES = [
+    None,
+    "application/json",
+    "application/x-asterix; cat=48",
+    "text/plain",
+    "",
+    f"{PROTOBUF}plotfeed.v1.Ledger",
+    f"{PROTOBUF}sapient_msg.bsi_flex_335_v2_0.SapientMessage",
+    f"{PROTOBUF}no.such.Thing",
+]
+
+
+@given(
+    st.sampled_from(TOPICS) | st.text(max_size=10),
+    st.binary(max_size=200) | st.text(max_size=40).map(str.encode),
+    st.sampled_from(CONTENT_TYPES),
+)
+def test_arbitrary_octets_on_any_topic_are_lines(
+    topic: str, payload: bytes, content_type: str | None
+) -> None:
+    for line in message_lines(topic, payload, content_type, as_json=False):
+        assert "\n" not in line.removeprefix(topic)
+    for line in message_lines(topic, payload, content_type, as_json=True):
+        assert json.loads(line)["topic"] == topic
+
+
+@pytest.mark.parametrize(
+    ("topic", "content_type", "expected"),
+    [
+        ("elsewhere", f"{PROTOBUF}plotfeed.v1.PlotBatch", "PlotBatch"),
+        ("plotfeed/truth", f"{PROTOBUF}plotfeed.v1.PlotBatch", "PlotBatch"),
+        ("a/asterix/048", f'{PROTOBUF}"plotfeed.v1.PlotBatch"; charset=x', "PlotBatch"),
+        ("plotfeed/radar/plots", f"{PROTOBUF}no.such.Thing", "PlotBatch"),
+        ("plotfeed/radar/plots", None, "PlotBatch"),
+        ("plotfeed/radar/plots", f"{PROTOBUF}plotfeed.v1.Telemetry", "Telemetry"),
+    ],
+)
+def test_protobuf_is_what_its_content_type_says_and_else_its_topic(
+    topic: str, content_type: str | None, expected: str
+) -> None:
+    (line,) = message_lines(topic, b"", content_type, as_json=True)
+    assert json.loads(line)["message"] == {expected: {}}
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"[" * 100_000, b"9" * 10_000, b'{"a": NaN}', rb'"\ud800"', b'"' + b"x" * 100_000 + b'"'],
+)
+@pytest.mark.parametrize("as_json", [True, False])
+def test_awkward_json_is_a_line(payload: bytes, as_json: bool) -> None:
+    lines = list(message_lines("plotfeed/errors", payload, None, as_json=as_json))
+    assert len(lines) == 1
+    lines[0].encode()
+    if as_json:
+        json.loads(lines[0])
+
+
+@pytest.fixture(scope="module")
+def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
+    text = scene_text(
+        start_utc="2026-01-01T12:00:00Z", port=1883, sensors=radar(period_s=0.2, sectors=8)
+    )
+    scene = load(scene_file(tmp_path_factory.mktemp("scene"), text))
+    seen: list[Message] = []
+    clock = InstantClock(scene.scene.start_utc_ns)
+    tap = lambda message, _t: seen.append(message)  # noqa: E731
+    asyncio.run(run(scene, clock=clock, broker="none", duration_s=3.0, tap=tap))
+    return seen
+
+
+def test_every_message_of_a_session_is_readable(messages: list[Message]) -> None:
+    for m in messages:
+        lines = list(message_lines(m.topic, m.payload, m.content_type, as_json=False))
+        assert not any("not what the topic says" in line for line in lines)
+        # The topic alone tells what a client of MQTT 3.1.1 needs.
+        assert lines == list(message_lines(m.topic, m.payload, None, as_json=False))
+
+
+def test_every_message_of_a_session_is_json_if_asked(messages: list[Message]) -> None:
+    for m in messages:
+        for line in message_lines(m.topic, m.payload, m.content_type, as_json=True):
+            found = json.loads(line)
+            assert found["topic"] == m.topic
+            assert "error" not in found["message"]
+
+
+def test_every_plot_is_a_line(messages: list[Message]) -> None:
+    batches = [m for m in messages if m.topic.endswith("/plots")]
+    plots = sum(len(pb.PlotBatch.FromString(m.payload).plots) for m in batches)
+    lines = [x for m in batches for x in message_lines(m.topic, m.payload, None, as_json=False)]
+    assert len(lines) == plots > 0
+    assert all(" 2026-01-01T12:00:0" in line for line in lines)
+
+
+def test_the_ledger_says_whose_each_plot_is(messages: list[Message]) -> None:
+    entries = [m for m in messages if m.topic.endswith("/truth")]
+    text = [x for m in entries for x in message_lines(m.topic, m.payload, None, as_json=False)]
+    assert any(line.endswith("of visitor") for line in text)
+    assert any(line.endswith("of false alarm") for line in text)
+    assert any("  look " in line for line in text)
+
+
+def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
+    encoder = StatusEncoder025(
+        1, 2, latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0, category=CAT025_HALF_TURN
+    )
+    block = encoder.block(0)
+
+    def longitude_deg(*editions: str) -> float:
+        (line,) = message_lines(
+            "r/asterix/025", block, None, as_json=True, categories=categories_of(editions)
+        )
+        degrees: float = json.loads(line)["message"]["items"]["I025/600"]["LON"]
+        return degrees
+
+    assert longitude_deg("025-half-turn") == pytest.approx(-3.73, abs=1e-7)
+    assert longitude_deg() == pytest.approx(-7.46, abs=1e-6)
+
+
+def test_a_time_beyond_the_year_9999_is_one_line() -> None:
+    late = pb.Telemetry()
+    late.time_utc.seconds = 1 << 62
+    (line,) = message_lines(
+        "plotfeed/telemetry/d", late.SerializeToString(), "application/x-protobuf", as_json=False
+    )
+    assert "not what the topic says" in line

@@ -1,0 +1,268 @@
+"""The command to record, in a process of its own: ended, killed, and out of room."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import resource
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from support.brokers import free_port, rumqttd
+from support.command import PLOTFEED, plotfeed
+from support.mqtt_client import PATIENCE_S, Client
+
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.recorded import Recorded
+
+
+def read(path: Path) -> tuple[list[Recorded], LogReader]:
+    """The file as it is now, which may be being written."""
+    reader = LogReader(io.BytesIO(path.read_bytes()))
+    return list(reader.messages()), reader
+
+
+@contextlib.contextmanager
+def recording(
+    *arguments: object, before: Callable[[], None] | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """One that has said that it records."""
+    process = subprocess.Popen(
+        [*PLOTFEED, "record", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=before,  # noqa: PLW1509 - to set a limit
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("recording "), process.communicate()
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=PATIENCE_S)
+
+
+def end(process: subprocess.Popen[str], how: signal.Signals) -> tuple[int, str, str]:
+    process.send_signal(how)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert "Traceback" not in err
+    return process.returncode, out, err
+
+
+class Datagrams:
+    """Numbered ones, to a port of this machine."""
+
+    def __init__(self, out: socket.socket, octets: int = 100) -> None:
+        self.port = free_port()
+        self.sent = 0
+        self._out = out
+        self._octets = octets
+
+    @property
+    def url(self) -> str:
+        return f"udp://127.0.0.1:{self.port}"
+
+    def send(self, count: int) -> None:
+        for _ in range(count):
+            payload = self.sent.to_bytes(4, "big") + bytes(self._octets - 4)
+            self._out.sendto(payload, ("127.0.0.1", self.port))
+            self.sent += 1
+
+
+@pytest.fixture
+def datagrams() -> Iterator[Datagrams]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        yield Datagrams(out)
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def numbers(found: list[Recorded]) -> list[int]:
+    return [int.from_bytes(m.payload[:4], "big") for m in found]
+
+
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_a_signal_ends_it_with_a_whole_file(
+    how: signal.Signals, code: int, tmp_path: Path, datagrams: Datagrams
+) -> None:
+    path = tmp_path / "a.mcap"
+    with recording(datagrams.url, path) as process:
+        datagrams.send(100)
+        wait_until(lambda: len(read(path)[0]) == 100)
+        datagrams.send(100)
+        returned, out, err = end(process, how)
+    assert (returned, err) == (code, "")
+    assert out.splitlines()[-1].startswith("messages 200  topics 1  0.02 MB")
+    found, reader = read(path)
+    assert numbers(found) == list(range(200))
+    assert reader.damage == []
+    assert reader.summary().indexed
+    with path.open("rb") as file:
+        theirs = make_reader(file, validate_crcs=True)
+        topics = [f"udp/127.0.0.1/{datagrams.port}"]
+        assert sum(1 for _ in theirs.iter_messages(topics)) == 200
+        assert theirs.get_header().library.startswith("plotfeed ")
+
+
+def test_a_kill_costs_no_more_than_what_was_not_yet_in_the_file(
+    tmp_path: Path, datagrams: Datagrams
+) -> None:
+    path = tmp_path / "a.mcap"
+    with recording(datagrams.url, path) as process:
+        for _ in range(20):  # some 20,000 a second
+            datagrams.send(400)
+            time.sleep(0.02)
+        wait_until(lambda: len(read(path)[0]) > 4000)
+        process.kill()
+        process.wait()
+    found, reader = read(path)
+    kept = len(found)
+    assert numbers(found) == list(range(kept))  # the end is missing, and nothing else
+    assert 4000 < kept <= datagrams.sent
+    assert not reader.summary().indexed
+    assert all(damage.offset > path.stat().st_size * 0.9 for damage in reader.damage)
+    assert reader.damage
+
+
+def test_a_kill_a_little_later_costs_nothing(tmp_path: Path, datagrams: Datagrams) -> None:
+    path = tmp_path / "a.mcap"
+    with recording(datagrams.url, path) as process:
+        datagrams.send(500)
+        wait_until(lambda: len(read(path)[0]) == 500)  # by time alone: it is not a chunk's worth
+        process.kill()
+        process.wait()
+    assert numbers(read(path)[0]) == list(range(500))
+
+
+def test_a_full_disk_ends_it_with_what_was_whole(tmp_path: Path, datagrams: Datagrams) -> None:
+    path, room = tmp_path / "a.mcap", 100_000
+
+    def small_disk() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    with recording(datagrams.url, path, before=small_disk) as process:
+        while process.poll() is None:
+            datagrams.send(200)
+            time.sleep(0.02)
+            assert datagrams.sent < 1_000_000
+        _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert err == f"plotfeed: {path}: File too large; what came after is not in the file\n"
+    assert path.stat().st_size <= room
+    found, reader = read(path)
+    assert numbers(found) == list(range(len(found)))
+    assert 1000 < len(found) < datagrams.sent
+    assert reader.damage == [] if reader.summary().indexed else reader.damage
+
+
+def test_it_ends_by_itself_after_so_many(tmp_path: Path, datagrams: Datagrams) -> None:
+    path = tmp_path / "a.mcap"
+    with recording(datagrams.url, path, "--count", 70) as process:
+        datagrams.send(100)
+        process.wait(PATIENCE_S)
+    assert process.returncode == 0
+    assert numbers(read(path)[0]) == list(range(70))
+
+
+def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    done = plotfeed("record", f"udp://127.0.0.1:{free_port()}", path, "--duration", 0.1, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    totals = json.loads(done.stdout)
+    assert totals.pop("seconds") >= 0.1
+    assert totals == {
+        "file": str(path),
+        "messages": 0,
+        "octets": 0,
+        "topics": 0,
+        "lost": 0,
+        "dropped": 0,
+        "refused": 0,
+    }
+    assert read(path)[1].summary().indexed
+
+
+def test_a_broker_is_recorded(tmp_path: Path) -> None:
+    port, path = free_port(), tmp_path / "a.mcap"
+    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+        url = f"mqtt://127.0.0.1:{port}/site/+/plots"
+        with recording(url, path, "--count", 2) as process:
+            client = Client(port, 5)
+            for topic in ("site/a/plots", "site/a/other", "site/b/plots"):
+                client.publish(topic, topic.encode(), "text/plain")
+            process.wait(PATIENCE_S)
+            client.close()
+    assert process.returncode == 0
+    found, _ = read(path)
+    assert [(m.topic, m.payload, m.content_type) for m in found] == [
+        ("site/a/plots", b"site/a/plots", "text/plain"),
+        ("site/b/plots", b"site/b/plots", "text/plain"),
+    ]
+
+
+def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    source = ("record", f"udp://127.0.0.1:{free_port()}", path)
+    done = plotfeed(*source, "--duration", 0.1)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"plotfeed: {path}: is there already; --force writes another in its place\n"
+    )
+    assert path.read_text() == "mine"
+    assert plotfeed(*source, "--duration", 0.1, "--force").returncode == 0
+    assert read(path)[0] == []
+
+
+def test_without_a_broker_there_is_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    done = plotfeed("record", f"mqtt://127.0.0.1:{free_port()}/x", path)
+    assert done.returncode == 1
+    assert done.stderr.startswith("plotfeed: MQTT broker ")
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("http://here", "a.mcap"), "'http://here': expected mqtt://HOST:PORT/TOPIC-FILTER or udp"),
+        (("here", "a.mcap"), "'here': expected mqtt://HOST:PORT/TOPIC-FILTER or udp"),
+        (("mqtt://me:secret@here/#", "a.mcap"), "a broker's address holds no credentials"),
+        (("mqtt://here/a/#/b", "a.mcap"), "'a/#/b': + is a whole level, # is the last one"),
+        (("mqtt://here", "a.mcap", "--interface", "lo"), "--interface: only for udp://"),
+        (("udp://here:1", "a.mcap"), "udp://here:1: expected ADDRESS:PORT"),
+        (("udp://127.0.0.1:1", "a.pcap"), "a.pcap: expected a name that ends in .mcap"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_code_2(arguments: tuple[str, ...], text: str) -> None:
+    done = plotfeed("record", *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"plotfeed: {text}")
+    assert "secret" not in line
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        url = f"udp://127.0.0.1:{other.getsockname()[1]}"
+        done = plotfeed("record", url, tmp_path / "a.mcap")
+    assert done.returncode == 1
+    assert done.stderr == f"plotfeed: {url}: Address already in use\n"
+    assert not (tmp_path / "a.mcap").exists()

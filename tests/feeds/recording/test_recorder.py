@@ -1,0 +1,168 @@
+"""Recording beside a session: what is in the file, when, and what a slow or full disk costs."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from support.log_messages import MS, START_NS, messages
+from support.mqtt_client import PATIENCE_S
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, scene_attachment
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.recorded import Recorded, Stage
+
+MESSAGE = Message(
+    topic="plotfeed/radar/asterix/048",
+    payload=b"\x30\x00\x04\x00",
+    content_type="application/x-asterix; cat=48",
+    due_utc_ns=START_NS,
+    properties=(("sensor", "radar"), ("scan", "7")),
+    retain=True,
+    qos=1,
+)
+
+
+def read(path: Path) -> tuple[list[Recorded], LogReader]:
+    reader = LogReader(io.BytesIO(path.read_bytes()))
+    return list(reader.messages()), reader
+
+
+def test_a_message_is_there_before_and_after_its_link(tmp_path: Path) -> None:
+    path = tmp_path / "session.mcap"
+    scene = scene_attachment("[scene]\nname = 'é'\n", START_NS)
+    with Recorder(path, attachments=[scene]) as recorder:
+        recorder.telemetry("plotfeed/telemetry/d1", b"t", None, START_NS - MS)
+        recorder.before(MESSAGE)
+        recorder.before(MESSAGE, START_NS + 2 * MS)
+        recorder.after(MESSAGE, START_NS + 300 * MS)
+        recorder.received("a/b", b"r", START_NS + 301 * MS, content_type="text/plain", qos=2)
+    assert (recorder.messages, recorder.octets, recorder.failure) == (5, 14, "")
+    found, reader = read(path)
+    assert reader.damage == []
+    assert reader.attachment("scene.toml") == scene
+    assert [(m.stage, m.log_time_ns - START_NS) for m in found] == [
+        (Stage.TELEMETRY, -MS),
+        (Stage.BEFORE, 0),
+        (Stage.BEFORE, 2 * MS),
+        (Stage.AFTER, 300 * MS),
+        (Stage.RECEIVED, 301 * MS),
+    ]
+    for recorded in found[1:4]:
+        assert recorded.publish_time_ns == MESSAGE.due_utc_ns
+        for name in ("topic", "payload", "content_type", "properties", "retain", "qos"):
+            assert getattr(recorded, name) == getattr(MESSAGE, name)
+    assert (found[0].content_type, found[4].content_type) == ("", "text/plain")
+
+
+def test_what_comes_after_the_end_is_no_trouble(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap")
+    recorder.close()
+    recorder.after(MESSAGE, START_NS)
+    recorder.close()
+    asyncio.run(recorder.stop())
+    assert read(recorder.path)[0] == []
+
+
+def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(PlotfeedError, match="is there already; --force"):
+        Recorder(path)
+    assert path.read_text() == "mine"
+    with Recorder(path, force=True) as recorder:
+        recorder.after(MESSAGE, START_NS)
+    assert len(read(path)[0]) == 1
+
+
+def test_a_file_that_cannot_be_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        Recorder(tmp_path / "nowhere" / "a.mcap")
+
+
+def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap") as recorder:
+        recorder.received("t", b"", -1)
+        recorder.received("t", b"", 1)
+    assert (recorder.refused, recorder.messages) == (1, 1)
+    assert len(read(recorder.path)[0]) == 1
+
+
+def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> None:
+    async def record() -> None:
+        recorder = Recorder(tmp_path / "a.mcap")
+        running = asyncio.create_task(recorder.run())
+        deadline = time.monotonic() + PATIENCE_S
+        for count in range(1, 4):
+            recorder.after(MESSAGE, START_NS + count)
+            while len(read(recorder.path)[0]) < count:
+                assert time.monotonic() < deadline
+                await asyncio.sleep(0.02)
+        await recorder.stop()
+        await running  # it ends by itself
+
+    asyncio.run(record())
+    found, reader = read(tmp_path / "a.mcap")
+    assert len(found) == 3
+    assert reader.summary().indexed
+
+
+def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> None:
+    recorded = messages(40_000, octets=1000)
+    go_on = threading.Event()
+    recorder = Recorder(tmp_path / "a.mcap")
+    recorder._thread.submit(go_on.wait)
+    for each in recorded:
+        recorder.write(each)
+    assert recorder.dropped > 1000
+    assert recorder.messages + recorder.dropped == len(recorded)
+    assert recorder.octets > MAX_WAITING_CHUNKS * 200_000
+    go_on.set()
+    recorder.close()
+    found, reader = read(recorder.path)
+    assert found == recorded[: recorder.messages]
+    assert reader.damage == []
+
+
+def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
+    recorded = messages(30_000, octets=1000)
+    go_on = threading.Event()
+    recorder = Recorder(tmp_path / "a.mcap", waits=True)
+    recorder._thread.submit(go_on.wait)
+    timer = threading.Timer(0.2, go_on.set)
+    timer.start()
+    for each in recorded:
+        recorder.write(each)
+    recorder.close()
+    timer.join()
+    assert recorder.dropped == 0
+    assert read(recorder.path)[1].summary().messages == len(recorded)
+
+
+def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Path) -> None:
+    async def record() -> Recorder:
+        recorder = Recorder(tmp_path / "a.mcap")
+        running = asyncio.create_task(recorder.run())
+        recorder.after(MESSAGE, START_NS)
+        recorder._log.flush()
+        recorder._thread.submit(int).result()  # it is in the file
+        recorder._file.close()
+        recorder.after(MESSAGE, START_NS + 1)
+        await running
+        assert recorder.failure.startswith(f"{recorder.path}: ")
+        assert recorder.failure.endswith("what came after is not in the file")
+        recorder.after(MESSAGE, START_NS + 2)
+        await recorder.stop()
+        return recorder
+
+    recorder = asyncio.run(record())
+    assert recorder.messages == 2
+    found, reader = read(recorder.path)
+    assert [m.log_time_ns for m in found] == [START_NS]
+    assert len(reader.damage) == 1

@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.recordings import MS, START_NS, block, block_048, message, plots, written
+
+from plotfeed.feeds.console import progress
+from plotfeed.feeds.console.progress import with_progress
+from plotfeed.feeds.recording.decoded_text import categories_of
+from plotfeed.feeds.recording.show_file import show_file
+from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.files import FileFormat, writer_to
+from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.summary import MAX_SERIES, OTHERS, Lateness, Summary
+
+Capture = pytest.CaptureFixture[str]
+
+
+def stored(folder: Path, messages: list[Recorded], form: FileFormat = FileFormat.MCAP) -> Path:
+    path = folder / f"recording.{form}"
+    path.write_bytes(written(lambda file: writer_to(file, form), messages))
+    return path
+
+
+def shown(
+    path: Path, *, listed: bool = False, count: int | None = None, as_json: bool = False
+) -> int:
+    return show_file(
+        path, listed=listed, count=count, as_json=as_json, categories=categories_of(())
+    )
+
+
+def summary_of(messages: list[Recorded]) -> Summary:
+    summary = Summary()
+    for each in messages:
+        summary.add(each)
+    return summary
+
+
+def session() -> list[Recorded]:
+    """Plots of two sensors 10 ms apart, due 5 ms before they left, and a status."""
+    left = [
+        message(
+            block_048(43_200),
+            START_NS + n * 10 * MS,
+            topic=f"plotfeed/{name}/asterix/048",
+            publish_time_ns=START_NS + n * 10 * MS - 5 * MS,
+            stage=Stage.AFTER,
+        )
+        for n in range(100)
+        for name in ("a", "b")
+    ]
+    status = message(
+        b'{"state": "ONLINE"}',
+        START_NS + 3_000 * MS,
+        topic="plotfeed/a/status",
+        content_type="application/json",
+    )
+    return [*left, status]
+
+
+def test_a_summary_tells_counts_times_gaps_and_lateness(tmp_path: Path, capsys: Capture) -> None:
+    path = stored(tmp_path, session())
+    assert shown(path) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert out.splitlines() == [
+        f"{path}: mcap, 201 messages, 2819 octets, 3.000 s",
+        "  first        2026-01-01T12:00:00.000000000Z",
+        "  last         2026-01-01T12:00:03.000000000Z",
+        "  longest gap  2.010 s from 2026-01-01T12:00:00.990000000Z",
+        "  lateness     p50 5 ms, p99 5 ms of 200 (after)",
+        "  topic                   stage     kind  messages   1/s  octets",
+        "  plotfeed/a/asterix/048  after     048        100  33.3    1400",
+        "  plotfeed/a/status       received  json         1   0.3      19",
+        "  plotfeed/b/asterix/048  after     048        100  33.3    1400",
+    ]
+    assert shown(path, as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["messages"] == 201
+    assert found["first_utc"] == "2026-01-01T12:00:00.000000000Z"
+    assert found["duration_s"] == 3.0
+    assert found["longest_gap_s"] == pytest.approx(2.01)
+    assert found["lateness"]["after"]["p50_us"] == pytest.approx(5000, rel=0.0006)
+    assert {row["topic"]: row["messages"] for row in found["series"]} == {
+        "plotfeed/a/asterix/048": 100,
+        "plotfeed/a/status": 1,
+        "plotfeed/b/asterix/048": 100,
+    }
+    assert found["damage"] == []
+
+
+def test_a_file_without_a_date_is_shown_without_one(tmp_path: Path, capsys: Capture) -> None:
+    path = stored(tmp_path, plots(3, step_ns=1000 * MS), FileFormat.FINAL)
+    assert shown(path) == 0
+    out = capsys.readouterr().out
+    assert "  first        12:00:00.000000000Z\n" in out
+    assert "1970" not in out
+    assert out.splitlines()[-1] == "  final has no date"
+
+
+def test_messages_are_listed_with_their_times_and_topics(tmp_path: Path, capsys: Capture) -> None:
+    path = stored(tmp_path, session())
+    assert shown(path, listed=True) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 201
+    assert lines[0].startswith(
+        "2026-01-01T12:00:00.000000000Z  plotfeed/a/asterix/048  CAT048  12:00:00.000  010 SAC=25"
+    )
+    assert shown(path, count=3, as_json=True) == 0
+    objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [each["topic"][9] for each in objects] == ["a", "b", "a"]
+    assert objects[0]["time_utc"] == "2026-01-01T12:00:00.000000000Z"
+    assert objects[0]["message"]["items"]["I048/010"] == {"SAC": 25, "SIC": 13}
+
+
+def test_a_trailer_is_no_error_and_a_topic_moves_no_cursor(tmp_path: Path, capsys: Capture) -> None:
+    trailed = message(block_048(1) + b"\xca\xfe\0\1", topic="a/\x1b[2J/asterix/048")
+    assert shown(stored(tmp_path, [trailed]), listed=True) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.isprintable()
+    assert "CAT048" in line
+    assert shown(stored(tmp_path, [trailed])) == 0
+    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+
+
+@pytest.mark.parametrize(
+    "form", [FileFormat.PCAP, FileFormat.FINAL, FileFormat.JSON, FileFormat.MCAP]
+)
+def test_a_damaged_file_is_shown_as_far_as_it_is_whole(
+    form: FileFormat, tmp_path: Path, capsys: Capture
+) -> None:
+    path = stored(tmp_path, plots(400), form)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10 - 3])
+    assert shown(path) == 2
+    out, err = capsys.readouterr()
+    assert " messages, " in out
+    assert err.startswith(f"plotfeed: {path}: octet ")
+    assert shown(path, as_json=True) == 2
+    assert json.loads(capsys.readouterr().out)["damage"] != []
+
+
+def test_the_octet_of_a_broken_record_is_that_of_the_file(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "broken.ast"
+    path.write_bytes(block_048(1) + block(48, "f0", "19") + block_048(2))
+    assert shown(path, listed=True) == 2
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 2
+    assert err == (
+        f"plotfeed: {path}: octet 18: I048/010 needs 2 octets, 1 are left of its block\n"
+    )
+
+
+@given(st.lists(st.binary(max_size=20).map(lambda body: block(48, body.hex())), max_size=5))
+def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[bytes]) -> None:
+    from plotfeed.feeds.recording.show_file import _raw_lines
+    from plotfeed.replay.asterix_files import RawReader
+
+    data = b"".join(blocks)
+    records, errors = decode_lenient(data)
+    reader = RawReader(io.BytesIO(data))
+    lines = list(_raw_lines(reader, as_json=True, categories=categories_of(())))
+    assert [json.loads(line)["category"] for line in lines] == [r.category for r in records]
+    assert [each.offset for each in reader.damage] == [error.at_octet for error in errors]
+
+
+def test_what_is_no_recording_is_an_error_that_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_bytes(b"hello, this is no recording")
+    with pytest.raises(PlotfeedError, match="its content is no recording"):
+        shown(path)
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(b"hello, this is no MCAP")
+    with pytest.raises(PlotfeedError, match="octet 0: expected an MCAP file"):
+        shown(path)
+
+
+def test_percentiles_of_lateness_are_within_0_05_percent() -> None:
+    rng = np.random.default_rng(1)
+    late_ns = np.concatenate([rng.lognormal(14, 2, 5000), -rng.lognormal(10, 1, 500), np.zeros(9)])
+    late = Lateness()
+    for each in late_ns.astype(np.int64):
+        late.add(int(each))
+    for percent in (1, 5, 50, 90, 99, 100):
+        exact = np.percentile(late_ns.astype(np.int64), percent, method="inverted_cdf")
+        assert late.percentile_ns(percent) == pytest.approx(exact, rel=0.00051)
+    assert math.isnan(Lateness().percentile_ns(50))
+
+
+def test_a_summary_of_many_topics_is_bounded() -> None:
+    summary = summary_of([message(b"", n, topic=f"t/{n}") for n in range(MAX_SERIES + 50)])
+    assert len(summary.series) == MAX_SERIES + 1
+    assert summary.series[(OTHERS, Stage.RECEIVED, "")].messages == 50
+
+
+def test_messages_out_of_order_are_counted_and_make_no_gap() -> None:
+    summary = summary_of([message(b"", 1000 + t) for t in (10, 30, 20, 40, 5)])
+    assert (summary.first_ns, summary.last_ns, summary.disordered) == (1005, 1040, 2)
+    assert (summary.gap_ns, summary.gap_from_ns) == (20, 1010)
+
+
+def test_a_message_that_left_before_it_was_due_is_early() -> None:
+    summary = summary_of([message(b"", 1000, publish_time_ns=2000, stage=Stage.AFTER)])
+    assert summary.lateness[Stage.AFTER].percentile_ns(50) == pytest.approx(-1000, rel=0.0006)
+    assert summary_of([message(b"", 1000)]).lateness == {}
+
+
+def test_a_bar_shows_on_a_terminal_alone_and_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    things = list(range(1000))
+    assert list(with_progress(things, "x", lambda: 0, 1000)) == things
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert list(with_progress(things, "x", lambda: 0, 1000)) == things
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(progress, "PATIENCE_S", 0.0)
+    assert list(with_progress(things, "recording.mcap", lambda: 500, 1000)) == things
+    assert "recording.mcap" in capsys.readouterr().err

@@ -1,0 +1,321 @@
+"""What a replay sends: which messages, under which topics, with which times, over which links."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from support.replayed import MS, RECORDED, REPLAYED, S, message, simulated
+
+from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.messages.message import attributes
+from plotfeed.feeds.replaying.replay_settings import (
+    LinkRule,
+    Moment,
+    ReplayError,
+    ReplaySettings,
+    Selection,
+    Stamps,
+    TopicRule,
+)
+from plotfeed.feeds.replaying.replayer import READY_NS
+from plotfeed.feeds.replaying.restamp import Restamper
+from plotfeed.feeds.replaying.routes import source_of
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.telemetry.decode_reports import decode
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.sapient.envelope import envelope
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.recorded import Recorded, Stage
+
+LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
+OF_A_SESSION = [
+    message(0, "p/radar/plots", stage=Stage.BEFORE),
+    message(1, "p/radar/plots"),
+    message(2, "p/radar/status", retain=True),
+    message(3, "p/truth", content_type=LEDGER),
+    message(4, "p/telemetry/d1", stage=Stage.TELEMETRY),
+    message(5, "p/control", stage=Stage.TELEMETRY),
+]
+HEARD = [
+    message(0, "x/y/telemetry/d2", stage=Stage.RECEIVED),
+    message(1, "x/y/truth", stage=Stage.RECEIVED),
+    message(2, "x/y/radar/sapient", stage=Stage.RECEIVED),
+    message(3, "x/y/control", stage=Stage.RECEIVED),
+    message(4, "udp/10.0.0.1/8600", stage=Stage.RECEIVED),
+    message(5, "x/odd", content_type=LEDGER, stage=Stage.RECEIVED),
+]
+
+
+@pytest.mark.parametrize(
+    ("selection", "of_a_session", "heard"),
+    [
+        (Selection(), [1, 2], [2, 4]),
+        (Selection(truth=True), [1, 2, 3], [1, 2, 4, 5]),
+        (Selection(stage="before"), [0], []),
+        (Selection(stage="telemetry"), [4], [0]),
+    ],
+)
+def test_what_is_replayed_is_what_was_asked_for(
+    selection: Selection, of_a_session: list[int], heard: list[int]
+) -> None:
+    for recorded, wanted in ((OF_A_SESSION, of_a_session), (HEARD, heard)):
+        ears, _ = simulated(recorded, ReplaySettings(selection=selection))
+        topics = [m.topic for _, m in ears.heard]
+        assert topics == [recorded[i].topic for i in wanted]
+
+
+def topics_by(recorded: list[Recorded], *rules: str) -> tuple[list[str], Counter[str]]:
+    settings = ReplaySettings(topics=tuple(TopicRule.parse(rule) for rule in rules))
+    ears, totals = simulated(recorded, settings)
+    return [m.topic for _, m in ears.heard], totals.skipped
+
+
+def test_topics_are_renamed_by_the_first_rule_and_by_whole_levels() -> None:
+    recorded = [message(i, t) for i, t in enumerate(["a/b/c", "a/b", "a/bc", "a", "z/a/b"])]
+    assert topics_by(recorded, "a/b=n", "a=m/k")[0] == ["n/c", "n", "m/k/bc", "m/k", "z/a/b"]
+    assert topics_by(recorded, "a=b", "b=c")[0] == ["b/b/c", "b/b", "b/bc", "b", "z/a/b"]
+
+
+def test_a_topic_that_no_broker_takes_is_skipped_and_counted() -> None:
+    recorded = [message(0, "a/+"), message(1, "a#"), message(2, ""), message(3, "a")]
+    topics, skipped = topics_by(recorded)
+    assert topics == ["a"]
+    assert sum(skipped.values()) == 3
+    assert topics_by(recorded[:1], "a=n")[0] == []
+
+
+@pytest.mark.parametrize("text", ["a", "=b", "a=", "a=b+", "a=#", "a=\0", "a=" + "x" * 70_000])
+def test_a_rule_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(ReplayError, match="expected OLD=NEW"):
+        TopicRule.parse(text)
+
+
+def plots(t_ns: int) -> bytes:
+    batch = pb.PlotBatch(sensor="radar")
+    batch.plots.add(time_utc_ns=t_ns, range_m=5.0)
+    return batch.SerializeToString()
+
+
+def plot_048(t_ns: int) -> bytes:
+    time_lsb = round(t_ns % (86_400 * S) * 128 / S) % (86_400 * 128)
+    return bytes.fromhex("30 000a e0 1903") + time_lsb.to_bytes(3, "big") + b"\x30"
+
+
+def telemetry(t_ns: int) -> bytes:
+    sample = pb.Telemetry(latitude_deg=1, longitude_deg=2, altitude_m=3, altitude_reference=1)
+    sample.time_utc.FromNanoseconds(t_ns)
+    return sample.SerializeToString()
+
+
+NODE = "4f3c1b6e-7a0d-4d6a-9a57-0b9a8f5f2c11"
+
+
+def sapient(t_ns: int) -> bytes:
+    message = envelope(NODE, t_ns)
+    message.status_report.report_id = "01KDWN1Q6P2Y5T8C3V9X4Z7B0M"
+    return message.SerializeToString()
+
+
+def status(t_ns: int) -> bytes:
+    return f'{{"sensor": "radar", "time_utc": "{iso_utc(t_ns)}"}}'.encode()
+
+
+OURS = "application/x-protobuf; messageType="
+KINDS = {
+    "p/radar/plots": (plots, f"{OURS}plotfeed.v1.PlotBatch"),
+    "p/radar/asterix/048": (plot_048, "application/x-asterix; cat=48"),
+    "p/radar/sapient": (sapient, f"{OURS}sapient_msg.bsi_flex_335_v2_0.SapientMessage"),
+    "p/radar/status": (status, "application/json"),
+}
+
+
+@pytest.mark.parametrize("topic", [*KINDS, "udp/239.1.2.3/8600"])
+@pytest.mark.parametrize("told", [True, False], ids=["content type", "3.1.1"])
+def test_times_in_messages_are_as_late_as_the_replay(topic: str, told: bool) -> None:
+    make, content_type = KINDS.get(topic, (plot_048, "application/x-asterix"))
+    recorded = [
+        message(
+            i * 300 * MS,
+            topic,
+            make(RECORDED + i * 300 * MS - 40 * MS),
+            content_type=content_type if told else "",
+            properties=attributes("p/radar", "x", str(i), RECORDED - 5),
+        )
+        for i in range(4)
+    ]
+    ears, totals = simulated(recorded, ReplaySettings(stamps=Stamps(to_now=True)))
+    assert len(ears.heard) == 4
+    for i, (now_ns, got) in enumerate(ears.heard):
+        time_ns = now_ns - 40 * MS
+        if make is sapient:
+            time_ns = time_ns // 1000 * 1000
+        if make is plot_048:
+            found = int.from_bytes(got.payload[6:9], "big")
+            assert abs(found * S - time_ns % (86_400 * S) * 128) <= S  # an LSB
+        else:
+            assert got.payload == make(time_ns)
+        shift_ns = now_ns - recorded[i].log_time_ns
+        assert dict(got.properties)["time"] == iso_utc(RECORDED - 5 + shift_ns)
+    assert not totals.left
+
+
+def test_times_in_messages_are_left_alone_unless_asked() -> None:
+    recorded = [message(0, topic, make(RECORDED), content_type=t) for topic, (make, t) in
+                KINDS.items()]  # fmt: skip
+    ears, _ = simulated(recorded)
+    assert ears.payloads() == [r.payload for r in recorded]
+    shifted, _ = simulated(recorded, ReplaySettings(stamps=Stamps.parse("+3600.25")))
+    makes = [make for make, _ in KINDS.values()]
+    assert shifted.payloads() == [make(RECORDED + 3600 * S + S // 4) for make in makes]
+
+
+def test_telemetry_of_every_kind_is_as_late_as_its_replay() -> None:
+    as_json = f'{{"time_utc": "{iso_utc(RECORDED)}", "latitude_deg": 1, "longitude_deg": 2, ' \
+              '"altitude_m": 3, "altitude_reference": "ELLIPSOID"}'  # fmt: skip
+    recorded = [
+        message(0, "p/telemetry/a", telemetry(RECORDED), stage=Stage.TELEMETRY),
+        message(S, "p/telemetry/b", as_json.encode(), stage=Stage.TELEMETRY),
+    ]
+    settings = ReplaySettings(selection=Selection(stage="telemetry"), stamps=Stamps(to_now=True))
+    ears, totals = simulated(recorded, settings)
+    for (now_ns, got), was in zip(ears.heard, recorded, strict=True):
+        assert decode(got.payload).t_utc_ns == RECORDED + now_ns - was.log_time_ns
+    assert not totals.left
+
+
+def test_what_cannot_be_moved_is_left_alone_counted_and_said_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    odd = bytes([247, 0, 4, 1])
+    recorded = [
+        message(0, "a/picture", b"\x89PNG", content_type="image/png"),
+        message(1, "p/radar/asterix/247", odd),
+        message(2, "p/radar/asterix/247", odd),
+        message(3, "p/radar/plots", b"\xff\xff"),
+        message(4, "p/radar/status", b"gone"),
+        message(5, "p/radar/plots", plots(RECORDED), properties=(("time", "tomorrow"),)),
+    ]
+    ears, totals = simulated(recorded, ReplaySettings(stamps=Stamps(by_ns=S)))
+    assert ears.payloads()[:5] == [r.payload for r in recorded[:5]]
+    assert ears.heard[5][1].properties == (("time", "tomorrow"),)
+    assert sorted(totals.left.values()) == [1, 1, 1, 1, 2]
+    assert len([r for r in caplog.records if "left alone" in r.message]) == 5
+
+
+def test_a_thousand_ways_to_be_left_alone_are_not_a_thousand_lines(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    left: Counter[str] = Counter()
+    restamper = Restamper(left)
+    for i in range(1000):
+        restamper.payload(message(0, f"a/{i}/status", b"{}"), S)
+    assert left.total() == 1000
+    assert len(caplog.records) < 30
+
+
+@pytest.mark.parametrize(
+    ("text", "stamps"),
+    [
+        ("keep", Stamps()),
+        ("now", Stamps(to_now=True)),
+        ("+3600", Stamps(by_ns=3600 * S)),
+        ("-0.000000001", Stamps(by_ns=-1)),
+    ],
+)
+def test_stamps_are_read_exactly(text: str, stamps: Stamps) -> None:
+    assert Stamps.parse(text) == stamps
+
+
+@pytest.mark.parametrize("text", ["", "later", "nan", "inf", "1e99", "1 s"])
+def test_stamps_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(ReplayError, match="expected keep, now, or seconds"):
+        Stamps.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [
+        ("0", RECORDED),
+        ("1.5", RECORDED + 3 * S // 2),
+        ("2026-01-01T12:00:00.000000001Z", RECORDED + 1),
+        ("2026-01-01T14:00:00+02:00", RECORDED),
+    ],
+)
+def test_moments_are_read_exactly(text: str, ns: int) -> None:
+    assert Moment.parse(text).at(RECORDED) == ns
+
+
+@pytest.mark.parametrize("text", ["", "-1", "noon", "2026-01-01T12:00:00", "2026-13-01T00:00:00Z"])
+def test_moments_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(ReplayError, match="expected seconds from the beginning"):
+        Moment.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("topic", "source"),
+    [
+        ("plotfeed/radar/asterix/048", "plotfeed/radar"),
+        ("a/b/c/radar/plots", "a/b/c/radar"),
+        ("a/radar/sapient", "a/radar"),
+        ("foreign/feed/x/y", "foreign/feed"),
+        ("one", "one"),
+        ("udp/10.0.0.1/8600", "udp/10.0.0.1/8600"),
+    ],
+)
+def test_a_source_is_what_stands_before_the_format(topic: str, source: str) -> None:
+    assert source_of(topic) == source
+
+
+LOSSY = LinkSettings.model_validate(
+    {"latency_ms": 30.0, "jitter_ms": 10.0, "loss": {"kind": "random", "probability": 0.3}}
+)
+
+
+def test_each_sensor_has_the_link_that_it_would_have_live() -> None:
+    recorded = [message(i * MS, f"p/{name}/plots", bytes(20)) for i in range(200) for name in "ab"]
+    settings = ReplaySettings(links=(LinkRule("", LOSSY),), seed=5)
+    ears, totals = simulated(recorded, settings)
+    left = {name: [t for t, m in ears.heard if m.topic == f"p/{name}/plots"] for name in "ab"}
+    assert left["a"] != left["b"]
+    for name in "ab":
+        live = Impairment(LOSSY, 5, name)
+        outcomes = [live.pass_on(RECORDED + i * MS, 20) for i in range(200)]
+        dues = sorted(copy.due_utc_ns for outcome in outcomes for copy in outcome.copies)
+        assert [t - REPLAYED - READY_NS for t in left[name]] == [t - RECORDED for t in dues]
+    assert totals.lost == 400 - len(ears.heard)
+    assert totals.messages == len(ears.heard)
+
+
+def test_the_same_seed_gives_the_same_losses_and_another_seed_others() -> None:
+    recorded = [message(i * MS, "p/radar/plots") for i in range(300)]
+
+    def sent(seed: int, begin_utc_ns: int = REPLAYED) -> list[bytes]:
+        settings = ReplaySettings(links=(LinkRule("", LOSSY),), seed=seed)
+        return simulated(recorded, settings, begin_utc_ns=begin_utc_ns)[0].payloads()
+
+    assert sent(1) == sent(1, REPLAYED + 123_456_789)
+    assert set(sent(1)) != set(sent(2))
+
+
+def test_links_are_for_the_topics_that_they_are_told() -> None:
+    recorded = [message(i, t) for i, t in enumerate(["p/a/plots", "p/b/plots", "p/ab/plots"])]
+    slow = LinkRule("p/a", LinkSettings(latency_ms=50.0))
+    ears, _ = simulated(recorded, ReplaySettings(links=(slow,)))
+    assert [m.topic for _, m in ears.heard] == ["p/b/plots", "p/ab/plots", "p/a/plots"]
+    assert ears.times() == [0, 1, 50 * MS - 1]
+
+
+def test_what_a_session_says_of_itself_goes_over_no_link() -> None:
+    recorded = [message(i, f"p/radar/{k}") for i, k in enumerate(["status", "settings", "plots"])]
+    down = ReplaySettings(links=(LinkRule("", LinkSettings(down=True)),))
+    ears, totals = simulated(recorded, down)
+    assert [m.topic for _, m in ears.heard] == ["p/radar/status", "p/radar/settings"]
+    assert totals.lost == 1
+
+
+def test_what_a_link_holds_arrives_in_a_pause_and_after_the_last_message() -> None:
+    recorded = [message(i * 10 * MS, "p/radar/plots") for i in range(5)]
+    settings = ReplaySettings(links=(LinkRule("", LinkSettings(latency_ms=1000.0)),))
+    ears, _ = simulated(recorded, settings)
+    assert ears.times() == [i * 10 * MS for i in range(5)]

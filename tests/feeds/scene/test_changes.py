@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from support.road import radar, scene
+
+from plotfeed.feeds.scene.changes import ChangeError, changed, merged
+from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.feeds.scene.sensors import Sensor
+
+
+def sensor(**keys: Any) -> Sensor:
+    return scene([radar(**keys)], seed=1).sensor[0]
+
+
+def test_a_change_takes_the_place_of_the_sensors_own_keys_and_of_no_others() -> None:
+    before = sensor(pfa=1e-6)
+    after = changed(before, {"pfa": 1e-5})
+    assert after.model_dump() == before.model_dump() | {"pfa": 1e-5}
+    assert changed(before) == before
+
+
+def test_the_link_is_changed_key_by_key_and_a_null_takes_one_away() -> None:
+    before = sensor(link={"latency_ms": 100.0, "jitter_ms": 5.0})
+    assert changed(before, {"link": {"latency_ms": 50.0}}).link.jitter_ms == 5.0  # type: ignore[union-attr]
+    assert changed(before, {"link": {"jitter_ms": None}}).link.jitter_ms == 0.0  # type: ignore[union-attr]
+    assert changed(before, {"link": None}).link is None
+
+
+def test_a_table_of_another_kind_begins_anew() -> None:
+    tree = {"loss": {"kind": "random", "probability": 0.1}}
+    other = {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}}
+    assert merged(tree, other) == other
+    assert merged(tree, {"loss": {"probability": 0.2}})["loss"] == {
+        "kind": "random",
+        "probability": 0.2,
+    }
+
+
+def test_later_changes_go_over_earlier_ones() -> None:
+    after = changed(sensor(), {"pfa": 1e-5, "loss_db": 1.0}, {"pfa": 1e-4})
+    assert (after.pfa, after.loss_db) == (1e-4, 1.0)  # type: ignore[union-attr]
+
+
+def test_a_factor_is_on_the_scenes_own_pfa() -> None:
+    assert changed(sensor(pfa=1e-6), {"pfa_factor": 10}).pfa == pytest.approx(1e-5)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"pf": 1e-5}, "pf: no such key; did you mean pfa?"),
+        ({"pfa": 2.0}, "pfa: input should be less than or equal to 0.1, not 2.0"),
+        ({"pfa": "much"}, "pfa: input should be a valid number, not 'much'"),
+        ({"id": "other"}, "id: cannot change while the sensor is at work"),
+        ({"scan": {"period_s": 2.0}}, "scan: cannot change while the sensor is at work"),
+        ({"pfa_factor": -1}, "pfa_factor: expected a number above 0, not -1"),
+        ({"pfa_factor": True}, "pfa_factor: expected a number above 0, not True"),
+        ({"pfa_factor": 1e9}, "pfa: input should be less than or equal to 0.1"),
+        ({"link": {"latency": 5}}, "link.latency: no such key; did you mean latency_ms?"),
+        ({"link": 5}, "link: expected a table, not 5"),
+        ({"link": {"loss": {"kind": "rnd"}}}, "link.loss.kind: expected one of"),
+        ({"power_w": None}, "power_w: missing"),
+    ],
+)
+def test_a_change_that_no_sensor_can_have_is_a_line_that_names_the_key(
+    change: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ChangeError) as refused:
+        changed(sensor(), change)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_sensor_without_pfa_has_no_factor_on_it() -> None:
+    gate = {
+        "id": "gate",
+        "type": "range_gate",
+        "range_max_m": 1000.0,
+        "sigma_m": 1.0,
+        "scan": {"kind": "staring", "period_s": 1.0},
+    }
+    with pytest.raises(ChangeError, match="pfa_factor: sensor 'gate' has no pfa"):
+        changed(scene([gate], seed=1).sensor[0], {"pfa_factor": 10})
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        ({"from_s": 5.0, "to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].to_s: must be above"),
+        ({"from_s": 5.0, "set": {}}, r"event\[0\].set"),
+        ({"from_s": 5.0, "set": {"pf": 1e-5}}, r"'radar': event\[0\].set: pf: no such key"),
+        ({"from_s": 5.0, "set": {"pfa": 0.1}}, "false alarms a scan"),
+        ({"to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].from_s: missing"),
+    ],
+)
+def test_an_event_that_cannot_happen_is_refused_with_the_scene(
+    event: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(SceneError, match=words):
+        scene([radar(event=[event])], seed=1)

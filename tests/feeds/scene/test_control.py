@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.scene.commands import MAX_COMMAND_OCTETS, ControlError, parsed
+
+
+def test_a_command_is_of_a_sensor_or_of_the_clock() -> None:
+    command = parsed(b'{"sensor": "radar", "set": {"link": {"latency_ms": 250}}}')
+    assert (command.sensor, command.set) == ("radar", {"link": {"latency_ms": 250}})
+    assert parsed(b'{"sensor": "radar", "reset": true}').reset
+    clock = parsed(b'{"clock": {"speed": 10}}').clock
+    assert clock is not None
+    assert (clock.speed, clock.paused, clock.step_s) == (10.0, None, None)
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        (b"", "not JSON: expected such as"),
+        (b"[]", "expected an object such as"),
+        (b"{}", "expected either sensor or clock"),
+        (b'{"sensor": "radar"}', 'with a sensor, expected either "set" or "reset"'),
+        (b'{"sensor": "radar", "set": {}, "reset": true}', 'either "set" or "reset"'),
+        (b'{"sensor": "radar", "set": {}, "clock": {"paused": true}}', "either sensor or clock"),
+        (b'{"sensor": 5, "set": {}}', "sensor: input should be a valid string, not 5"),
+        (b'{"clock": {}}', "clock: expected paused, speed or step_s"),
+        (b'{"clock": {"speed": 0}}', "clock.speed: input should be greater"),
+        (b'{"clock": {"sped": 2}}', "clock.sped: no such key; did you mean speed"),
+        (b"x" * (MAX_COMMAND_OCTETS + 1), "at most 65536 are taken"),
+        (b"[" * 60_000, "not JSON"),
+    ],
+)
+def test_what_is_no_command_is_refused_in_a_line(payload: bytes, words: str) -> None:
+    with pytest.raises(ControlError) as refused:
+        parsed(payload)
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+@given(
+    st.binary()
+    | st.fixed_dictionaries(
+        {}, optional={"sensor": json_values, "set": json_values, "clock": json_values}
+    ).map(lambda tree: json.dumps(tree).encode())
+)
+def test_whatever_comes_it_is_a_command_or_one_error(payload: bytes) -> None:
+    try:
+        parsed(payload)
+    except ControlError as error:
+        assert len(str(error).splitlines()) <= 1

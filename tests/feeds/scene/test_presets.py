@@ -1,0 +1,219 @@
+"""Presets in scenes, and the command that lists them."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+from click.testing import CliRunner
+
+from plotfeed.feeds.cli.main import cli
+from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset
+from plotfeed.feeds.scene.presets.rules import AnyRule, PresetTarget, Solve
+from plotfeed.feeds.scene.presets.solver import derive
+from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
+from plotfeed.feeds.schema.published import text_of
+from plotfeed.proto.errors import PlotfeedError
+
+ROOT = Path(__file__).parents[3]
+PATH = Path("test.toml")
+
+
+def scene(*sensors: dict[str, Any]) -> Scene:
+    site = {"latitude_deg": 40.0, "longitude_deg": -3.0, "height_m": 0.0}
+    tree = {"scene": {"name": "test", "seed": 1, "site": site}, "sensor": list(sensors)}
+    return from_tree(tree, PATH)
+
+
+def problems(*sensors: dict[str, Any]) -> list[tuple[str, str]]:
+    with pytest.raises(SceneError) as caught:
+        scene(*sensors)
+    return caught.value.problems
+
+
+def run(*arguments: str) -> str:
+    result = CliRunner().invoke(cli, ["sensors", *arguments], standalone_mode=False)
+    if result.exception:
+        raise result.exception
+    return result.output
+
+
+def strict_json(text: str) -> Any:
+    def refuse(constant: str) -> NoReturn:
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_preset_alone_makes_a_sensor(name: str) -> None:
+    (found,) = scene({"id": "a", "preset": name}).sensor
+    assert found.type == preset(name).type
+    assert found.preset == name
+    expected = preset(name).sensor.model_dump() | {"id": "a", "preset": name}
+    assert found.model_dump() == expected
+
+
+def test_keys_of_the_scene_go_first() -> None:
+    (found,) = scene(
+        {"id": "a", "preset": "echodyne", "pfa": 1e-5, "power_w": 7.0, "sic": 9}
+    ).sensor
+    assert (found.pfa, found.power_w, found.sic) == (1e-5, 7.0, 9)
+    assert found.azimuth_beamwidth_deg == 2.0
+
+
+def test_what_was_solved_for_stays_so_that_an_overridden_key_has_its_effect() -> None:
+    plain, worse = scene(
+        {"id": "a", "preset": "echodyne"},
+        {"id": "b", "preset": "echodyne", "noise_figure_db": 15.0},
+    ).sensor
+    assert worse.power_w == plain.power_w
+
+
+def test_a_scan_is_replaced_as_a_whole() -> None:
+    rotating = {"kind": "rotating", "period_s": 2.0}
+    (found,) = scene({"id": "a", "preset": "echodyne", "scan": rotating}).sensor
+    assert (found.scan.kind, found.scan.period_s) == ("rotating", 2.0)
+    assert problems({"id": "a", "preset": "art-midrange-3d", "scan": {"kind": "rotating"}}) == [
+        ("sensor[0].scan.period_s", "missing")
+    ]
+
+
+def test_a_type_may_be_given_if_it_is_the_presets() -> None:
+    assert scene({"id": "a", "preset": "doruk", "type": "active_radar"}).sensor
+    ((key, text),) = problems({"id": "a", "preset": "doruk", "type": "rf"})
+    assert key == "sensor[0].type"
+    assert text == "the preset doruk is of type active_radar, not rf"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [
+        ("echodine", "did you mean echodyne?"),
+        ("Echodyne", "did you mean echodyne?"),
+        ("ranger", "did you mean ranger-r8ss-3d?"),
+        ("mkiii", "did you mean spexer-2000-3d-mkiii?"),
+        ("rf-16", "did you mean dedrone-rf-160?"),
+        ("zzz", "`plotfeed sensors` lists them"),
+        ("", "`plotfeed sensors` lists them"),
+        ("../doruk", "did you mean doruk?"),
+    ],
+)
+def test_a_wrong_name_is_one_line_with_a_suggestion(wrong: str, hint: str) -> None:
+    ((key, text),) = problems({"id": "a", "preset": wrong})
+    assert key == "sensor[0].preset"
+    assert text == f"no such preset as {wrong!r}; {hint}"
+
+
+def test_a_name_of_any_length_is_one_short_line() -> None:
+    ((_, text),) = problems({"id": "a", "preset": "x" * 100_000})
+    assert len(text) < 200
+
+
+@pytest.mark.parametrize("wrong", [7, True, [], {}, ["doruk"]])
+def test_a_preset_is_a_name(wrong: object) -> None:
+    assert problems({"id": "a", "preset": wrong}) == [
+        ("sensor[0].preset", "write the name of a preset, in quotes")
+    ]
+
+
+def test_problems_name_the_scenes_keys_and_none_is_lost() -> None:
+    found = problems(
+        {"id": "a", "preset": "doruk", "pfa": 0.9},
+        {"id": "b", "preset": "nothing-like-it"},
+        {"id": "c", "preset": "rfone", "powr_w": 1.0},
+        {"id": "d", "preset": "widealert", "scan": {"kind": "staring", "period_s": -1.0}},
+    )
+    assert sorted(key for key, _ in found) == [
+        "sensor[0].pfa",
+        "sensor[1].preset",
+        "sensor[2].powr_w",
+        "sensor[3].scan.period_s",
+    ]
+
+
+@pytest.mark.parametrize("wrong", [[], [1], {}, "x", [None]])
+def test_sensors_that_are_no_tables_are_told_as_without_presets(wrong: object) -> None:
+    site = {"latitude_deg": 40.0, "longitude_deg": -3.0, "height_m": 0.0}
+    tree = {"scene": {"name": "test", "seed": 1, "site": site}, "sensor": wrong}
+    with pytest.raises(SceneError):
+        from_tree(tree, PATH)
+
+
+def test_the_tree_that_a_scene_came_from_is_left_as_it_was() -> None:
+    own = {"id": "a", "preset": "doruk"}
+    scene(own)
+    assert own == {"id": "a", "preset": "doruk"}
+
+
+def test_the_schema_asks_no_key_of_a_sensor_with_a_preset() -> None:
+    items = json.loads(text_of("scene"))["properties"]["sensor"]["items"]
+    of_a_preset = items["anyOf"][0]
+    assert of_a_preset["required"] == ["id", "preset"]
+    assert of_a_preset["properties"]["preset"]["enum"] == names()
+
+
+def test_a_rule_that_nothing_meets_says_so() -> None:
+    given = preset("doruk").keys | {"range_floor_m": 9.0}
+    given = {key: value for key, value in given.items() if key not in {"type", "power_w"}}
+    rules: dict[str, AnyRule] = {
+        "power_w": Solve.model_validate({"note": "x", "solve": {"sigma_range_m": 1.0}})
+    }
+    with pytest.raises(PlotfeedError, match="power_w: no value gives sigma_range_m 1"):
+        derive("active_radar", given, rules, PresetTarget(range_m=6000.0, rcs_m2=0.01, note="x"))
+
+
+def test_the_list_names_them_all_and_says_what_they_are() -> None:
+    text = run()
+    for name in names():
+        assert f"\n{name} " in text
+    assert "not measurements of the products" in text
+    assert "2.10 km" in text
+    assert "table 5 of the paper" in text
+
+
+def test_the_list_as_json() -> None:
+    found = strict_json(run("--json"))
+    assert [each["name"] for each in found] == names()
+    for each in found:
+        quoted_m = preset(each["name"]).target.range_m
+        assert each["range_at_pd_80_percent_m"] == pytest.approx(quoted_m, rel=0.002)
+        assert {"title", "maker", "type", "source", "target"} <= set(each)
+
+
+def test_one_preset_shows_keys_marks_notes_and_the_table() -> None:
+    text = run("ranger-r8ss-3d")
+    for expected in (
+        'stated   "Instrumented range: 7800 m"',
+        "derived  such that pd = 0.8 at the quoted range.",
+        "assumed  The default.",
+        "For 0.001 m2: Pd 0.8 to 1.18 km, quoted 1.20 km.",
+        "Stated and not modelled:",
+        "range km   SNR dB      Pd",
+        "not measurements of the products",
+    ):
+        assert expected in text
+
+
+@pytest.mark.parametrize("name", names())
+def test_one_preset_as_json(name: str) -> None:
+    found = strict_json(run(name, "--json"))
+    assert found["name"] == name
+    assert {key["mark"] for key in found["keys"]} <= {"stated", "derived", "assumed"}
+    assert len(found["table"]) == 10
+    assert "nan" not in run(name).split()
+
+
+def test_an_unknown_name_is_wrong_use() -> None:
+    with pytest.raises(UnknownPresetError, match=r"did you mean doruk\?") as caught:
+        run("dorak")
+    assert caught.value.exit_code == 2
+
+
+def test_the_wheel_takes_the_presets_along() -> None:
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    assert "plotfeed.feeds.scene.presets" in setuptools["packages"]
+    assert setuptools["package-data"]["plotfeed.feeds.scene.presets"] == ["*.toml"]

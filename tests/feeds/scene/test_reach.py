@@ -1,0 +1,136 @@
+"""Drones out of a sensor's reach cost next to nothing; leaving them out changes not one octet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.road import Road, flown, fly, held, radar, rotating, scene, staring, waypoint
+
+from plotfeed.feeds.sensing import staring as staring_beam
+from plotfeed.models.beam import sweep
+from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.state import Targets
+
+MICROPHONES = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
+    "range_max_m": 3000.0, "azimuth_beamwidth_deg": 20.0,
+}  # fmt: skip
+SENSORS = {
+    "staring": radar(range_max_m=3000.0),
+    "rotating": radar(range_max_m=3000.0, scan=rotating(0.5, 8)),
+    "merging": radar(range_max_m=3000.0, scan=rotating(0.5, 8), merging={}),
+    "microphones": MICROPHONES,
+}
+
+
+def drones() -> list[dict[str, Any]]:
+    """Most of them far away; some that come into reach and leave it again, fast."""
+    crossing = [
+        flown(
+            f"c{i}", waypoint(30.0 * i, 5.0, 3400.0), waypoint(30.0 * i + 100.0, 5.0, 3400.0),
+            speed_m_s=300.0,
+        )
+        for i in range(12)
+    ]  # fmt: skip
+    far = [held(f"f{i}", 5.0 * i, 8.0, 4000.0 + 500.0 * i) for i in range(60)]
+    return [*crossing, *far, held("edge", 77.0, 8.0, 2999.99), held("near", 99.0, 8.0, 2000.0)]
+
+
+def leaving(count: int) -> list[dict[str, Any]]:
+    """One after the other goes out of reach: within a turn some are still there, and some not."""
+    return [
+        flown(
+            f"c{i}", waypoint(9.0 * i, 5.0, 2990.0 - 120.0 * i / count),
+            waypoint(9.0 * i, 5.0, 3400.0), speed_m_s=15.0,
+        )
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def left(road: Road) -> list[tuple[str, bytes]]:
+    return [(m.topic, m.payload) for m in road.messages if not m.topic.endswith("/status")]
+
+
+@pytest.mark.parametrize("fleet", [drones(), leaving(40), leaving(10)], ids=["far", "many", "few"])
+@pytest.mark.parametrize("kind", SENSORS)
+def test_what_leaves_is_the_same_with_and_without_those_out_of_reach(
+    kind: str, fleet: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = scene([SENSORS[kind]], fleet, seed=101)
+    with_culling = fly(made, 12)
+    for module in (staring_beam, sweep):
+        monkeypatch.setattr(module, "CULLED_FROM", 1 << 40)
+    assert left(fly(made, 12)) == left(with_culling)
+    assert any(look.drone.startswith("c") for e in with_culling.ledgers for look in e.looks)
+
+
+def test_physics_is_asked_of_those_within_reach_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    plain = ActiveRadar.observe
+
+    def observe(self: ActiveRadar, targets: Targets, rng: np.random.Generator) -> Any:
+        asked.append(len(targets))
+        return plain(self, targets, rng)
+
+    monkeypatch.setattr(ActiveRadar, "observe", observe)
+    everybody = [held(f"f{i}", 5.0 * i, 8.0, 4000.0 + 500.0 * i) for i in range(70)]
+    everybody += [held(f"n{i}", 40.0 * i, 8.0, 2000.0) for i in range(5)]
+    for kind in ("staring", "rotating"):
+        asked.clear()
+        fly(scene([SENSORS[kind]], everybody, seed=102), 5)
+        assert max(asked) <= 5 * (1 if kind == "staring" else sweep_turns())
+        assert sum(asked) > 0
+
+
+def sweep_turns() -> int:
+    """How many turns are worked out at once, at most."""
+    from plotfeed.feeds.sensing import rotating
+
+    return int(rotating.MOST_TURNS) + 1
+
+
+@pytest.mark.parametrize(
+    ("report", "told"),
+    [
+        (["asterix-015"], False),
+        (["asterix-048"], True),
+        (["plots"], True),
+        (["asterix-062"], False),
+    ],
+)
+def test_heights_are_computed_for_formats_that_have_them(
+    report: list[str], told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[int] = []
+    plain = LocalFrame.heights_m
+
+    def heights_m(self: LocalFrame, *places: Any) -> Any:
+        computed.append(len(places[0]))
+        return plain(self, *places)
+
+    monkeypatch.setattr(LocalFrame, "heights_m", heights_m)
+    sensor = radar(report=report)
+    fly(scene([sensor], [held("near", 99.0, 8.0, 2000.0, rcs_m2=1.0)], seed=103), 5)
+    assert bool(computed) is told
+
+
+@pytest.mark.parametrize(("range_m", "within_m"), [(1e4, 2.5e-8), (1e5, 2e-6), (1e6, 2e-4)])
+def test_heights_alone_are_those_of_the_whole_transformation(
+    range_m: float, within_m: float
+) -> None:
+    rng = np.random.default_rng(1)
+    for latitude_deg in (-90.0, -33.0, 0.0, 40.0, 89.9, 90.0):
+        frame = LocalFrame(latitude_deg, 77.0, 600.0)
+        azimuth_deg, elevation_deg = rng.uniform(0, 360, 20_000), rng.uniform(-90, 90, 20_000)
+        slant_m = rng.uniform(0, range_m, 20_000)
+        whole_m = frame.to_geodetic(aer_to_enu(azimuth_deg, elevation_deg, slant_m))[2]
+        alone_m = frame.heights_m(azimuth_deg, elevation_deg, slant_m)
+        assert np.abs(alone_m - whole_m).max() < within_m
+
+
+def test_there_is_no_height_at_the_centre_of_the_earth() -> None:
+    frame = LocalFrame(0.0, 0.0, 0.0)
+    assert np.isnan(frame.heights_m(0.0, -90.0, frame.origin_ecef_m[0]))

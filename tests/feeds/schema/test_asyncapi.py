@@ -1,0 +1,330 @@
+"""The AsyncAPI document, held against its standard and against what a session really publishes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from support.asyncapi_rules import problems
+from support.brokers import free_port, mosquitto, rumqttd
+from support.command import plotfeed
+from support.mqtt_client import Client, Heard, listening
+from support.road import START_NS, held, radar, rotating, staring, waypoint
+
+from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.commands import parsed
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.schema.asyncapi import document
+from plotfeed.feeds.schema.flows import ASTERIX, REQUIRED, reports_of_types
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.telemetry.decode_reports import decode
+from plotfeed.feeds.telemetry.position_report import Refused
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.proto.asterix.codec.decode import CATEGORIES
+
+PREFIX = "north/site/7"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "asyncapi.json"
+SPEED = 5.0
+DURATION_S = 21.0
+"""Of the scene: what is periodic comes every ten seconds."""
+TELEMETRY = {
+    "time_utc": "2026-01-01T12:00:00Z",
+    "latitude_deg": 40.0,
+    "longitude_deg": -3.0,
+    "altitude_m": 700.0,
+    "altitude_reference": "ELLIPSOID",
+}
+PLACES = {
+    "azimuth_beamwidth_deg": 3.0,
+    "elevation_beamwidth_deg": 10.0,
+    "range_max_m": 10_000.0,
+}
+SENSORS: list[dict[str, Any]] = [
+    radar(id="active_radar", scan=rotating(1.0, 16), pfa=1e-5),
+    {
+        "id": "mimo_radar",
+        "type": "mimo_radar",
+        "scan": staring(),
+        "transmitters": [waypoint(45.0, 0.5, 500.0) | {"power_w": 50.0}],
+        "frequency_hz": 15e9,
+        "gain_tx_dbi": 20.0,
+        "integration_s": 0.06,
+        "range_resolution_m": 20.0,
+        "elevation_min_deg": -2.0,
+        "elevation_max_deg": 30.0,
+        **PLACES,
+    },
+    {
+        "id": "passive_radar",
+        "type": "passive_radar",
+        "scan": staring(),
+        "transmitters": [
+            {
+                "id": "tv",
+                "erp_w": 10e3,
+                "frequency_hz": 600e6,
+                "bandwidth_hz": 7.61e6,
+                "place": waypoint(135.0, 0.2, 20e3),
+            }
+        ],
+        "gain_rx_dbi": 10.0,
+        "external_noise_db": -4.45,
+        "azimuth_beamwidth_deg": 2.0,
+        "integration_s": 0.3,
+        "azimuth_min_deg": 0.0,
+        "azimuth_max_deg": 90.0,
+        "range_max_m": 10_000.0,
+    },
+    {"id": "acoustic", "type": "acoustic", "preset": "widealert", "scan": staring()},
+    {"id": "rf", "type": "rf", "preset": "dedrone-rf-360", "scan": staring()},
+    {
+        "id": "range_gate",
+        "type": "range_gate",
+        "scan": staring(),
+        "range_max_m": 5e3,
+        "sigma_m": 5.0,
+    },
+]
+EMITTER = {"frequency_hz": 2.437e9, "bandwidth_hz": 1e6, "eirp_dbm": 30.0, "kind": "control"}
+DRONE = held("near", 45.0, 20.0, 100.0, rcs_m2=1.0, sound_power_db=110.0, emitters=[EMITTER])
+
+
+def scene(**mqtt: Any) -> Scene:
+    """Every type of sensor, each with every format that it can report in."""
+    assert {s["type"] for s in SENSORS} == reports_of_types().keys()
+    return from_tree(
+        {
+            "scene": {
+                "name": "everything",
+                "seed": 5,
+                "site": {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0},
+            },
+            "telemetry": {"geoid_undulation_m": 51.0},
+            "mqtt": {"prefix": PREFIX, **mqtt},
+            "cooperative": {},
+            "sensor": [s | {"report": list(reports_of_types()[s["type"]])} for s in SENSORS],
+            "drone": [DRONE],
+        },
+        Path("scene.toml"),
+    )
+
+
+def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, int]]:
+    """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
+
+    QoS is that with which messages left, by their sources and ids: iotcore delivers with the QoS
+    of the subscription whatever they had.
+    """
+    heard: list[Heard] = []
+    retained: set[str] = set()
+    qos: dict[str, int] = {}
+
+    def tap(message: Message, _t_utc_ns: int) -> None:
+        qos[event_of(dict(message.properties))] = message.qos
+
+    async def session() -> None:
+        ears = await asyncio.to_thread(Client, port, 5, "#")
+        ready = asyncio.Event()
+        running = asyncio.create_task(
+            run(
+                what,
+                clock=WallClock(START_NS, speed=SPEED),
+                broker=f"mqtt://127.0.0.1:{port}",
+                duration_s=DURATION_S,
+                tap=tap,
+                on_ready=lambda *_: ready.set(),
+            )
+        )
+        await ready.wait()
+        ears.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
+        late = asyncio.create_task(asyncio.to_thread(hear_retained))
+        await running
+        retained.update(await late)
+        for sensor in SENSORS:
+            topic = f"{PREFIX}/{sensor['id']}/status"
+            await asyncio.to_thread(
+                ears.wait_for,
+                lambda m, topic=topic: m.topic == topic and b"OFFLINE" in m.payload,  # type: ignore[misc]
+            )
+        await asyncio.to_thread(ears.close)
+        heard.extend(ears.heard)
+
+    def hear_retained() -> set[str]:
+        with listening(port, 5, f"{PREFIX}/#") as first:
+            for sensor in SENSORS:
+                first.wait_for(lambda m, s=sensor: m.topic.endswith(f"{s['id']}/status"))  # type: ignore[misc]
+        with listening(port, 5, f"{PREFIX}/#") as late:
+            late.wait_for(lambda m: not m.retained)
+            return {m.topic for m in late.heard if m.retained}
+
+    asyncio.run(asyncio.wait_for(session(), 120))
+    return [m for m in heard if "/telemetry/" not in m.topic], retained, qos
+
+
+def event_of(attributes: dict[str, str]) -> str:
+    """What CloudEvents has an event be known by."""
+    return f"{attributes['source']} {attributes['id']}"
+
+
+@pytest.fixture(scope="module")
+def api() -> dict[str, Any]:
+    return document()
+
+
+def resolved(api: dict[str, Any], node: Any) -> Any:
+    while isinstance(node, dict) and "$ref" in node:
+        here: Any = api
+        for step in node["$ref"].removeprefix("#/").split("/"):
+            here = here[step]
+        node = here
+    return node
+
+
+def sends(api: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {name: o for name, o in api["operations"].items() if o["action"] == "send"}
+
+
+def matching(api: dict[str, Any], heard: Heard) -> list[str]:
+    """Operations whose channel has that topic, and whose message has those headers and content."""
+    found = []
+    for name, operation in sends(api).items():
+        address = resolved(api, operation["channel"])["address"]
+        pattern = re.escape(address.replace("{prefix}", PREFIX)).replace(r"\{sensor\}", "[^/]+")
+        (message,) = (resolved(api, m) for m in operation["messages"])
+        if re.fullmatch(pattern, heard.topic) and message["contentType"] == heard.content_type:
+            headers = jsonschema.Draft202012Validator(message["headers"])
+            if headers.is_valid(heard.user_properties):
+                found.append(name)
+    return found
+
+
+def test_the_document_in_docs_is_the_one_of_this_code() -> None:
+    assert json.loads(DOCUMENT.read_text()) == document(), "run python docs/write_asyncapi.py"
+    assert plotfeed("schema", "asyncapi").stdout == DOCUMENT.read_text()
+
+
+def test_the_document_is_what_the_standard_asks_for(api: dict[str, Any]) -> None:
+    assert problems(api) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("operations", "sendPlots", "bindings", "mqtt", "qos"), 7),
+        (("operations", "sendPlots", "action"), "publish"),
+        (("operations", "sendPlots", "channel", "$ref"), "#/channels/truth"),
+        (("channels", "plots", "adress"), "x"),
+        (("channels", "plots", "address"), "plots"),
+        (("info", "version"), None),
+        (("components", "messages", "plots", "headers", "type"), "text"),
+    ],
+)
+def test_what_breaks_the_standard_is_seen(
+    api: dict[str, Any], path: tuple[str, ...], value: object
+) -> None:
+    wrong = json.loads(json.dumps(api))
+    *above, last = path
+    place = wrong
+    for step in above:
+        place = place[step]
+    if value is None:
+        del place[last]
+    else:
+        place[last] = value
+    assert problems(wrong)
+
+
+def test_every_reference_leads_somewhere(api: dict[str, Any]) -> None:
+    for operation in api["operations"].values():
+        channel = resolved(api, operation["channel"])
+        named = [resolved(api, m) for m in channel["messages"].values()]
+        assert all(resolved(api, m) in named for m in operation["messages"])
+    for message in api["components"]["messages"].values():
+        assert resolved(api, message["payload"])
+    for channel in api["channels"].values():
+        assert set(channel["parameters"]) == set(re.findall(r"\{(\w+)\}", channel["address"]))
+
+
+def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
+    for kind, formats in reports_of_types().items():
+        for name in formats:
+            assert name in {*MAKERS, *TRACK_MAKERS}
+            category = name.removeprefix("asterix-")
+            channel = api["channels"][f"asterix-{category}" if category != name else name]
+            assert kind in channel["x-sensor-types"]
+    told = {category for brought in ASTERIX.values() for category in brought}
+    assert told | {129} == CATEGORIES.keys()
+
+
+def test_what_a_session_publishes_is_what_the_document_says(
+    api: dict[str, Any], tmp_path: Path
+) -> None:
+    port = free_port()
+    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+        heard, retained, qos = published(scene(), port)
+    seen: set[str] = set()
+    events: set[str] = set()
+    for message in heard:
+        (name,) = matching(api, message)
+        seen.add(name)
+        event = event_of(message.user_properties)
+        assert event not in events
+        events.add(event)
+        binding = api["operations"][name]["bindings"]["mqtt"]
+        assert qos[event] == binding["qos"]
+        assert message.expiry_s == binding.get("messageExpiryInterval")
+        (described,) = (resolved(api, m) for m in api["operations"][name]["messages"])
+        if described["contentType"] == "application/json":
+            jsonschema.validate(json.loads(message.payload), described["payload"])
+    assert seen == set(sends(api))
+    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in ("status", "settings")}
+    assert retained == {f"{PREFIX}/session", *of_sensors}
+    keeps = [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]]
+    assert keeps == ["sendStatus", "sendSettings", "sendSession"]
+
+
+def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:
+    schema = api["components"]["messages"]["control"]["payload"]
+    for command in (
+        {"sensor": "radar", "set": {"link": {"latency_ms": 250}}},
+        {"sensor": "radar", "reset": True},
+        {"clock": {"speed": 10}},
+    ):
+        jsonschema.validate(command, schema)
+        assert parsed(json.dumps(command).encode())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({"clock": {"sped": 10}}, schema)
+
+
+def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
+    api: dict[str, Any], tmp_path: Path
+) -> None:
+    port = free_port()
+    with mosquitto(
+        tmp_path, port, f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
+    ):
+        heard, _, _ = published(scene(qos=1, truth=False), port)
+    assert heard
+    for message in heard:
+        (name,) = matching(api, message)
+        operation = api["operations"][name]
+        assert message.qos == max(operation.get("x-qos", [operation["bindings"]["mqtt"]["qos"]]))
+        assert name != "sendTruth"
+
+
+def test_telemetry_is_taken_as_its_schema_says(api: dict[str, Any]) -> None:
+    schema = api["components"]["messages"]["telemetryJson"]["payload"]
+    jsonschema.validate(TELEMETRY, schema)
+    assert decode(json.dumps(TELEMETRY).encode(), "application/json").altitude_m == 700.0
+    assert set(REQUIRED) == set(TELEMETRY)
+    for key in REQUIRED:
+        lacking = {k: v for k, v in TELEMETRY.items() if k != key}
+        assert not jsonschema.Draft202012Validator(schema).is_valid(lacking)
+        with pytest.raises(Refused):
+            decode(json.dumps(lacking).encode(), "application/json")

@@ -1,0 +1,274 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from support.sessions import until
+
+from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, InputQueue, SessionLoop
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.timing.schedule import ActionKind
+
+MS = 1_000_000
+
+
+class Case:
+    """An engine that writes down what it does and takes in, and when."""
+
+    def __init__(self, clock: Clock | None = None, most: int = 20_000) -> None:
+        self.clock = clock or InstantClock(0)
+        self.done: list[tuple[str, int]] = []
+        self.inbox = InputQueue(lambda topic, _p, _c, t: self.done.append((topic, t)), most)
+        self.engine = SessionLoop(self.clock, inbox=self.inbox, drain=lambda: None)
+
+    def at(self, t_ns: int, name: str, kind: ActionKind = ActionKind.WORK) -> None:
+        self.engine.agenda.put(t_ns, self.note(name), kind)
+
+    def note(self, name: str) -> Callable[[], None]:
+        return lambda: self.done.append((name, self.clock.now_ns()))
+
+    def hear(self, topic: str) -> bool:
+        return self.engine.heard(topic, b"", None)
+
+
+def test_what_is_due_together_is_done_before_what_can_wait() -> None:
+    case = Case()
+
+    def first() -> None:
+        case.engine.later(case.note("ledger"))
+        case.note("first")()
+
+    case.engine.agenda.put(5, first)
+    case.at(5, "second")
+    case.at(6, "third")
+    asyncio.run(case.engine.work(10))
+    assert case.done == [("first", 5), ("second", 5), ("ledger", 5), ("third", 6)]
+
+
+def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what_is_not() -> None:
+    case = Case()
+    case.at(5, "five")
+    case.engine.agenda.put(7, lambda: case.hear("in"))
+    case.at(7, "seven")
+    case.at(9, "nine")
+    asyncio.run(case.engine.work(10))
+    assert [name for name, _ in case.done] == ["five", "seven", "in", "nine"]
+    taken = dict(case.done)["in"]
+    assert 7 <= taken < 9
+
+
+def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
+    case = Case()
+    times = [3, 5, 6, 8]
+
+    class Again:
+        def take_before(self, t_ns: int) -> None:
+            while times and times[0] < t_ns:
+                case.done.append(("again", times.pop(0)))
+
+    engine = SessionLoop(case.clock, inbox=case.inbox, drain=lambda: None, recorded=Again())
+    for t in (5, 6, 7):
+        engine.agenda.put(t, lambda t=t: case.done.append(("due", t)))  # type: ignore[misc]
+    asyncio.run(engine.work(10))
+    assert case.done == [
+        ("again", 3),
+        ("due", 5),
+        ("again", 5),
+        ("due", 6),
+        ("again", 6),
+        ("due", 7),
+    ]
+
+
+def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
+    case = Case(most=10)
+
+    def flood() -> None:
+        assert sum(case.inbox.put(str(i), b"", None) for i in range(25)) == 10
+
+    case.engine.agenda.put(5, flood)
+    case.at(7, "seven")
+    asyncio.run(case.engine.work(10))
+    assert [name for name, _ in case.done] == [*map(str, range(10)), "seven"]
+    assert case.inbox.overflowed == 15
+
+
+def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
+    case = Case()
+
+    def flood() -> None:
+        for i in range(4 * AT_ONCE):
+            case.inbox.put(str(i), b"", None)
+
+    case.engine.agenda.put(5, flood)
+    case.at(6, "six")
+    asyncio.run(case.engine.work(10))
+    assert [name for name, _ in case.done] == [*map(str, range(4 * AT_ONCE)), "six"]
+
+
+def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> None:
+    class Late(InstantClock):
+        """By which everything is long past."""
+
+        def now_ns(self) -> int:
+            return 10**15
+
+    case, number = Case(Late(0)), 3 * MAX_LATER
+    waiting: list[int] = []
+
+    def work() -> None:
+        case.engine.later(case.note("ledger"))
+        waiting.append(len(waiting) + 1 - len(case.done))
+
+    for t in range(number):
+        case.engine.agenda.put(t, work)
+    asyncio.run(case.engine.work(number))
+    assert max(waiting) == MAX_LATER
+    case.engine.do_all_later()
+    assert len(case.done) == number
+
+
+def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
+    for least, expected in (
+        (ActionKind.DELIVERY, ["delivery"]),
+        (ActionKind.SENDING, ["sending", "delivery"]),
+    ):
+        case = Case()
+        case.at(11, "work")
+        case.at(12, "sending", ActionKind.SENDING)
+        case.at(13, "delivery", ActionKind.DELIVERY)
+        asyncio.run(case.engine.work(10))
+        assert case.done == []
+        asyncio.run(case.engine.finish(least))
+        assert [name for name, _ in case.done] == expected
+
+
+def test_what_becomes_due_earlier_wakes_a_clock_that_sleeps() -> None:
+    async def check() -> list[str]:
+        clock = WallClock()
+        case = Case(clock)
+        hour_ns = clock.now_ns() + 3_600_000 * MS
+        case.at(hour_ns, "in an hour")
+        working = asyncio.create_task(case.engine.work(None))
+        await asyncio.sleep(0.01)
+        happened = asyncio.Event()
+        case.engine.agenda.put(clock.now_ns(), happened.set)
+        await asyncio.wait_for(happened.wait(), 10)
+        working.cancel()
+        await asyncio.gather(working, return_exceptions=True)
+        clock.close()
+        return [name for name, _ in case.done]
+
+    assert asyncio.run(check()) == []
+
+
+def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
+    class Patient:
+        def __init__(self) -> None:
+            self.is_full = True
+            self.asked = 0
+
+        async def room(self) -> None:
+            self.asked += 1
+            self.is_full = False
+
+    case, patient = Case(), Patient()
+    case.engine.be_patient([patient])
+    case.at(5, "five")
+    asyncio.run(case.engine.work(10))
+    assert (case.done, patient.asked, case.engine.waited) == ([("five", 5)], 1, 1)
+
+
+def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
+    """A stall leaves many things due at once: no more of them is done than it takes."""
+    case = Case(InstantClock(1_000))
+    held: list[int] = []
+
+    class Patient:
+        @property
+        def is_full(self) -> bool:
+            return len(case.done) - sum(held) >= 3
+
+        async def room(self) -> None:
+            held.append(len(case.done) - sum(held))
+
+    case.engine.be_patient([Patient()])
+    for t_ns in range(10):
+        case.at(t_ns, str(t_ns))
+    asyncio.run(case.engine.work(1_000))
+    assert [name for name, _ in case.done] == [str(n) for n in range(10)]
+    assert held == [3, 3, 3]
+
+
+def test_a_simulated_clock_stands_steps_and_goes_on_at_another_pace() -> None:
+    async def check() -> None:
+        clock = WallClock(1_000, speed=50.0)
+        assert clock.start() == 1_000
+        clock.pause()
+        stood = clock.now_ns()
+        await asyncio.sleep(0.005)
+        assert clock.now_ns() == stood
+        assert clock.is_paused
+        clock.step(5 * MS)
+        await clock.sleep_until(stood + 5 * MS)
+        await asyncio.sleep(0.005)
+        assert clock.is_paused
+        assert clock.now_ns() == stood + 5 * MS
+        clock.set_speed(1000.0)
+        clock.resume()
+        await clock.sleep_until(stood + 50 * MS)
+        assert clock.now_ns() >= stood + 50 * MS
+        clock.close()
+
+    asyncio.run(check())
+
+
+def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
+    async def check() -> list[str]:
+        clock = WallClock(0)
+        case = Case(clock)
+        clock.start()
+        clock.pause()
+        case.at(clock.now_ns() + MS, "due")
+        working = asyncio.create_task(case.engine.work(clock.now_ns() + 2 * MS))
+        await asyncio.sleep(0.02)
+        assert case.done == []
+        clock.resume()
+        await asyncio.wait_for(working, 10)
+        clock.close()
+        return [name for name, _ in case.done]
+
+    assert asyncio.run(check()) == ["due"]
+
+
+def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_done() -> None:
+    async def play() -> None:
+        clock = WallClock(0)
+        case = Case(clock)
+
+        def five() -> None:
+            case.engine.later(case.note("ledger"))
+            case.note("five")()
+
+        case.engine.agenda.put(5 * MS, five)
+        clock.start()
+        stands_ns = clock.now_ns() + 6 * MS
+        clock.step(6 * MS)
+        case.at(stands_ns + MS // 2, "next")
+        working = asyncio.create_task(case.engine.work(None))
+        await until(lambda: "ledger" in names(case))
+        await until(lambda: clock.is_paused)
+        case.hear("in")
+        case.engine.later(case.note("later"))  # as when a broker acknowledges
+        await until(lambda: {"in", "later"} <= names(case))
+        assert "next" not in names(case)
+        clock.resume()
+        await working
+        assert "next" in names(case)
+        clock.close()
+
+    asyncio.run(play())
+
+
+def names(case: Case) -> set[str]:
+    return {name for name, _ in case.done}

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import asyncio
+import socket
+import sys
+import urllib.request
+from copy import copy, deepcopy
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from prometheus_client import Metric
+from prometheus_client.parser import text_string_to_metric_families
+from support.brokers import free_port, is_listening
+from support.command import plotfeed
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
+from plotfeed.feeds.metrics import COUNTERS, MetricsError
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.session import Session, run
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.proto import plotfeed_pb2 as pb
+
+LINK = """
+[sensor.link]
+latency_ms = 400.0
+duplicate = 0.2
+loss = { kind = "random", probability = 0.2 }
+"""
+SENSORS = radar("far", period_s=2.0, sectors=32) + LINK + radar("near", period_s=2.0, sectors=32)
+Read = dict[tuple[str, str], float]
+
+
+def scrape(port: int) -> dict[str, Metric]:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
+        text = answer.read().decode()
+    return {family.name: family for family in text_string_to_metric_families(text)}
+
+
+def values(families: dict[str, Metric]) -> Read:
+    """By name and by the value of the only label, if there is one."""
+    return {
+        (one.name, next(iter(one.labels.values()), "")): one.value
+        for family in families.values()
+        for one in family.samples
+    }
+
+
+class Begun(Observer):
+    session: Session
+
+    def begun(self, session: Session) -> None:
+        self.session = session
+
+
+@dataclass(frozen=True)
+class Held:
+    """A session whose clock stands, so that nothing changes while it is asked."""
+
+    families: dict[str, Metric]
+    totals: dict[str, Any]
+    statuses: dict[str, pb.SensorStatus]
+    port: int
+    listeners: list[list[str]]
+    """Sockets of the machine, as the kernel tells of them."""
+
+
+def sockets() -> list[list[str]]:
+    text = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
+    return [line.split() for line in text.splitlines()]
+
+
+async def held(folder: Path) -> Held:
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=SENSORS, port=1883)
+    scene = load(scene_file(folder, text))
+    clock = WallClock(scene.scene.start_utc_ns, speed=10.0)
+    port, stop, begun, known = free_port(), asyncio.Event(), Begun(), list[SessionCounters]()
+    working = asyncio.create_task(
+        run(
+            scene,
+            clock=clock,
+            broker="none",
+            stop=stop,
+            extras=Extras(observers=[begun], metrics_port=port),
+            on_ready=lambda _, totals: known.append(totals),
+        )
+    )
+    while not (known and known[0].lost > 5 and known[0].duplicated > 5):
+        await asyncio.sleep(0.01)
+        assert not working.done()
+    begun.session.take("plotfeed/telemetry/x", b"garbage", None, clock.now_ns())
+    clock.pause()
+    await asyncio.sleep(0.05)  # what was being done is done
+    found = Held(
+        families=await asyncio.to_thread(scrape, port),
+        totals={f.name: copy(getattr(known[0], f.name)) for f in fields(SessionCounters)},
+        statuses={name: deepcopy(desk.health) for name, desk in begun.session.desks.items()},
+        port=port,
+        listeners=sockets(),
+    )
+    stop.set()
+    await working
+    return found
+
+
+def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
+    found = asyncio.run(asyncio.wait_for(held(tmp_path), 60))
+    read = values(found.families)
+    for name in COUNTERS:
+        assert found.families[f"plotfeed_{name}"].type == "counter"
+        assert read[f"plotfeed_{name}_total", ""] == found.totals[name], name
+    assert read["plotfeed_drones", ""] == found.totals["drones"] == 1
+    assert read["plotfeed_refused_total", ""] == 1
+    assert read["plotfeed_inbox", ""] == 0
+    late_us = lateness_us(found.totals["lateness_ns"], 50, 99, 99.9)
+    for quantile, late in zip(("0.5", "0.99", "0.999"), late_us, strict=True):
+        assert read["plotfeed_lateness_seconds", quantile] == pytest.approx(late / 1e6)
+    for sensor, status in found.statuses.items():
+        for name in ("scan", "plots", "lost", "on_the_way", "waiting", "enabled"):
+            assert read[f"plotfeed_sensor_{name}", sensor] == getattr(status, name), name
+    assert read["plotfeed_sensor_on_the_way", "far"] > 0
+    assert read["plotfeed_sensor_on_the_way", "near"] == 0
+    assert not is_listening(found.port)
+
+
+def test_every_count_in_the_totals_is_a_metric() -> None:
+    """But for the last scan, which each sensor has of its own, and what only ends know."""
+    counts = {f.name for f in fields(SessionCounters) if f.type == "int"}
+    assert counts - {"drones", "scan", "ended"} == set(COUNTERS)
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        port = holder.getsockname()[1]
+        done = plotfeed("run", scene, "--broker", "none", "--duration", 1, "--metrics", port)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr == f"plotfeed: metrics: port {port} on 127.0.0.1: Address already in use\n"
+
+
+def test_without_the_library_that_serves_them_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "prometheus_client", None)
+    scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
+    with pytest.raises(MetricsError) as caught:
+        asyncio.run(run(scene, broker="none", extras=Extras(metrics_port=free_port())))
+    expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
+    assert (str(caught.value), caught.value.exit_code) == (expected, 1)
+
+
+def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
+    found = asyncio.run(asyncio.wait_for(held(tmp_path), 60))
+    heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
+    assert {*heard} == {f"0100007F:{found.port:04X}"}

@@ -1,0 +1,206 @@
+"""Whole commands through a broker that asks for TLS, certificates and passwords."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port, mosquitto, password_file
+from support.certificates import Certificates
+from support.command import PLOTFEED, plotfeed, running
+from support.mqtt_client import PATIENCE_S, listening
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.proto import plotfeed_pb2 as pb
+
+FAST = radar(period_s=0.2, sectors=8)
+ME, PASSWORD = "surveyor", "open sesame"
+
+
+@dataclass(frozen=True)
+class Broker:
+    """Mosquitto: by TLS for who has a certificate and a password, and openly for the test."""
+
+    secured: int
+    open: int
+    certificates: Certificates
+    credentials: Path
+
+    @property
+    def url(self) -> str:
+        return f"mqtts://127.0.0.1:{self.secured}"
+
+    def keys(self, **changes: object) -> list[str]:
+        """The options of `show` and `inject`."""
+        ours = self.certificates
+        options = {
+            "ca-file": ours.ca,
+            "client-certificate": ours.client.certificate,
+            "client-key": ours.client.key,
+            "credentials": self.credentials,
+            **changes,
+        }
+        given = [(f"--{name}", str(value)) for name, value in options.items() if value]
+        return [word for pair in given for word in pair]
+
+
+@pytest.fixture(scope="module")
+def broker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Broker]:
+    folder = tmp_path_factory.mktemp("broker")
+    certificates = Certificates(folder)
+    credentials = folder / "credentials.toml"
+    credentials.write_text(f'username = "{ME}"\npassword = "{PASSWORD}"\n')
+    made = Broker(free_port(), free_port(), certificates, credentials)
+    settings = (
+        f"listener {made.secured} 127.0.0.1\nallow_anonymous false\n"
+        f"password_file {password_file(folder, ME, PASSWORD)}\n"
+        f"cafile {certificates.ca}\nrequire_certificate true\n"
+        f"certfile {certificates.broker.certificate}\nkeyfile {certificates.broker.key}\n"
+        f"listener {made.open} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
+    )
+    with mosquitto(folder, made.open, settings):
+        yield made
+
+
+def scene_with_keys(folder: Path, broker: Broker, name: str, more: str = "") -> Path:
+    """A scene that names its files relative to itself, as they lie beside it."""
+
+    def beside(path: Path) -> str:
+        return os.path.relpath(path, folder)
+
+    ours = broker.certificates
+    mqtt = f"""
+broker = "{broker.url}"
+prefix = "{name}"
+ca_file = "{beside(ours.ca)}"
+client_certificate_file = "{beside(ours.client.certificate)}"
+client_key_file = "{beside(ours.client.key)}"
+credentials_file = "{beside(broker.credentials)}"
+{more}
+"""
+    return scene_file(folder, scene_text(sensors=FAST, mqtt=mqtt))
+
+
+@pytest.mark.parametrize(("version", "properties"), [("5", True), ("3.1.1", False)])
+def test_a_session_publishes_through_tls(
+    broker: Broker, tmp_path: Path, version: str, properties: bool
+) -> None:
+    prefix = f"a/session/of/{version}"
+    scene = scene_with_keys(tmp_path, broker, prefix, f'version = "{version}"')
+    with (
+        listening(broker.open, 5, f"{prefix}/#") as ears,
+        running("run", scene) as session,
+    ):
+        batch = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/plots")
+        status = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/status")
+        assert f"  MQTT        {broker.url}" in session.introduction
+        shown = plotfeed("show", f"{broker.url}/{prefix}/#", "--count", "3", *broker.keys())
+        assert len(shown.stdout.splitlines()) == 3
+        assert shown.stderr == ""
+        code, out, err = session.end(signal.SIGTERM)
+        ears.wait_for(lambda m: m.topic == status.topic and b"OFFLINE" in m.payload)
+    assert (code, err) == (0, "")
+    assert " undelivered" not in out
+    assert pb.PlotBatch.FromString(batch.payload).sensor == "radar"
+    assert json.loads(status.payload)["state"] == "ONLINE"
+    assert bool(batch.user_properties) == properties == (batch.content_type is not None)
+
+
+def test_a_session_that_was_killed_is_put_offline_through_tls(
+    broker: Broker, tmp_path: Path
+) -> None:
+    scene = scene_with_keys(tmp_path, broker, "killed")
+    with (
+        listening(broker.open, 5, "killed/+/status") as ears,
+        running("run", scene) as session,
+    ):
+        ears.wait_for(lambda m: b"ONLINE" in m.payload)
+        session.process.kill()
+        ears.wait_for(lambda m: b"OFFLINE" in m.payload)
+    with listening(broker.open, 4, "killed/+/status") as late:
+        assert late.wait_for(lambda m: b"OFFLINE" in m.payload).retained
+
+
+def test_qos_1_brings_every_message_however_fast_they_come(broker: Broker, tmp_path: Path) -> None:
+    # Mosquitto takes 20 unacknowledged messages at a time; simulated time waits for nobody.
+    scene = scene_with_keys(tmp_path, broker, "surely", "qos = 1")
+    options = ("--speed", "max", "--duration", "30", "--json")
+    with listening(broker.open, 5, "surely/radar/+", "surely/radar/asterix/+") as ears:
+        done = plotfeed("run", scene, *options)
+        totals = json.loads(done.stdout)
+        ears.wait_for(lambda m: b"OFFLINE" in m.payload)
+        reports = [m for m in ears.heard if not m.topic.endswith(("/status", "/settings"))]
+    assert (done.returncode, done.stderr) == (0, "")
+    assert totals["undelivered"] == 0
+    assert totals["messages"] == len(reports) > 2000
+    assert {m.qos for m in ears.heard} == {1}
+
+
+def test_qos_0_is_delivered_as_qos_0(broker: Broker, tmp_path: Path) -> None:
+    scene = scene_with_keys(tmp_path, broker, "lightly")
+    with listening(broker.open, 5, "lightly/#") as ears, running("run", scene):
+        assert ears.wait_for(lambda m: m.topic.endswith("/plots")).qos == 0
+        assert ears.wait_for(lambda m: m.topic.endswith("/truth")).qos == 0
+        assert ears.wait_for(lambda m: m.topic.endswith("/status")).qos == 1
+
+
+def test_the_environment_opens_the_door_too(broker: Broker) -> None:
+    environment = {**os.environ, "PLOTFEED_MQTT_USERNAME": ME, "PLOTFEED_MQTT_PASSWORD": PASSWORD}
+    for password, code in ((PASSWORD, 0), ("open barley", 1)):
+        environment["PLOTFEED_MQTT_PASSWORD"] = password
+        done = subprocess.run(
+            [*PLOTFEED, "show", broker.url, "--duration", "0.2", *broker.keys(credentials=None)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == code
+        assert password not in done.stderr
+
+
+def test_every_failure_is_one_line_that_names_the_broker_and_no_secret(
+    broker: Broker, tmp_path: Path
+) -> None:
+    ours = broker.certificates
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(f'username = "{ME}"\npassword = "open barley"\n')
+    flight = tmp_path / "flight.csv"
+    flight.write_text("time,latitude_deg,longitude_deg,altitude_m\n1767268800,40,-3,9\n")
+    inject = ("inject", flight, "--now", "--altitude-reference", "ellipsoid", "--broker")
+    cases: list[tuple[list[str], str]] = [
+        (broker.keys(credentials=wrong), "not authori"),  # as 5 spells it, or 3.1.1
+        (broker.keys(**{"ca-file": ours.other_ca}), "certificate is not good"),
+        (broker.keys(**{"ca-file": None}), "certificate is not good"),
+        (broker.keys(**{"client-certificate": None, "client-key": None}), ""),
+    ]
+    started = [
+        (text, subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        for keys, text in cases
+        for words in (
+            [*PLOTFEED, "show", broker.url, *keys],
+            [*PLOTFEED, *map(str, inject), broker.url, *keys],
+        )
+    ]
+    scene = scene_with_keys(tmp_path, broker, "refused")
+    scene.write_text(scene.read_text().replace("credentials.toml", "absent.toml"))
+    done = plotfeed("run", scene)
+    assert done.returncode == 2
+    assert done.stderr.endswith("absent.toml: No such file or directory\n")
+    scene = scene_with_keys(tmp_path, broker, "refused")
+    scene.write_text(scene.read_text().replace("mqtts", "mqtt"))
+    assert "need mqtts://" in plotfeed("run", scene).stderr
+    for text, process in started:
+        _, err = process.communicate(timeout=3 * PATIENCE_S)
+        assert process.returncode == 1
+        assert len(err.splitlines()) == 1
+        assert err.startswith(f"plotfeed: MQTT broker {broker.url}: ")
+        assert text in err
+        assert "open barley" not in err
+        assert PASSWORD not in err

@@ -1,0 +1,156 @@
+"""What a scene does not name is not computed: by the instructions that a sector executes.
+
+Of each sensor's report, nothing of an effect's own modules runs, no array is made for one, and to
+ask whether there is any takes less than a fiftieth of all instructions.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from collections import Counter
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.instructions import Place, instructions_of, text_of
+from support.road import START_NS, held, radar, rotating, scene, staring, waypoint
+
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.models.truth import Trajectories
+
+EFFECTS = {"alignment", "detect", "doppler", "drift", "merging", "multipath", "readings"}
+"""Modules of ours that only effects need."""
+QUESTIONS = re.compile(
+    r"\bmultipath is|\bdoppler is|\bmerging is|_finer\b|readings is|\.errs\b|bias is|drift is"
+    r"|axes is not|measures_range_rate|velocity_enu_m_s=?|readings=|true_geometry"
+    r"|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
+)
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+POLAR = {
+    "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
+    "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
+    "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
+}  # fmt: skip
+SENSORS: dict[str, dict[str, Any]] = {
+    "staring": radar(),
+    "rotating": radar(scan=rotating(1.0, 8)),
+    "mimo": POLAR | {
+        "id": "radar", "type": "mimo_radar", "scan": staring(),
+        "transmitters": [{"power_w": 2e3, "east_m": 9.0, "north_m": 0.0, "above_site_m": 0.0}],
+    },
+    "passive": {
+        "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
+        "transmitters": [{"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
+                          "place": waypoint(300.0, 0.2, 20_000.0)}],
+        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
+        "range_max_m": 10_000.0,
+    },
+    "gate": {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9000.0,
+             "sigma_m": 3.0},
+    "rf": {
+        "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+        "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+        "range_max_m": 9000.0, "baseline_m": 0.2,
+    },
+}  # fmt: skip
+EVERYTHING = {
+    "bias": {"range_offset_m": 1.0, "azimuth_offset_deg": 1.0, "time_offset_s": 0.1},
+    "drift": {"sigma_range_m": 1.0, "time_constant_s": 60.0},
+    "multipath": {"antenna_height_m": 5.0},
+    "doppler": {"notch_m_s": 1e-6},
+    "merging": {},
+}
+
+
+def station(sensor: dict[str, Any], drones: int = 3) -> EmulatedSensor:
+    """With drones in its first octant that are detected."""
+    flown = [
+        held(f"d{i}", 10.0 + i, 12.0, 2000.0 + 300.0 * i, rcs_m2=1.0, emitters=[EMITTER])
+        for i in range(drones)
+    ]
+    made = scene([sensor], flown, seed=1)
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(made, trajectories, START_NS)
+    return EmulatedSensor(made, made.sensor[0], trajectories)
+
+
+@cache
+def executed(kind: str) -> Counter[Place]:
+    """By a second scan, when what is made once has been made."""
+    at = station(SENSORS[kind])
+    sector = at.sector_at(START_NS)
+    for _ in range(2 * at.sectors):
+        at.report(sector)
+        sector = at.next_sector(sector)
+    at = at if kind != "rotating" else _with_nothing_worked_out(at)
+    return instructions_of(lambda: at.report(sector))
+
+
+def _with_nothing_worked_out(at: EmulatedSensor) -> EmulatedSensor:
+    """A turn is worked out at once: begin anew, so that the sector has to be."""
+    at.change(at.sensor)
+    return at
+
+
+KINDS = pytest.mark.parametrize("kind", SENSORS)
+
+
+@KINDS
+def test_nothing_runs_of_what_is_not_named(kind: str) -> None:
+    counts = executed(kind)
+    of_effects = {
+        text_of(place)
+        for place in counts
+        if Path(place[0]).parent.name == "models" and Path(place[0]).stem in EFFECTS
+    }
+    allowed = {
+        line.strip() for line in _source_of("detect", "true_geometry").splitlines() if line.strip()
+    }
+    assert of_effects <= allowed
+    assert not any("enu_to_aer" in line for line in of_effects)
+
+
+@KINDS
+def test_to_ask_takes_less_than_a_fiftieth(kind: str) -> None:
+    counts = executed(kind)
+    asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
+    assert 0 < asking < counts.total() / 50, f"{asking} of {counts.total()}"
+
+
+@KINDS
+def test_the_test_sees_what_is_named(kind: str) -> None:
+    """With everything on, the same count finds the effects' modules."""
+    known = set(_keys_of(kind))
+    at = station(SENSORS[kind] | {k: v for k, v in EVERYTHING.items() if k in known})
+    sector = at.sector_at(START_NS)
+    counts = instructions_of(lambda: at.report(sector))
+    stems = {Path(file).stem for file, _ in counts}
+    assert {"readings", "alignment"} <= stems
+    if "doppler" in known:
+        assert {"doppler", "drift", "merging", "detect"} <= stems
+    if "multipath" in known:
+        assert "multipath" in stems
+
+
+def test_merging_is_not_even_imported_for_a_scene_without_it() -> None:
+    code = (
+        "import sys; from plotfeed.feeds.scene.scene import example; "
+        "import plotfeed.feeds.sensing.emulated_sensor; "
+        "example('section-4'); print('plotfeed.models.effects.merging' in sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert told.stdout.split() == ["False"]
+
+
+def _keys_of(kind: str) -> list[str]:
+    return list(type(station(SENSORS[kind]).sensor).model_fields)
+
+
+def _source_of(module: str, name: str) -> str:
+    return inspect.getsource(getattr(import_module(f"plotfeed.models.{module}"), name))

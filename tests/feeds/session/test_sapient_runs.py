@@ -1,0 +1,274 @@
+"""Scenes flown in simulated time: every SAPIENT message of every kind of sensor."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
+from support.road import START_NS, Road, fly, held, radar, rotating, scene, staring
+from support.sapient_rules import checked
+
+from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+from plotfeed.feeds.scene.scene import example, from_tree
+from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.state import Plots
+from plotfeed.proto import plotfeed_pb2 as pb
+
+PLACES = {
+    "range_gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
+    "rf": {
+        "type": "rf",
+        "scan": staring(),
+        "frequency_min_hz": 2.40e9,
+        "frequency_max_hz": 2.48e9,
+        "channel_bandwidth_hz": 1e6,
+        "integration_s": 1e-3,
+        "range_max_m": 20e3,
+        "baseline_m": 0.06,
+        "decodes": ["remote-id"],
+    },
+}
+EMITTER = {
+    "frequency_hz": 2.437e9,
+    "bandwidth_hz": 1e6,
+    "eirp_dbm": 20.0,
+    "kind": "remote-id",
+    "identity": "1596F3",
+}
+SENSORS = [
+    radar(id="turning", scan=rotating(1.0, 32), pfa=1e-5),
+    radar(id="staring", measures_elevation=True),
+    radar(id="flat", measures_elevation=False),
+    radar(id="hasty", scan=staring(0.025), integration_s=0.01),
+    {"id": "gate", **PLACES["range_gate"]},
+    {"id": "finder", **PLACES["rf"]},
+    {
+        "id": "omni",
+        **{k: v for k, v in PLACES["rf"].items() if k != "baseline_m"},
+        "measures_azimuth": False,
+    },
+]
+DRONES = [
+    held("near", 45.0, 20.0, 800.0, rcs_m2=0.1, sound_power_db=95.0, emitters=[EMITTER]),
+    held("zenith", 0.0, 89.99, 300.0, rcs_m2=0.1),
+]
+OF_THE_PAPER = ("active", "mimo", "passive", "microphone")
+
+
+def built(seed: int = 5, **settings: Any) -> Road:
+    sensors = [{**sensor, "report": ["sapient", "plots"]} for sensor in SENSORS]
+    return fly(scene(sensors, DRONES, seed=seed, sapient=settings), 12.0)
+
+
+@cache
+def plain() -> Road:
+    return built()
+
+
+@cache
+def on_earth() -> Road:
+    return built(location="location", default_class="Air Vehicle", default_class_confidence=0.8)
+
+
+@cache
+def section_4() -> Road:
+    """The paper's sensors, and a drone that each of them finds."""
+    usual = example("section-4")
+    tree = usual.model_dump(exclude_none=True, exclude_defaults=True)
+    for sensor in tree["sensor"]:
+        sensor["report"] = ["sapient", "plots"]
+    tree["drone"] = [held("near", 20.0, 20.0, 400.0, rcs_m2=1.0, sound_power_db=95.0)]
+    return fly(from_tree(tree, usual.folder / "section-4.toml"), 30.0)
+
+
+RUNS = [
+    *((run, sensor["id"]) for run in (plain, on_earth) for sensor in SENSORS),
+    *((section_4, sensor) for sensor in OF_THE_PAPER),
+]
+
+
+def messages(road: Road, sensor: str) -> list[SapientMessage]:
+    return [checked(payload) for payload in road.payloads(f"{sensor}/sapient")]
+
+
+def detections(road: Road, sensor: str) -> list[SapientMessage]:
+    return [m for m in messages(road, sensor) if m.HasField("detection_report")]
+
+
+@pytest.mark.parametrize(("run", "sensor"), RUNS)
+def test_every_message_is_valid_and_every_plot_is_in_one(run: Any, sensor: str) -> None:
+    road = run()
+    found = messages(road, sensor)
+    assert [m.WhichOneof("content") for m in found[:2]] == ["registration", "status_report"]
+    assert len({m.node_id for m in found}) == 1
+    reported = [m.detection_report for m in found if m.HasField("detection_report")]
+    batches = [pb.PlotBatch.FromString(p) for p in road.payloads(f"{sensor}/plots")]
+    plots = [plot for batch in batches for plot in batch.plots]
+    late = 0 if sensor != "turning" else 60
+    assert len(plots) - late <= len(reported) <= len(plots)
+    assert len(reported) > 0
+    assert len({r.object_id for r in reported} | {r.report_id for r in reported}) == 2 * len(
+        reported
+    )
+
+
+@pytest.mark.parametrize(("run", "sensor"), RUNS)
+def test_detections_are_in_order_and_80_ms_apart(run: Any, sensor: str) -> None:
+    stamps = [m.timestamp.ToNanoseconds() for m in detections(run(), sensor)]
+    assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
+
+
+@pytest.mark.parametrize(("run", "sensor"), RUNS)
+def test_stamps_are_of_the_time_of_sending(run: Any, sensor: str) -> None:
+    for message in run().messages:
+        if message.topic == f"plotfeed/{sensor}/sapient":
+            stamp_ns = SapientMessage.FromString(message.payload).timestamp.ToNanoseconds()
+            assert 0 <= message.due_utc_ns - stamp_ns < 1000
+
+
+def test_detections_say_what_the_plots_say() -> None:
+    road = plain()
+    for sensor in ("staring", "flat", "finder"):
+        reports = [m.detection_report.range_bearing for m in detections(road, sensor)]
+        batches = [pb.PlotBatch.FromString(p) for p in road.payloads(f"{sensor}/plots")]
+        plots = [plot for batch in batches for plot in batch.plots]
+        for report, plot in zip(reports, plots, strict=True):
+            pairs = {
+                "azimuth": "azimuth_deg",
+                "elevation": "elevation_deg",
+                "range": "range_m",
+                "azimuth_error": "sigma_azimuth_deg",
+                "range_error": "sigma_range_m",
+            }
+            for theirs, ours in pairs.items():
+                assert report.HasField(theirs) == plot.HasField(ours), (sensor, theirs)
+                assert getattr(report, theirs) == getattr(plot, ours)
+
+
+def test_ages_tell_the_time_of_measurement() -> None:
+    road = plain()
+    batches = [pb.PlotBatch.FromString(p) for p in road.payloads("turning/plots")]
+    times_ns = {plot.time_utc_ns for batch in batches for plot in batch.plots}
+    reports = detections(road, "turning")
+    for message in reports:
+        (age,) = (i.value for i in message.detection_report.object_info if i.type == "age")
+        measured_ns = message.timestamp.ToNanoseconds() - float(age) * 1e9
+        assert min(abs(measured_ns - t) for t in times_ns) < 2000
+        assert 0 <= float(age) <= 0.094
+
+
+def test_places_on_earth_are_those_of_the_plots() -> None:
+    road = on_earth()
+    batches = [pb.PlotBatch.FromString(p) for p in road.payloads("staring/plots")]
+    plots = [plot for batch in batches for plot in batch.plots]
+    for message, plot in zip(detections(road, "staring"), plots, strict=True):
+        place = message.detection_report.location
+        assert place.z == pytest.approx(plot.height_m, abs=1e-6)
+    near = [
+        m.detection_report.location
+        for m in detections(road, "gate")
+        if m.detection_report.location.x > -3.727
+    ]
+    # 800 m at 20 degrees: 751.8 m to the north-east, 273.6 m up; a range gate errs by 5 m each way.
+    assert np.mean([p.z for p in near]) == pytest.approx(650 + 273.6, abs=8)
+    assert np.mean([p.y for p in near]) == pytest.approx(40.45 + 531.6 / 111_035, abs=8 / 111e3)
+    assert np.mean([p.x for p in near]) == pytest.approx(-3.73 + 531.6 / 84_830, abs=8 / 84e3)
+    assert near[0].z_error == pytest.approx(5.0, rel=0.2)
+    assert near[0].y_error * 111_035 == pytest.approx(5.0, rel=0.2)
+
+
+def test_sensors_without_a_place_keep_to_range_and_bearing() -> None:
+    for sensor in ("flat", "finder"):
+        kinds = {
+            m.detection_report.WhichOneof("location_oneof") for m in detections(on_earth(), sensor)
+        }
+        assert kinds == {"range_bearing"}
+
+
+def test_a_detector_without_directions_tells_of_its_surroundings() -> None:
+    for message in detections(plain(), "omni"):
+        place = message.detection_report.location
+        assert place.x == pytest.approx(-3.73)
+        assert place.y == pytest.approx(40.45)
+        assert place.y_error * 111_000 == pytest.approx(10e3, rel=0.01)
+
+
+def test_classes_and_identities() -> None:
+    (kinds,) = {
+        m.detection_report.classification[0].type
+        for m in detections(plain(), "finder")
+        if m.detection_report.classification
+    }
+    assert kinds == "remote-id"
+    report = next(
+        m.detection_report for m in detections(on_earth(), "finder") if m.detection_report.id
+    )
+    assert report.id == "1596F3"
+    assert report.classification[0].type == "Air Vehicle"
+    assert report.classification[0].sub_class[0].type == "remote-id"
+    assert report.classification[0].confidence == pytest.approx(0.8)
+    assert report.signal[0].centre_frequency == pytest.approx(2.44e9, rel=1e-6)
+    assert all(m.detection_report.classification for m in detections(on_earth(), "turning"))
+
+
+def test_nodes_register_as_what_they_are() -> None:
+    types = {
+        sensor: messages(road, sensor)[0].registration.node_definition[0].node_type
+        for road, sensors in ((plain(), ("gate", "finder")), (section_4(), OF_THE_PAPER))
+        for sensor in sensors
+    }
+    assert types == {
+        "gate": Registration.NODE_TYPE_OTHER,
+        "finder": Registration.NODE_TYPE_PASSIVE_RF,
+        "active": Registration.NODE_TYPE_RADAR,
+        "mimo": Registration.NODE_TYPE_RADAR,
+        "passive": Registration.NODE_TYPE_RADAR,
+        "microphone": Registration.NODE_TYPE_ACOUSTIC,
+    }
+
+
+def test_statuses_come_at_their_interval_and_end_with_goodbye() -> None:
+    statuses = [m for m in messages(plain(), "staring") if m.HasField("status_report")]
+    assert [round((m.timestamp.ToNanoseconds() - START_NS) / 1e9) for m in statuses] == [
+        0,
+        5,
+        10,
+        12,
+    ]
+    assert [(m.status_report.system, m.status_report.info) for m in statuses] == [
+        (StatusReport.SYSTEM_OK, StatusReport.INFO_NEW),
+        (StatusReport.SYSTEM_OK, StatusReport.INFO_UNCHANGED),
+        (StatusReport.SYSTEM_OK, StatusReport.INFO_UNCHANGED),
+        (StatusReport.SYSTEM_GOODBYE, StatusReport.INFO_NEW),
+    ]
+
+
+def test_the_same_scene_gives_the_same_octets() -> None:
+    def octets(road: Road) -> list[tuple[str, bytes]]:
+        return [(m.topic, m.payload) for m in road.messages if m.topic.endswith("/sapient")]
+
+    assert octets(built()) == octets(plain())
+    other = {m.node_id for m in messages(built(seed=6), "staring")}
+    assert other.isdisjoint(m.node_id for m in messages(plain(), "staring"))
+
+
+def test_what_was_not_finished_is_not_sent_later() -> None:
+    """Behind by more than a scan, a session goes on with the present."""
+    turning = scene([radar(report=["sapient"], scan=rotating(1.0, 32))], seed=1)
+    reports = SapientReports(turning, turning.sensor[0])
+
+    def sent(index: int, scan: int) -> int:
+        sector = nth_sector(scan, index, 10**9, 32)
+        plot = Plots.of(t_utc_ns=np.array([sector.start_ns]), azimuth_deg=np.array([1.0]))
+        return len(reports.messages(sector, plot))
+
+    scan = 3 * 10**8
+    for index, expected in ((0, 0), (1, 0), (2, 3), (3, 0), (4, 0)):
+        assert sent(index, scan) == expected
+    assert [sent(index, scan + 3) for index in (0, 1, 2)] == [0, 0, 3]

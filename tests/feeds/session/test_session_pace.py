@@ -1,0 +1,230 @@
+"""Whatever the pace and however late the machine: the same octets, the same ledger, no drift."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.scene_files import DRONE, radar, scene_file, scene_text
+from support.significance import Array, assert_chance
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.proto import plotfeed_pb2 as pb
+
+S = 1_000_000_000
+START = "2026-01-01T11:59:58.05Z"
+LONG_S = 12.0
+"""Of a turn, so that a machine that stalls is late but misses none, at ten times the pace too."""
+
+LOSSY = """
+[sensor.link]
+latency_ms = 120.0
+jitter_ms = 80.0
+delay_correlation = 0.4
+duplicate = 0.2
+corrupt = 0.1
+loss = { kind = "gilbert-elliott", mean_loss = 0.2, mean_burst = 3.0 }
+"""
+NARROW = """
+[sensor.link]
+rate_kbit_s = 24.0
+queue_messages = 6
+jitter_ms = 30.0
+distribution = "pareto"
+in_order = true
+"""
+STALLED = """
+[sensor.link]
+latency_ms = 30.0
+on_loss = "stall"
+loss = { kind = "random", probability = 0.1 }
+"""
+EVENTS = """
+[[sensor.event]]
+from_s = 0.6
+to_s = 1.1
+set = { link = { down = true } }
+[[sensor.event]]
+from_s = 1.3
+to_s = 1.9
+set = { pfa_factor = 100, link = { latency_ms = 400.0 } }
+[[sensor.event]]
+from_s = 2.2
+to_s = 2.5
+set = { enabled = false }
+"""
+STARING = f"""
+[[sensor]]
+id = "staring"
+type = "range_gate"
+range_max_m = 10_000.0
+pfa = 0.2
+[sensor.scan]
+kind = "staring"
+period_s = {LONG_S}
+"""
+
+Sent = list[tuple[Message, int]]
+
+
+def impaired(name: str, link: str, *, period_s: float = LONG_S, sectors: int = 240) -> str:
+    return radar(name, period_s=period_s, sectors=sectors) + link + EVENTS
+
+
+def scene(folder: Path, sensors: str, drones: str = DRONE) -> Scene:
+    text = scene_text(start_utc=START, sensors=sensors, drones=drones, port=1883)
+    return load(scene_file(folder, text))
+
+
+async def session(what: Scene, clock: Clock, duration_s: float) -> tuple[SessionCounters, Sent]:
+    sent: Sent = []
+    tap = lambda message, t: sent.append((message, t))  # noqa: E731
+    totals = await run(what, clock=clock, broker="none", duration_s=duration_s, tap=tap)
+    return totals, sent
+
+
+def simulated(
+    what: Scene, duration_s: float, clock: Clock | None = None
+) -> tuple[SessionCounters, Sent]:
+    return asyncio.run(session(what, clock or InstantClock(what.scene.start_utc_ns), duration_s))
+
+
+def reported(sent: Sent) -> dict[str, list[bytes]]:
+    """What trackers get, by topic, in its order."""
+    found: dict[str, list[bytes]] = {}
+    for message, _ in sent:
+        if "/asterix/" in message.topic or message.topic.endswith("/plots"):
+            found.setdefault(message.topic, []).append(message.payload)
+    return found
+
+
+def ledger(sent: Sent) -> dict[str, list[pb.Ledger]]:
+    """Of each sensor in its order, but for when messages left."""
+    found: dict[str, list[pb.Ledger]] = {}
+    for message, _ in sent:
+        if message.topic.endswith("/truth"):
+            entry = pb.Ledger.FromString(message.payload)
+            for one in entry.messages:
+                one.ClearField("sent_utc_ns")
+            found.setdefault(entry.sensor, []).append(entry)
+    return found
+
+
+def counts(totals: SessionCounters) -> dict[str, object]:
+    return {name: getattr(totals, name) for name in totals.__slots__ if name != "lateness_ns"}
+
+
+def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> None:
+    links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
+    sensors = "".join(impaired(name, link) for name, link in links.items())
+    what = scene(tmp_path, sensors + radar("clear", period_s=LONG_S, sectors=240))
+
+    async def in_real_time() -> list[tuple[SessionCounters, Sent]]:
+        clocks = [WallClock(what.scene.start_utc_ns, speed=speed) for speed in (1.0, 10.0)]
+        return await asyncio.gather(*(session(what, clock, 3.0) for clock in clocks))
+
+    totals, sent = simulated(what, 3.0)
+    fates = {one.fate for entries in ledger(sent).values() for e in entries for one in e.messages}
+    assert fates == {pb.SENT, pb.LOST, pb.OUTAGE, pb.QUEUE_FULL}
+    assert totals.duplicated > 5
+    for other_totals, other in asyncio.run(in_real_time()):
+        assert other_totals.missed_scans == 0
+        assert reported(other) == reported(sent)
+        assert ledger(other) == ledger(sent)
+        assert counts(other_totals) == counts(totals)
+
+
+class LateClock(InstantClock):
+    """A machine that oversleeps every time by chance, and now and then stands still."""
+
+    def __init__(
+        self, start_utc_ns: int, seed: int, mean_s: float = 0.002, **pauses: float
+    ) -> None:
+        super().__init__(start_utc_ns)
+        self._rng = np.random.default_rng(seed)
+        self._mean_s = mean_s
+        self._pause_ns = start_utc_ns + round(pauses.get("after_s", 1e6) * S)
+        self._for_ns = round(pauses.get("for_s", 0.0) * S)
+
+    async def sleep_until(self, t_utc_ns: int) -> None:
+        if self.now_ns() < t_utc_ns:
+            t_utc_ns += round(self._rng.exponential(self._mean_s) * S)
+        await super().sleep_until(t_utc_ns)
+        if self._for_ns and t_utc_ns >= self._pause_ns:
+            await super().sleep_until(t_utc_ns + self._for_ns)
+            self._for_ns = 0
+
+
+def late_clock(what: Scene, seed: int, **how: float) -> LateClock:
+    assert what.scene.start_utc_ns is not None
+    return LateClock(what.scene.start_utc_ns, seed, **how)
+
+
+@pytest.mark.parametrize("mean_s", [0.002, 0.15])
+def test_what_links_and_events_do_does_not_depend_on_how_late_they_are_done(
+    tmp_path: Path, mean_s: float
+) -> None:
+    """Late by so much that an event's end is done after the next one has begun."""
+    links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
+    what = scene(tmp_path, "".join(impaired(name, link) for name, link in links.items()))
+    totals, sent = simulated(what, 3.0)
+    other_totals, other = simulated(what, 3.0, late_clock(what, 1, mean_s=mean_s))
+    assert reported(other) == reported(sent)
+    assert ledger(other) == ledger(sent)
+    assert counts(other_totals) == counts(totals)
+    assert max(other_totals.lateness_ns) > mean_s * S
+
+
+def lateness_s(sent: Sent) -> tuple[Array, Array]:
+    """When sectors were due and how late they left; one message of each."""
+    found = {
+        m.due_utc_ns: (t - m.due_utc_ns) / S for m, t in sent if m.topic.endswith("/asterix/034")
+    }
+    return np.array(list(found)) / S, np.array(list(found.values()))
+
+
+def test_lateness_has_no_slope_over_ten_minutes(tmp_path: Path) -> None:
+    what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
+    totals, sent = simulated(what, 600.0, late_clock(what, 2))
+    due_s, late_s = lateness_s(sent)
+    assert len(late_s) > 9500
+    assert totals.missed_scans == 0
+    fit = stats.linregress(due_s - due_s[0], late_s)
+    assert_chance(float(fit.pvalue), "slope of lateness")
+    assert abs(fit.slope) * 600 < 0.0005
+    assert 0.0015 < late_s.mean() < 0.0025
+
+
+@pytest.mark.parametrize("after_s", [20.0, 20.06])
+@pytest.mark.parametrize("pause_s", [1.7, 5.3, 60.0])
+def test_after_a_pause_it_goes_on_with_the_present(
+    tmp_path: Path, after_s: float, pause_s: float
+) -> None:
+    what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
+    clock = late_clock(what, 3, after_s=after_s, for_s=pause_s)
+    totals, sent = simulated(what, 120.0, clock)
+    due_s, late_s = lateness_s(sent)
+    # One was worked out already, and the last that ended in the pause is not missed.
+    assert (late_s > 0.03).sum() <= 2
+    assert late_s.max() < pause_s + 0.1
+    whole = 120 * 16 - 1
+    missed = whole - len(late_s)
+    assert pause_s * 16 - 3 <= missed <= pause_s * 16 + 1
+    assert abs(totals.missed_scans - pause_s) <= 1
+    before, after = late_s[due_s < due_s[0] + 19], late_s[due_s > due_s[0] + 21 + pause_s]
+    assert_chance(float(stats.ks_2samp(before, after).pvalue), "lateness before and after")
+
+
+def test_a_pause_shorter_than_a_turn_is_caught_up_once(tmp_path: Path) -> None:
+    what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
+    totals, sent = simulated(what, 60.0, late_clock(what, 4, after_s=20.0, for_s=0.8))
+    expected = reported(simulated(what, 60.0)[1])
+    assert totals.missed_scans == 0
+    assert reported(sent) == expected

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.shared_files import shared
+
+from plotfeed.feeds.telemetry.flights import read, smoothed
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, distance_m
+from plotfeed.feeds.telemetry.flights.smoothed import (
+    DEGREE_DECIMALS,
+    METRE_DECIMALS,
+    quantum,
+    samples_per_step,
+)
+from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+
+S = 1_000_000_000
+M_PER_DEG = 111_229.0  # of latitude at 50 north
+SEA = AltitudeReference.MEAN_SEA_LEVEL
+Floats = NDArray[np.float64]
+
+
+def flight(t_s: Floats, north_m: Floats, decimals: int = 12, east_deg: float = 3.0) -> Flight:
+    latitudes = np.round(50.0 + north_m / M_PER_DEG, decimals)
+    reports = tuple(
+        PositionReport(
+            t_utc_ns=round(t * S),
+            latitude_deg=float(latitude),
+            longitude_deg=east_deg,
+            altitude_m=100.0,
+            altitude_reference=SEA,
+        )
+        for t, latitude in zip(t_s, latitudes, strict=True)
+    )
+    return Flight(name="a", reports=reports)
+
+
+def speeds(flown: Flight) -> Floats:
+    return np.array(
+        [math.hypot(*r.velocity_enu_m_s[:2]) for r in flown.reports if r.velocity_enu_m_s]
+    )
+
+
+def moved_m(a: Flight, b: Flight) -> float:
+    return max(distance_m(x, y) for x, y in zip(a.reports, b.reports, strict=True))
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0, 30.0])
+@pytest.mark.parametrize("speed_m_s", [2.0, 6.0, 15.0])
+def test_steady_flight_in_eleven_metre_steps_gives_its_speed(
+    rate_hz: float, speed_m_s: float
+) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    coarse = flight(t_s, t_s * speed_m_s, decimals=4)
+    smooth = smoothed(coarse)
+    assert moved_m(coarse, smooth) < 15
+    inner = speeds(smooth)[len(t_s) // 6 : -len(t_s) // 6]
+    assert inner == pytest.approx(speed_m_s, abs=0.25 * speed_m_s + 0.5)
+    assert inner.mean() == pytest.approx(speed_m_s, rel=0.05)
+
+
+def test_a_fine_log_is_left_as_it_is() -> None:
+    t_s = np.arange(0, 60, 0.2)
+    fine = flight(t_s, 50 * np.sin(t_s / 5), decimals=7)
+    smooth = smoothed(fine)
+    assert moved_m(fine, smooth) < 0.02
+    assert speeds(smooth)[5:-5] == pytest.approx(np.abs(10 * np.cos(t_s / 5))[5:-5], abs=0.3)
+
+
+def test_a_break_in_the_log_is_not_bridged() -> None:
+    t_s = np.concatenate([np.arange(20.0), np.arange(80.0, 100.0)])
+    north_m = np.concatenate([np.arange(20.0) * 10, 200 - np.arange(20.0) * 10])
+    smooth = smoothed(flight(t_s, north_m, decimals=4))
+    north_m_s = [r.velocity_enu_m_s[1] for r in smooth.reports if r.velocity_enu_m_s]
+    assert north_m_s[15:20] == pytest.approx([10.0] * 5, abs=4)
+    assert north_m_s[20:25] == pytest.approx([-10.0] * 5, abs=4)
+
+
+def test_a_sparse_log_is_one_stretch() -> None:
+    t_s = np.arange(0, 300.0, 10.0)
+    assert speeds(smoothed(flight(t_s, t_s * 7))) == pytest.approx(7.0, rel=1e-3)
+
+
+def test_recorded_velocity_is_kept_and_its_gaps_are_filled() -> None:
+    t_s = np.arange(30.0)
+    whole = flight(t_s, t_s * 5)
+    told = tuple(replace(r, velocity_enu_m_s=(1.0, math.nan, math.nan)) for r in whole.reports)
+    velocity = smoothed(replace(whole, reports=told)).reports[10].velocity_enu_m_s
+    assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
+
+
+def test_a_single_report_is_left_as_it_was() -> None:
+    one = flight(np.zeros(1), np.zeros(1))
+    assert smoothed(one) == one
+
+
+def test_the_antimeridian_is_crossed_without_a_jump() -> None:
+    t_s = np.arange(20.0)
+    across = flight(t_s, 0 * t_s)
+    east = tuple(
+        replace(r, longitude_deg=(179.999 + i * 1e-4 + 180) % 360 - 180)
+        for i, r in enumerate(across.reports)
+    )
+    smooth = smoothed(replace(across, reports=east))
+    assert speeds(smooth) == pytest.approx(7.17, abs=0.05)
+    assert all(-180 <= r.longitude_deg <= 180 for r in smooth.reports)
+    assert moved_m(replace(across, reports=east), smooth) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([36.6146, 36.6147, 36.6172], 1e-4),
+        ([-35.3623714, -35.3623715], 1e-7),
+        ([50 + k / 600_000 for k in (0, 0, 1, 1, 1, 2, 4, 4, 4, 4)], 1 / 600_000),
+        ([math.pi, math.e, math.sqrt(2), 1.1], 0.0),
+    ],
+)
+def test_the_step_in_which_degrees_are_written(values: list[float], expected: float) -> None:
+    assert quantum(np.array(values), DEGREE_DECIMALS) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_damaged_value_does_not_hide_the_step() -> None:
+    values = np.round(50 + np.arange(60) * 1e-4, 4)
+    values[7] += 1.23e-6
+    assert quantum(values, DEGREE_DECIMALS) == 1e-4
+
+
+def test_the_step_in_which_heights_are_written() -> None:
+    assert quantum(np.array([0.3, 87.9, -0.1]), METRE_DECIMALS) == 0.1
+    assert quantum(np.array([5.0, 7.0, 5.0]), METRE_DECIMALS) == 1.0
+
+
+def test_samples_of_one_value_in_a_row_are_counted() -> None:
+    assert samples_per_step(np.repeat(np.arange(9.0), 4)) == 4.0
+    assert samples_per_step(np.arange(9.0)) == 1.0
+    assert samples_per_step(np.zeros(9)) == 1.0
+
+
+def test_the_matrice_flight_is_plausible() -> None:
+    recorded = read(shared("flights/matrice_300.srt"))
+    smooth = smoothed(recorded)
+    quantum_m = math.hypot(11.1, 8.9)
+    assert moved_m(recorded, smooth) < quantum_m
+    assert speeds(smooth).max() < 20
+    ups = [r.velocity_enu_m_s[2] for r in smooth.reports if r.velocity_enu_m_s]
+    assert -7 < min(ups) < -4
+    assert 4 < max(ups) < 7
+
+
+def test_the_pixhawk_flight_is_untouched_and_its_own_velocity_agrees() -> None:
+    recorded = read(shared("flights/log171.bin"))
+    bare = replace(
+        recorded, reports=tuple(replace(r, velocity_enu_m_s=None) for r in recorded.reports)
+    )
+    assert moved_m(bare, smoothed(bare)) < 0.02
+    fitted = np.array([r.velocity_enu_m_s for r in smoothed(bare).reports])
+    own = np.array([r.velocity_enu_m_s for r in recorded.reports])
+    assert np.sqrt(np.mean((fitted - own) ** 2, axis=0)) == pytest.approx([0.3, 0.3, 0.2], abs=0.1)
+
+
+def test_the_rotary_flight_is_untouched_and_its_own_velocity_agrees() -> None:
+    columns = {"velocity_east_m_s": "Vx m/s", "velocity_north_m_s": "Vy m/s"}
+    path = shared("flights/UAV_Rot.csv")
+    recorded = read(path, FlightOptions(altitude_reference=SEA))
+    own = read(path, FlightOptions(altitude_reference=SEA, columns=columns))
+    assert moved_m(recorded, smoothed(recorded)) < 0.02
+    fitted = np.array([r.velocity_enu_m_s for r in smoothed(recorded).reports])[:, :2]
+    told = np.array([r.velocity_enu_m_s for r in own.reports])[:, :2]
+    assert np.sqrt(np.mean((fitted - told) ** 2)) < 1.0

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.telemetry.position_report import (
+    AltitudeReference,
+    PositionReport,
+    Reason,
+    Refused,
+)
+from plotfeed.feeds.telemetry.receiver import Admission
+
+S = 1_000_000_000
+NOW = 1_700_000_000 * S
+REPORT = PositionReport(
+    t_utc_ns=NOW,
+    latitude_deg=40.0,
+    longitude_deg=-3.0,
+    altitude_m=700.0,
+    altitude_reference=AltitudeReference.ELLIPSOID,
+)
+
+
+def at(t_utc_ns: int) -> PositionReport:
+    return replace(REPORT, t_utc_ns=t_utc_ns)
+
+
+def reason(gate: Admission, drone: str, report: PositionReport) -> Reason:
+    with pytest.raises(Refused) as caught:
+        gate.admit(drone, report, NOW)
+    return caught.value.reason
+
+
+def test_each_drone_has_its_own_time() -> None:
+    gate = Admission()
+    gate.admit("a", at(NOW), NOW)
+    gate.admit("b", at(NOW - S), NOW)
+    assert reason(gate, "a", at(NOW)) is Reason.DUPLICATE
+    assert reason(gate, "a", at(NOW - 1)) is Reason.BACKWARDS
+    gate.admit("b", at(NOW), NOW)
+    assert gate.refused == {Reason.DUPLICATE: 1, Reason.BACKWARDS: 1}
+
+
+def test_a_refused_report_does_not_move_the_drones_time() -> None:
+    gate = Admission(max_ahead_s=2.0)
+    assert reason(gate, "a", at(NOW + 3 * S)) is Reason.FUTURE
+    gate.admit("a", at(NOW + 2 * S), NOW)
+
+
+def test_age_is_limited_only_where_asked() -> None:
+    Admission().admit("a", at(0), NOW)
+    assert reason(Admission(max_age_s=5), "a", at(NOW - 6 * S)) is Reason.STALE
+    Admission(max_age_s=5).admit("a", at(NOW - 5 * S), NOW)
+
+
+def test_a_drone_beyond_the_most_is_refused_until_another_is_forgotten() -> None:
+    gate = Admission(max_drones=1)
+    gate.admit("a", at(NOW - 1), NOW)
+    assert reason(gate, "b", REPORT) is Reason.TOO_MANY_DRONES
+    gate.admit("a", REPORT, NOW)
+    gate.forget("a")
+    gate.admit("b", REPORT, NOW)
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "+", "a#", "a\0", "a\n", "x" * 65, "\ud800"])
+def test_names_that_no_topic_can_carry_are_refused(name: str) -> None:
+    assert reason(Admission(), name, REPORT) is Reason.NAME
+
+
+def test_other_names_are_taken() -> None:
+    for name in ("phantom-4", "Σ 1", "x" * 64):
+        Admission().admit(name, REPORT, NOW)
+
+
+def test_a_refusal_is_counted_once() -> None:
+    gate = Admission()
+    refused = Refused(Reason.MISSING, "time_utc is missing")
+    assert gate.refuse(refused) == gate.refuse(refused) == 1
+    assert gate.refuse(Refused(Reason.MISSING, "again")) == 2
+    assert gate.refused == {Reason.MISSING: 2}
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(NOW - 9, NOW)), max_size=40))
+def test_what_is_admitted_runs_forward_and_all_else_is_counted(
+    arrivals: list[tuple[str, int]],
+) -> None:
+    gate, last, refused = Admission(), dict[str, int](), 0
+    for drone, t_utc_ns in arrivals:
+        try:
+            gate.admit(drone, at(t_utc_ns), NOW)
+        except Refused:
+            refused += 1
+            assert t_utc_ns <= last[drone]
+        else:
+            assert t_utc_ns > last.get(drone, 0)
+            last[drone] = t_utc_ns
+    assert gate.refused.total() == refused

@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.timer import LoopTimer, PreciseTimer, TimerFd
+from plotfeed.proto.utc import iso_utc
+
+MS = 1_000_000
+S = 1_000_000_000
+START = 1_767_268_800 * S
+
+
+def test_a_wall_clock_tells_utc() -> None:
+    before = time.time_ns()
+    clock = WallClock()
+    assert before - S < clock.now_ns() < time.time_ns() + S
+
+
+def test_a_given_start_stands_still_until_the_session_begins() -> None:
+    clock = WallClock(START)
+    time.sleep(0.01)
+    assert clock.now_ns() == START
+    assert clock.start() == START
+    assert START <= clock.now_ns() < START + 60 * S
+    time.sleep(0.01)
+    assert clock.now_ns() >= START + 10 * MS
+
+
+def test_starting_a_clock_that_runs_changes_nothing() -> None:
+    clock = WallClock(START)
+    clock.start()
+    time.sleep(0.01)
+    assert clock.start() >= START + 10 * MS
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
+def test_nobody_wakes_before_the_time(speed: float) -> None:
+    async def wait() -> None:
+        clock = WallClock(START, speed=speed)
+        try:
+            clock.start()
+            for step in (1, 2, 3, 17):
+                until = START + round(step * 5 * MS * speed) + 1
+                await clock.sleep_until(until)
+                assert clock.now_ns() >= until
+        finally:
+            clock.close()
+
+    asyncio.run(asyncio.wait_for(wait(), 30))
+
+
+def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
+    async def wait() -> int:
+        clock, ran = WallClock(START), 0
+
+        async def other() -> None:
+            nonlocal ran
+            ran += 1
+
+        task = asyncio.create_task(other())
+        await clock.sleep_until(START - 1000 * S)
+        await task
+        clock.close()
+        return ran
+
+    assert asyncio.run(asyncio.wait_for(wait(), 30)) == 1
+
+
+def test_a_simulated_clock_jumps_and_never_goes_back() -> None:
+    async def wait() -> None:
+        clock = InstantClock(START)
+        assert clock.start() == START
+        await clock.sleep_until(START + 3600 * S)
+        assert clock.now_ns() == START + 3600 * S
+        await clock.sleep_until(START)
+        assert clock.now_ns() == START + 3600 * S
+        clock.close()
+
+    asyncio.run(wait())
+
+
+@pytest.mark.parametrize("make", [LoopTimer, TimerFd])
+def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | TimerFd]) -> None:
+    async def wait() -> None:
+        timer = make()
+        begun = time.monotonic_ns()
+        for after in (3 * MS, 1 * MS, 5 * MS, 5 * MS + 1, 20 * MS):
+            await timer.wait_until(begun + after)
+            assert time.monotonic_ns() >= begun + after
+        timer.close()
+        timer.close()
+
+    asyncio.run(asyncio.wait_for(wait(), 30))
+
+
+@pytest.mark.parametrize("make", [LoopTimer, TimerFd])
+def test_a_wait_can_be_cancelled_and_the_timer_used_again(
+    make: Callable[[], LoopTimer | TimerFd],
+) -> None:
+    async def wait() -> None:
+        timer = make()
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(timer.wait_until(time.monotonic_ns() + 3600 * S), 0.01)
+        soon = time.monotonic_ns() + 2 * MS
+        await timer.wait_until(soon)
+        assert time.monotonic_ns() >= soon
+        timer.close()
+
+    asyncio.run(asyncio.wait_for(wait(), 30))
+
+
+def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
+    async def wait() -> None:
+        timer = TimerFd()
+        for _ in range(20):
+            near = asyncio.ensure_future(timer.wait_until(time.monotonic_ns() + MS))
+            await asyncio.sleep(0)
+            near.cancel()
+            time.sleep(0.002)  # noqa: ASYNC251 - it shall expire while nobody waits
+            later = time.monotonic_ns() + 5 * MS
+            await timer.wait_until(later)
+            assert time.monotonic_ns() >= later
+        timer.close()
+
+    asyncio.run(asyncio.wait_for(wait(), 30))
+
+
+def test_the_best_timer_of_the_system_waits() -> None:
+    async def wait() -> None:
+        with PreciseTimer() as timer:
+            until = time.monotonic_ns() + 2 * MS
+            await timer.wait_until(until)
+            assert time.monotonic_ns() >= until
+
+    asyncio.run(asyncio.wait_for(wait(), 30))
+
+
+@given(st.lists(st.integers(0, 20), max_size=60))
+def test_things_are_done_in_the_order_of_their_deadlines(due: list[int]) -> None:
+    agenda, done = Schedule(), list[tuple[int, int]]()
+    for order, t in enumerate(due):
+        agenda.put(t, lambda t=t, order=order: done.append((t, order)))  # type: ignore[misc]
+    for now in range(21):
+        for due_ns, action in agenda.due_by(now):
+            assert due_ns <= now
+            action()
+        assert all(t <= now for t, _ in done)
+    assert done == sorted((t, order) for order, t in enumerate(due))
+    assert agenda.next_due_ns() is None
+
+
+def test_what_is_put_meanwhile_is_done_if_it_is_due() -> None:
+    agenda, done = Schedule(), list[str]()
+
+    def first() -> None:
+        done.append("first")
+        agenda.put(3, lambda: done.append("late"))
+
+    agenda.put(5, first)
+    agenda.put(7, lambda: done.append("last"))
+    for _, action in agenda.due_by(6):
+        action()
+    assert done == ["first", "late"]
+    assert agenda.next_due_ns() == 7
+
+
+@pytest.mark.parametrize(
+    ("t_utc_ns", "text"),
+    [
+        (0, "1970-01-01T00:00:00.000000000Z"),
+        (1, "1970-01-01T00:00:00.000000001Z"),
+        (START + 123_456_789, "2026-01-01T12:00:00.123456789Z"),
+        (-1, "1969-12-31T23:59:59.999999999Z"),
+        (2**63 - 1, "2262-04-11T23:47:16.854775807Z"),
+        (-(2**63), "1677-09-21T00:12:43.145224192Z"),
+    ],
+)
+def test_a_time_is_written_to_the_nanosecond(t_utc_ns: int, text: str) -> None:
+    assert iso_utc(t_utc_ns) == text

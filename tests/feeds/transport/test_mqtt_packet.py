@@ -1,0 +1,67 @@
+"""Against gmqtt's own packets, and as the standard counts lengths."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import gmqtt
+import pytest
+from gmqtt.mqtt.package import PublishPacket
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
+
+words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
+
+
+def by_gmqtt(message: Message, version: int, expiry_s: int) -> bytes:
+    more = {}
+    if version >= 5:
+        more = {"content_type": message.content_type}
+        if message.properties:
+            more["user_property"] = list(message.properties)  # type: ignore[assignment]
+        if not message.retain:
+            more["message_expiry_interval"] = expiry_s  # type: ignore[assignment]
+    packet = gmqtt.Message(message.topic, message.payload, qos=0, retain=message.retain, **more)
+    protocol = SimpleNamespace(proto_ver=version)
+    _, octets = PublishPacket.build_package(packet, protocol)
+    return bytes(octets)
+
+
+messages = st.builds(
+    Message,
+    topic=words,
+    payload=st.binary(max_size=300),
+    content_type=words,
+    due_utc_ns=st.just(0),
+    properties=st.lists(st.tuples(words, words), max_size=5).map(tuple),
+    retain=st.booleans(),
+)
+
+
+@given(messages, st.sampled_from([4, 5]), st.integers(1, 2**32 - 1))
+def test_a_packet_is_what_an_independent_client_makes_of_the_same_message(
+    message: Message, version: int, expiry_s: int
+) -> None:
+    assert publish_packet(message, version, expiry_s) == by_gmqtt(message, version, expiry_s)
+
+
+@pytest.mark.parametrize(
+    ("octets", "length"),
+    [
+        (124, "7f"),
+        (125, "8001"),
+        (16_380, "ff7f"),
+        (16_381, "808001"),
+        (2_097_148, "ffff7f"),
+        (2_097_149, "80808001"),
+    ],
+)
+def test_remaining_lengths_are_those_of_the_standards_table(octets: int, length: str) -> None:
+    """MQTT 3.1.1, table 2.4; the topic takes three octets more."""
+    message = Message(topic="t", payload=b"x" * octets, content_type="", due_utc_ns=0)
+    packet = publish_packet(message, 4, 60)
+    assert packet[1 : 1 + len(length) // 2].hex() == length
+    assert len(packet) == 1 + len(length) // 2 + 3 + octets

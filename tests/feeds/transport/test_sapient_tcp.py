@@ -1,0 +1,352 @@
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import tracemalloc
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager, suppress
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
+from support.brokers import free_port
+from support.middleware import Middleware, Peer, listening, polite
+from support.mqtt_client import PATIENCE_S
+from support.parcels import taken
+from support.road import held, radar, rotating, scene, staring
+
+from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, SapientAnnouncer
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import split_address
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport import sapient_tcp
+from plotfeed.feeds.transport.sapient_tcp import (
+    MAX_MESSAGE_OCTETS,
+    Deframer,
+    SapientError,
+    SapientTcpLink,
+    framed,
+)
+from plotfeed.proto.errors import DecodeError
+
+SCENE = scene([radar(report=["sapient"])], seed=1)
+HERALD = SapientAnnouncer(SCENE, SCENE.sensor[0])
+
+
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.01, 0.05))
+
+
+def asynchronous(test: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(test)
+
+
+@asynccontextmanager
+async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpLink]:
+    link = SapientTcpLink(address, HERALD, WallClock())
+    running = asyncio.create_task(link.run())
+    try:
+        if wait:
+            await link.wait_until_up(5.0)
+        yield link
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+def status(octets: int = 0) -> Message:
+    (message,) = HERALD.regular(WallClock().now_ns())
+    if octets:
+        big = SapientMessage.FromString(message.payload)
+        big.additional_information = "x" * octets
+        return Message(
+            topic=message.topic,
+            payload=big.SerializeToString(),
+            content_type=CONTENT_TYPE,
+            due_utc_ns=message.due_utc_ns,
+        )
+    return message
+
+
+def test_a_node_registers_first_and_then_reports() -> None:
+    async def test() -> None:
+        async with listening() as middleware, linked(middleware.address) as link:
+            assert taken(link, status())
+            (peer,) = middleware.peers
+            await middleware.until(lambda: len(peer.heard) == 3)
+            assert peer.kinds() == ["registration", "status_report", "status_report"]
+
+    asynchronous(test())
+
+
+def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
+    async def test() -> None:
+        async with listening() as middleware, linked(middleware.address) as link:
+            other = Message(topic="t", payload=b"x", content_type="text/plain", due_utc_ns=0)
+            assert taken(link, other)
+            assert taken(link, HERALD.opening(WallClock().now_ns())[0])
+            assert taken(link, status())
+            (peer,) = middleware.peers
+            await middleware.until(lambda: len(peer.heard) == 3)
+            assert peer.kinds().count("registration") == 1
+
+    asynchronous(test())
+
+
+@pytest.mark.parametrize("why", ["silent", "refusing", "garbage", "complaining"])
+def test_a_node_goes_on_whatever_is_said_to_its_registration(
+    why: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def rude(peer: Peer) -> None:
+        await peer.next()
+        if why == "refusing":
+            peer.acknowledge("no room\nhere", accepted=False)
+        elif why == "garbage":
+            peer.send(b"\xff" * 40)
+            peer.send(b"")
+        elif why == "complaining":
+            error = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
+            for _ in range(100):
+                peer.send(error.SerializeToString())
+        await peer.hear_all()
+
+    async def test() -> None:
+        async with listening(rude) as middleware, linked(middleware.address) as link:
+            assert taken(link, status())
+            (peer,) = middleware.peers
+            await middleware.until(lambda: len(peer.heard) == 3)
+
+    with caplog.at_level(logging.WARNING):
+        asynchronous(test())
+    lines = [record.getMessage() for record in caplog.records]
+    expected = {"silent": 1, "refusing": 1, "garbage": 2, "complaining": 2}
+    assert len(lines) == expected[why], lines
+    assert all(line.isprintable() and len(line) < 400 for line in lines)
+
+
+def test_a_middleware_that_is_not_there_is_one_clear_error() -> None:
+    async def test() -> None:
+        async with linked(f"127.0.0.1:{free_port()}", wait=False) as link:
+            assert not taken(link, status())
+            with pytest.raises(SapientError, match="no SAPIENT middleware answers at 127"):
+                await link.wait_until_up(0.3)
+
+    asynchronous(test())
+
+
+async def cut_off(peer: Peer) -> None:
+    """Amid a message of its own."""
+    await peer.next()
+    peer.acknowledge()
+    await peer.next()
+    peer.writer.write(b"\x40\0\0\0half")
+
+
+async def reset(peer: Peer) -> None:
+    await peer.next()
+    peer.acknowledge()
+    peer.writer.transport.abort()
+
+
+async def hang_up(peer: Peer) -> None:
+    """Without a word."""
+
+
+async def boast(peer: Peer) -> None:
+    await peer.next()
+    peer.writer.write(b"\xff\xff\xff\xff" + b"x" * 100_000)
+    await peer.hear_all()
+
+
+@pytest.mark.parametrize("behave", [cut_off, reset, hang_up, boast])
+def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -> None:
+    async def test() -> None:
+        async with (
+            listening(behave, behave, polite) as middleware,
+            linked(middleware.address, wait=False) as link,
+        ):
+            await middleware.until(lambda: len(middleware.peers) == 3)
+            await link.wait_until_up(5.0)
+            last = middleware.peers[2]
+            await middleware.until(lambda: taken(link, status()))
+            await middleware.until(lambda: len(last.heard) >= 3)
+            assert last.kinds()[:3] == ["registration", "status_report", "status_report"]
+            assert last.heard[1].status_report.info == StatusReport.INFO_NEW
+
+    asynchronous(test())
+
+
+def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.05, 0.2))
+
+    async def test() -> None:
+        began_s = asyncio.get_running_loop().time()
+        async with listening(reset) as middleware, linked(middleware.address, wait=False):
+            await middleware.until(lambda: len(middleware.peers) == 5)
+            assert asyncio.get_running_loop().time() - began_s > 0.05 + 3 * 0.2 - 0.01
+
+    asynchronous(test())
+
+
+def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sapient_tcp, "MAX_STALL_S", 0.1)
+    monkeypatch.setattr(sapient_tcp, "GIVE_UP_S", 0.5)
+
+    async def deaf(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        peer.writer.transport.pause_reading()  # type: ignore[attr-defined]
+        await asyncio.sleep(5)
+
+    async def test() -> None:
+        async with listening(deaf, polite) as middleware, linked(middleware.address) as link:
+            message = status(100_000)
+            refused = 0
+            for _ in range(400):
+                refused += not taken(link, message)
+                await asyncio.sleep(0.001)
+                wire = link._wire
+                assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
+            assert refused
+            await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
+
+    asynchronous(test())
+
+
+def test_a_slow_middleware_hears_all_in_order() -> None:
+    async def slow(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        while True:
+            await peer.next()
+            await asyncio.sleep(0.002)
+
+    async def test() -> None:
+        async with listening(slow) as middleware, linked(middleware.address) as link:
+            sent = [status() for _ in range(100)]
+            assert all(taken(link, message) for message in sent)
+            await link.drain()
+            (peer,) = middleware.peers
+            await middleware.until(lambda: len(peer.heard) == 102)
+            assert [m.SerializeToString() for m in peer.heard[2:]] == [m.payload for m in sent]
+
+    asynchronous(test())
+
+
+@given(st.lists(st.binary(max_size=50), max_size=10), st.integers(1, 40))
+def test_messages_are_put_together_however_they_come(messages: list[bytes], size: int) -> None:
+    stream = b"".join(framed(message) for message in messages)
+    deframer = Deframer()
+    found = [
+        message
+        for start in range(0, len(stream), size)
+        for message in deframer.feed(stream[start : start + size])
+    ]
+    assert found == messages
+
+
+@given(st.integers(MAX_MESSAGE_OCTETS + 1, 2**32 - 1))
+def test_a_hostile_length_allocates_nothing(length: int) -> None:
+    deframer = Deframer()
+    tracemalloc.start()
+    try:
+        with pytest.raises(DecodeError):
+            list(deframer.feed(length.to_bytes(4, "little")))
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("127.0.0.1:5000", ("127.0.0.1", 5000)),
+        ("middleware.example:1", ("middleware.example", 1)),
+        ("[::1]:65535", ("::1", 65535)),
+    ],
+)
+def test_addresses(text: str, expected: tuple[str, int]) -> None:
+    assert split_address(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["", ":1", "host", "host:", "host:0", "host:65536", "a b:1", "::1:5", "u@h:1", "h:1/x"]
+)
+def test_what_is_no_address_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="expected HOST:PORT"):
+        split_address(text)
+
+
+def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
+    """In real time: stamps as a strict middleware has them, detections in order, 80 ms apart."""
+    sensors = [
+        radar(id="turning", report=["sapient"], scan=rotating(0.5, 16), pfa=1e-5),
+        radar(id="staring", report=["sapient"], scan=staring(0.1)),
+        radar(id="other", report=["plots"]),
+    ]
+    ages_s: list[float] = []
+
+    async def timed(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        with suppress(asyncio.IncompleteReadError):
+            while True:
+                message = await peer.next()
+                age_ns = WallClock().now_ns() - message.timestamp.ToNanoseconds()
+                ages_s.append(age_ns / 1e9)
+
+    async def test() -> Middleware:
+        async with listening(timed) as middleware:
+            flown = scene(
+                sensors,
+                [held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)],
+                seed=3,
+                sapient={"middleware": middleware.address, "status_interval_s": 0.5},
+            )
+            totals = await run(flown, broker="none", duration_s=3.0)
+            assert totals.undelivered == 0
+            await middleware.until(lambda: all(p.reader.at_eof() for p in middleware.peers))
+            return middleware
+
+    middleware = asyncio.run(test())
+    assert len(middleware.peers) == 2
+    names = {peer.heard[0].registration.name for peer in middleware.peers}
+    assert names == {"turning", "staring"}
+    assert len({peer.heard[0].node_id for peer in middleware.peers}) == 2
+    for peer in middleware.peers:
+        assert peer.kinds()[:2] == ["registration", "status_report"]
+        assert peer.heard[-1].status_report.system == StatusReport.SYSTEM_GOODBYE
+        stamps = [m.timestamp.ToNanoseconds() for m in peer.heard if m.HasField("detection_report")]
+        assert len(stamps) > 3
+        assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
+    assert all(-0.1 < age_s < PATIENCE_S for age_s in ages_s)
+
+
+def test_a_session_does_not_begin_without_its_middleware() -> None:
+    flown = scene(
+        [radar(report=["sapient"])], seed=3, sapient={"middleware": f"127.0.0.1:{free_port()}"}
+    )
+    with pytest.raises(SapientError, match="no SAPIENT middleware"):
+        asyncio.run(run(flown, broker="none", duration_s=1.0))
+
+
+def test_a_socket_that_never_answers_is_given_up() -> None:
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+
+        async def test() -> None:
+            async with linked(f"127.0.0.1:{nobody.getsockname()[1]}", wait=False) as link:
+                with pytest.raises(SapientError):
+                    await link.wait_until_up(0.2)
+
+        asynchronous(test())

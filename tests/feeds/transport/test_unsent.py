@@ -1,0 +1,138 @@
+"""What a socket has not taken, against a transport that takes what a test says."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.parcels import Parcels
+
+from plotfeed.feeds.transport.mqtt import socket_buffer
+from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
+
+
+class Transport:
+    """Tells of its buffer as asyncio's do."""
+
+    def __init__(self) -> None:
+        self.protocol = SimpleNamespace()
+        self.written = self.taken = self.room = 0
+        self.paused = self.closing = False
+
+    def set_write_buffer_limits(self, high: int, low: int) -> None:
+        assert (high, low) == (1, 0)
+
+    def get_write_buffer_size(self) -> int:
+        return self.written - self.taken
+
+    def is_closing(self) -> bool:
+        return self.closing
+
+    def write(self, octets: int) -> None:
+        if not self.get_write_buffer_size():  # else it does not try
+            self.taken += min(octets, self.room)
+            self.room -= min(octets, self.room)
+        self.written += octets
+        if self.get_write_buffer_size() > 1 and not self.paused:
+            self.paused = True
+            self.protocol.pause_writing()
+
+    def take(self, octets: int) -> None:
+        self.room += octets
+        now = min(self.room, self.get_write_buffer_size())
+        self.taken += now
+        self.room -= now
+        if self.paused and not self.get_write_buffer_size():
+            self.paused = False
+            self.protocol.resume_writing()
+
+
+steps = st.lists(
+    st.one_of(
+        st.tuples(st.just("publish"), st.integers(8, 400)),
+        st.tuples(st.just("ping"), st.integers(2, 9)),
+        st.tuples(st.just("take"), st.integers(1, 500)),
+    ),
+    max_size=80,
+)
+
+
+@given(steps)
+def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
+    steps: list[tuple[str, int]],
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(socket_buffer, "MAX_UNSENT_OCTETS", 1000)
+        transport, parcels = Transport(), Parcels()
+        watch = SocketBuffer(transport, transport.protocol, lambda: None)
+        ends: list[int] = []
+        refused = pings = 0
+        for step, octets in steps:
+            if step == "take":
+                transport.take(octets)
+            elif step == "ping":
+                transport.write(octets)
+                pings += octets
+            elif watch.has_room:
+                parcel = parcels.make(qos=0, octets=octets)
+                transport.write(octets + 5)
+                if watch.given(octets):
+                    parcel.settle(delivered=True)
+                else:
+                    watch.keep(parcel)
+                ends.append(transport.written)
+            else:
+                refused += 1
+                assert transport.get_write_buffer_size() > 1000
+            watch.is_stuck()
+            for n in parcels.delivered:
+                assert ends[n] <= transport.taken + 1
+            held = sum(len(p.message.payload) for p in parcels.made if not p.said)
+            assert held <= 1000 + 405 + 400 + pings
+        transport.take(10**6)
+        assert parcels.delivered == [p.number for p in parcels.made]
+        assert watch.messages == 0
+
+
+def test_what_has_left_counts_although_more_waits_behind_it() -> None:
+    transport, parcels = Transport(), Parcels()
+    watch = SocketBuffer(transport, transport.protocol, lambda: None)
+    for _ in range(5):
+        parcel = parcels.make(qos=0, octets=100)
+        transport.write(105)
+        assert not watch.given(100)
+        watch.keep(parcel)
+    transport.take(104)
+    watch.is_stuck()
+    assert parcels.delivered == []
+    transport.take(110)
+    watch.is_stuck()
+    assert parcels.delivered == [0, 1]
+    assert watch.give_up() == 3
+    assert parcels.given_up == [2, 3, 4]
+
+
+def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() -> None:
+    now_s = 0.0
+    transport = Transport()
+    watch = SocketBuffer(transport, transport.protocol, lambda: None, lambda: now_s)
+    now_s = 1000.0
+    assert not watch.is_stuck()  # nothing is to be sent
+    transport.write(1000)
+    for _ in range(50):
+        now_s += socket_buffer.GIVE_UP_S
+        transport.take(1)
+        assert watch.has_room
+        transport.write(7)
+        watch.given(7)
+        assert not watch.is_stuck()
+    now_s += socket_buffer.GIVE_UP_S + 0.1
+    assert watch.is_stuck()
+    transport.take(10**6)
+    assert not watch.is_stuck()
+    transport.closing = True
+    assert not watch.has_room
+    now_s += socket_buffer.GIVE_UP_S + 0.1
+    assert watch.is_stuck()

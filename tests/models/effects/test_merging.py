@@ -1,0 +1,186 @@
+"""Merging by itself: who melts with whom, and where and how strong the echo of all is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.significance import assert_law, assert_sum, assert_uncorrelated
+
+from plotfeed.models.effects.merging import NEIGHBOURS, REACH, Merging
+from plotfeed.models.state import Floats
+
+MERGING = Merging(range_m=(10.0,), azimuth_deg=2.0, elevation_deg=6.0)
+
+
+def melted(
+    range_m, azimuth_deg, elevation_deg=None, *, uniforms=None, powers=None, merging=MERGING, **more
+):
+    n = len(range_m)
+    columns = {
+        "range_m": np.asarray(range_m, float),
+        "azimuth_deg": np.asarray(azimuth_deg, float),
+        "elevation_deg": np.zeros(n) if elevation_deg is None else np.asarray(elevation_deg, float),
+        "t_utc_ns": np.zeros(n, np.int64),
+        "powers": np.ones(n) if powers is None else np.asarray(powers, float),
+        "uniforms": np.zeros(n) if uniforms is None else np.asarray(uniforms, float),
+        "channel": np.zeros(n, np.int64),
+    }
+    return merging.melted(**(columns | more))
+
+
+def labels(found, n: int) -> list[int]:
+    return list(range(n)) if found is None else found.group.tolist()
+
+
+@pytest.mark.parametrize(
+    ("range_m", "azimuth_deg", "elevation_deg"),
+    [(10.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 6.0), (6.0, 1.2, 1.8), (-20.0, 0.0, 0.0)],
+)
+def test_a_pair_is_unresolved_with_the_probability_of_koch_and_van_keuk(
+    range_m, azimuth_deg, elevation_deg
+):
+    n = 20_000
+    distance2 = (range_m / 10) ** 2 + (azimuth_deg / 2) ** 2 + (elevation_deg / 6) ** 2
+    p = np.exp(-np.log(2) * distance2)
+    rng = np.random.default_rng(1)
+    # Pairs far from each other: 1000 m between one and the next.
+    at = np.repeat(1000.0 * np.arange(n), 2)
+    second = np.tile([0.0, 1.0], n)
+    found = melted(
+        at + second * range_m,
+        np.mod(359.5 + second * azimuth_deg, 360.0),
+        second * elevation_deg,
+        uniforms=rng.random(2 * n),
+    )
+    unresolved = 2 * n - found.group.max() - 1
+    assert_sum(unresolved, n * p, n * p * (1 - p))
+
+
+def test_uniforms_of_pairs_are_uniform_and_independent_among_three():
+    rng = np.random.default_rng(2)
+    one, two, three = rng.random((3, 5000))
+    pairs = [np.mod(a + b, 1.0) for a, b in ((one, two), (two, three), (one, three))]
+    for of_pair in pairs:
+        assert_law(of_pair, "uniform")
+    assert_uncorrelated(pairs[0], pairs[1])
+    assert_uncorrelated(pairs[0], pairs[2])
+    assert_law(np.mod(pairs[0] + pairs[1] - pairs[2], 1.0), "uniform", "of all three")
+
+
+def plain_groups(places: Floats, uniforms: Floats) -> list[int]:
+    """By all pairs, one after the other."""
+    n = len(places)
+    group = list(range(n))
+    for i in range(n):
+        for j in range(i + 1, n):
+            gap = places[i] - places[j]
+            gap[1] = (gap[1] + 180.0) % 360.0 - 180.0
+            distance2 = float(((gap / [10.0, 2.0, 6.0]) ** 2).sum())
+            if distance2 < REACH**2 and (uniforms[i] + uniforms[j]) % 1 < 2.0**-distance2:
+                a, b = sorted((group[i], group[j]))
+                group = [a if g == b else g for g in group]
+    order = {g: k for k, g in enumerate(dict.fromkeys(group))}
+    return [order[g] for g in group]
+
+
+coordinates = st.tuples(st.floats(0, 60), st.floats(-8, 8), st.floats(0, 20), st.floats(0, 1))
+
+
+@settings(max_examples=300)
+@given(st.lists(coordinates, min_size=1, max_size=NEIGHBOURS + 1))
+def test_groups_are_those_that_all_pairs_link(rows):
+    values = np.array(rows)
+    places = values[:, :3].copy()
+    places[:, 1] = np.mod(places[:, 1], 360.0)
+    uniforms = np.minimum(values[:, 3], 0.999)
+    found = melted(*places.T, uniforms=uniforms)
+    partition = plain_groups(places, uniforms)
+    seen = labels(found, len(rows))
+    pairs = {(a, b) for a, b in zip(seen, partition, strict=True)}
+    assert len(pairs) == len(set(seen)) == len(set(partition))
+
+
+@settings(max_examples=100)
+@given(st.lists(coordinates, min_size=2, max_size=6), st.randoms())
+def test_the_order_of_looks_makes_no_difference(rows, shuffler):
+    values = np.array(rows)
+    values[:, 3] = np.minimum(values[:, 3], 0.999)
+    order = list(range(len(rows)))
+    shuffler.shuffle(order)
+    one = labels(melted(*values.T[:3], uniforms=values[:, 3]), len(rows))
+    other = labels(melted(*values[order].T[:3], uniforms=values[order, 3]), len(rows))
+    again = [other[order.index(i)] for i in range(len(rows))]
+    assert len({(a, b) for a, b in zip(one, again, strict=True)}) == len(set(one))
+
+
+def test_a_thicket_of_a_hundred_makes_one_echo():
+    rng = np.random.default_rng(3)
+    found = melted(rng.uniform(0, 3, 100), rng.uniform(0, 0.5, 100), uniforms=np.full(100, 0.1))
+    assert found.group.tolist() == [0] * 100
+
+
+def test_a_hundred_thousand_in_one_place_make_one_echo_and_little_work():
+    found = melted(np.zeros(100_000), np.zeros(100_000))
+    assert found.group.tolist() == [0] * 100_000
+
+
+def test_many_looks_melt_as_few_do():
+    """A thousand pairs among as many that stand alone, each pair twice: in one place and beside."""
+    at = 1000.0 * np.arange(3000)
+    range_m = np.concatenate([at, at[:1000], at[1000:2000] + 1.0])
+    found = melted(range_m, np.zeros(5000))
+    assert found.group.max() == 2999
+    assert (found.group[3000:] == found.group[:2000]).all()
+
+
+def test_the_echo_lies_at_the_centroid_of_powers_over_north():
+    found = melted([100.0, 104.0], [359.5, 0.5], [1.0, 2.0], powers=[3.0, 1.0])
+    powers = np.array([3.0, 1.0])
+    assert found.leader.tolist() == [0]
+    assert found.centroid(np.array([100.0, 104.0]), powers) == pytest.approx([101.0])
+    azimuth_deg = found.centroid_deg(np.array([359.5, 0.5]), powers)
+    assert np.mod(azimuth_deg, 360.0) == pytest.approx([359.75])
+    assert found.total(np.array([[3.0, 1.0], [1.0, 5.0]])).tolist() == [[4.0, 6.0]]
+    assert found.others(np.array([7, 9])).tolist() == [(9,)]
+
+
+def test_who_stands_alone_stays_as_it_is():
+    found = melted([0.0, 500.0, 1.0], [0.0, 0.0, 0.0], powers=[1.0, 5.0, 2.0])
+    assert found.leader.tolist() == [1, 2]
+    assert found.group.tolist() == [1, 0, 1]
+    assert found.others(np.array([4, 5, 6])).tolist() == [(), (4,)]
+    assert found.centroid(np.array([0.0, 500.0, 1.0]), np.array([1.0, 5.0, 2.0])).tolist() == [
+        500.0,
+        pytest.approx(2 / 3),
+    ]
+
+
+def test_echoes_without_power_have_a_place():
+    found = melted([0.0, 1.0], [0.0, 0.0], powers=[0.0, 0.0])
+    assert np.isfinite(found.centroid(np.array([0.0, 1.0]), np.zeros(2))).all()
+
+
+def test_channels_scans_and_range_rates_keep_apart():
+    together = ([0.0, 0.0], [0.0, 0.0])
+    assert melted(*together) is not None
+    assert (
+        melted(*together, channel=np.array([0, 1]), merging=replace(MERGING, range_m=(10.0, 10.0)))
+        is None
+    )
+    later = np.array([0, 900_000_000])
+    assert melted(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**9)) is not None
+    assert melted(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**8)) is None
+    rates = {"range_rate_m_s": np.array([0.0, 9.9])}
+    by_rate = replace(MERGING, range_rate_m_s=(0.25,))
+    assert melted(*together, **rates, merging=by_rate) is None
+    folding = replace(by_rate, range_rate_period=10.0 / 0.25)
+    assert melted(*together, **rates, merging=folding) is not None
+
+
+def test_one_look_and_none_do_not_melt():
+    assert melted([], []) is None
+    assert melted([5.0], [3.0]) is None

@@ -1,0 +1,315 @@
+from __future__ import annotations
+
+import io
+import itertools
+import struct
+from pathlib import Path
+
+import dpkt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.captures import tshark_fields
+from support.recordings import (
+    START_NS,
+    block_048,
+    is_read_whatever_it_is,
+    message,
+    plots,
+    read,
+    written,
+)
+from support.shared_files import shared
+
+from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.replay.pcap import link_layers
+from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.link_layers import COOKED, COOKED_2, ETHERNET, NULL, RAW
+from plotfeed.replay.pcap.packets import SOURCE
+from plotfeed.replay.recorded import Damage, Recorded
+
+PLOT = block_048(43_200)
+HERE, THERE = bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3])
+HERE_6, THERE_6 = bytes(15) + b"\1", b"\xff\x15" + bytes(13) + b"\7"
+IP = 14
+"""Octets of an Ethernet header."""
+
+
+def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:
+    """From 10.0.0.1 port 4000 to the group 239.1.2.3 port 8600, or the same by IPv6."""
+    here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
+    return link_layers.frame(ETHERNET, (4000, 8600), here, there, payload)
+
+
+def pcap(*packets: bytes, link_type: int = ETHERNET, order: str = "<", ns: bool = False) -> bytes:
+    """A capture of a packet every 1.5 ms."""
+    magic = 0xA1B23C4D if ns else 0xA1B2C3D4
+    data = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 1 << 16, link_type)
+    for n, packet in enumerate(packets):
+        seconds, fraction_ns = divmod(START_NS + n * 1_500_000, 1_000_000_000)
+        fraction = fraction_ns if ns else fraction_ns // 1000
+        data += struct.pack(f"{order}IIII", seconds, fraction, len(packet), len(packet)) + packet
+    return data
+
+
+def payloads(data: bytes) -> list[bytes]:
+    messages, reader = read(PcapReader, data)
+    assert reader.damage == []
+    return [each.payload for each in messages]
+
+
+def damage_of(data: bytes) -> list[Damage]:
+    messages, reader = read(PcapReader, data)
+    assert messages == []
+    return reader.damage
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("ns", [True, False])
+def test_either_byte_order_and_either_unit(order: str, ns: bool) -> None:
+    messages, reader = read(PcapReader, pcap(frame(), frame(), order=order, ns=ns))
+    assert reader.damage == []
+    assert [each.log_time_ns - START_NS for each in messages] == [0, 1_500_000]
+    assert [each.publish_time_ns - START_NS for each in messages] == [0, 1_500_000]
+    assert messages[0].topic == "udp/239.1.2.3/8600"
+    assert messages[0].content_type == "application/x-asterix; cat=48"
+    assert messages[0].properties[0] == (SOURCE, "10.0.0.1/4000")
+    assert messages[0].payload == PLOT
+
+
+def packets_of(ip: bytes, protocol: int) -> dict[str, tuple[int, bytes]]:
+    """An IP packet in every link layer."""
+    kind = protocol.to_bytes(2, "big")
+    families = {0x0800: (2,), 0x86DD: (10 + 14, 28, 30)}[protocol]
+    null = {
+        f"null {family} {order}": (NULL, struct.pack(f"{order}I", family) + ip)
+        for family, order in itertools.product(families, "<>")
+    }
+    return null | {
+        "Ethernet": (ETHERNET, bytes(12) + kind + ip),
+        "VLAN": (ETHERNET, bytes(12) + b"\x81\0\0\7" + kind + ip),
+        "two VLANs": (ETHERNET, bytes(12) + b"\x88\xa8\0\7\x81\0\0\x09" + kind + ip),
+        "raw": (RAW, ip),
+        "cooked": (COOKED, bytes(14) + kind + ip),
+        "cooked 2": (COOKED_2, kind + bytes(18) + ip),
+    }
+
+
+@pytest.mark.parametrize("six", [False, True])
+def test_every_link_type_and_both_versions_of_ip(six: bool) -> None:
+    ip = frame(six=six)[IP:]
+    for name, (link_type, packet) in packets_of(ip, 0x86DD if six else 0x0800).items():
+        messages, reader = read(PcapReader, pcap(packet, link_type=link_type))
+        assert (name, reader.damage) == (name, [])
+        assert [each.payload for each in messages] == [PLOT]
+        assert messages[0].topic == ("udp/ff15::7/8600" if six else "udp/239.1.2.3/8600")
+
+
+def test_a_payload_ends_where_udp_says_and_not_with_the_padding() -> None:
+    assert payloads(pcap(frame(b"\1") + bytes(20), frame(b"") + bytes(30))) == [b"\1", b""]
+
+
+def test_a_payload_keeps_what_a_vendor_appended() -> None:
+    (with_trailer,), _ = read(PcapReader, pcap(frame(PLOT + b"\xca\xfe\0\0\0\1")))
+    assert with_trailer.payload == PLOT + b"\xca\xfe\0\0\0\1"
+    assert with_trailer.content_type == "application/x-asterix; cat=48"
+
+
+def test_content_types_tell_asterix_from_other_payloads() -> None:
+    cases = {
+        PLOT + PLOT: "application/x-asterix; cat=48",
+        PLOT + b"\x22\0\x09\xe0\x19\x0d\x01\0\0": "application/x-asterix",
+        b"\x30\0\2": "application/octet-stream",
+        b"\0\0\4\1": "application/octet-stream",
+        b"hello": "application/octet-stream",
+        PLOT + bytes(17): "application/octet-stream",
+        b"": "application/octet-stream",
+    }
+    messages, _ = read(PcapReader, pcap(*map(frame, cases)))
+    assert [each.content_type for each in messages] == list(cases.values())
+
+
+def test_ip_options_and_extension_headers_are_passed_over() -> None:
+    plain = frame()
+    options = b"\x94\4\0\0"
+    four = plain[:IP] + b"\x46" + plain[IP + 1 : IP + 2]
+    four += (24 + 8 + len(PLOT)).to_bytes(2, "big") + plain[IP + 4 : IP + 20] + options
+    plain_6 = frame(six=True)
+    six = plain_6[: IP + 4] + (24 + 8 + len(PLOT)).to_bytes(2, "big") + b"\0" + plain_6[IP + 7 :]
+    hop_by_hop, destination = b"\x3c\0\1\4\0\0\0\0", b"\x11\1" + bytes(14)
+    six = six[: IP + 40] + hop_by_hop + destination + six[IP + 40 :]
+    assert payloads(pcap(four + plain[IP + 20 :], six)) == [PLOT, PLOT]
+
+
+def test_fragments_are_damage_and_other_packets_are_counted() -> None:
+    def fragment(flags: int) -> bytes:
+        return frame()[: IP + 6] + flags.to_bytes(2, "big") + frame()[IP + 8 :]
+
+    six = frame(six=True)
+    tcp = frame()[: IP + 9] + b"\6" + frame()[IP + 10 :]
+    six_fragment = six[: IP + 6] + b"\x2c" + six[IP + 7 : IP + 40] + b"\x11\0\0\1\0\0\0\0"
+    arp = bytes(12) + b"\x08\x06" + bytes(28)
+    spanning_tree = bytes(12) + b"\0\x26" + bytes(40)
+    packets = [fragment(0x2000), arp, fragment(0x0010), spanning_tree, six_fragment, tcp, frame()]
+    messages, reader = read(PcapReader, pcap(*packets))
+    assert len(messages) == 1
+    assert reader.skipped == 3
+    assert ["fragment" in each.what for each in reader.damage] == [True] * 3
+    assert reader.damage[0].offset == 24
+
+
+def test_a_packet_that_was_cut_when_it_was_captured_is_damage_and_the_next_is_read() -> None:
+    messages, reader = read(PcapReader, pcap(frame()[:-1], frame()[:20], frame()))
+    assert len(messages) == 1
+    assert [each.offset for each in reader.damage] == [24, 24 + 16 + len(frame()) - 1]
+    assert reader.damage[0].what == "a UDP payload of 14 octets, 13 are there"
+
+
+def test_hostile_lengths_are_one_damage_and_the_end() -> None:
+    header = pcap()
+    huge = header + struct.pack("<IIII", 1, 0, 0xFFFFFFFF, 0xFFFFFFFF) + bytes(100)
+    assert damage_of(huge) == [
+        Damage(offset=24, what="a packet of 4294967295 octets; at most 262144")
+    ]
+    cut = header + struct.pack("<IIII", 1, 0, 262_144, 262_144) + bytes(100)
+    assert damage_of(cut) == [Damage(offset=24, what="a packet of 262144 octets, 100 are there")]
+
+
+def test_an_unknown_link_type_is_told_once() -> None:
+    (damage,) = damage_of(pcap(frame(), frame(), link_type=147))
+    assert damage.offset == 20
+    assert "link type 147; expected one of 0, 1, 101, 113, 276" in damage.what
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\xd4\xc3", b"no pcap at all, but long enough", pcap()[:23]]
+)
+def test_what_does_not_begin_as_a_pcap_is_one_damage(data: bytes) -> None:
+    (damage,) = damage_of(data)
+    assert damage.offset == 0
+
+
+@pytest.mark.parametrize("link_type", [NULL, ETHERNET, RAW, COOKED, COOKED_2])
+def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole(
+    link_type: int,
+) -> None:
+    packets = [
+        packet for kind, packet in packets_of(frame()[IP:], 0x0800).values() if kind == link_type
+    ]
+    packets += [
+        packet
+        for kind, packet in packets_of(frame(six=True)[IP:], 0x86DD).values()
+        if kind == link_type
+    ]
+    is_read_whatever_it_is(PcapReader, pcap(*packets, link_type=link_type))
+
+
+@given(st.sampled_from([NULL, ETHERNET, RAW, COOKED, COOKED_2]), st.binary(max_size=80))
+def test_any_packet_is_a_message_damage_or_skipped(link_type: int, packet: bytes) -> None:
+    messages, reader = read(PcapReader, pcap(packet, link_type=link_type))
+    assert len(messages) + len(reader.damage) + reader.skipped == 1
+
+
+def recorded(payload: bytes, n: int = 0, topic: str = "udp/239.1.2.3/8600") -> Recorded:
+    return message(payload, START_NS + n, topic=topic, properties=((SOURCE, "10.0.0.1/4000"),))
+
+
+def test_what_is_written_is_read_back_with_its_nanoseconds() -> None:
+    sent = [
+        recorded(PLOT, 123_456_789),
+        recorded(b"\1" * 65_507, 1, "udp/192.0.2.7/1"),
+        message(PLOT, topic="udp/ff15::7/65535", properties=((SOURCE, "fe80::1/9"),)),
+    ]
+    data = written(PcapWriter, sent)
+    got, reader = read(PcapReader, data)
+    assert reader.damage == []
+    for one, other in zip(got, sent, strict=True):
+        assert (one.topic, one.payload, one.log_time_ns, one.properties[0]) == (
+            other.topic,
+            other.payload,
+            other.log_time_ns,
+            other.properties[0],
+        )
+    assert written(PcapWriter, got) == data
+
+
+def test_topics_of_mqtt_become_addresses_of_their_own_and_are_told() -> None:
+    file = io.BytesIO()
+    writer = PcapWriter(file)
+    for topic in ("plotfeed/a/asterix/048", "plotfeed/b/asterix/048", "plotfeed/a/asterix/048"):
+        assert writer.write(message(PLOT, topic=topic)) is None
+    got, _ = read(PcapReader, file.getvalue())
+    assert [each.topic for each in got] == [
+        "udp/127.1.0.0/8600",
+        "udp/127.1.0.1/8600",
+        "udp/127.1.0.0/8600",
+    ]
+    assert writer.notes()[1:] == [
+        "plotfeed/a/asterix/048 became 127.1.0.0:8600",
+        "plotfeed/b/asterix/048 became 127.1.0.1:8600",
+    ]
+
+
+def test_what_a_capture_cannot_hold_is_told() -> None:
+    writer = PcapWriter(io.BytesIO())
+    assert (
+        writer.write(message(b"{}", content_type="application/json")) == "neither UDP nor ASTERIX"
+    )
+    assert writer.write(recorded(bytes(65_508))) == "longer than a datagram's 65507 octets"
+    assert writer.write(message(PLOT, 1 << 63)) == "of a time after 2106"
+    assert writer.write(message(PLOT, topic="udp/somewhere/99999")) is None
+
+
+@given(st.binary(max_size=101), st.booleans())
+def test_dpkt_reads_every_frame_and_finds_its_checksums_right(payload: bytes, six: bool) -> None:
+    topic = "udp/ff15::7/8600" if six else "udp/239.1.2.3/8600"
+    ((t, octets),) = list(
+        dpkt.pcap.Reader(io.BytesIO(written(PcapWriter, [recorded(payload, 7, topic)])))
+    )
+    assert int(t * 10**9) == START_NS + 7
+    ip = dpkt.ethernet.Ethernet(octets).data
+    assert isinstance(ip, dpkt.ip6.IP6 if six else dpkt.ip.IP)
+    assert bytes(ip.data.data) == payload
+    assert (ip.data.sport, ip.data.dport) == (8600 if six else 4000, 8600)
+    sums = ip.data.sum, getattr(ip, "sum", None)
+    ip.data.sum = 0
+    if not six:
+        ip.sum = 0
+    again = type(ip)(bytes(ip))  # dpkt fills in checksums that are 0
+    assert (again.data.sum, getattr(again, "sum", None)) == sums
+
+
+def test_tshark_finds_checksums_addresses_and_records_right(tmp_path: Path) -> None:
+    sent = plots(20) + plots(3, topic="udp/ff15::7/8600")
+    path = tmp_path / "ours.pcap"
+    path.write_bytes(written(PcapWriter, sent))
+    lines = tshark_fields(
+        path, "frame.time_epoch", "udp.checksum.status", "ip.checksum.status", "udp.dstport",
+        "asterix.category", "asterix.048_140_VALUE", "_ws.malformed",
+    )  # fmt: skip
+    assert len(lines) == len(sent)
+    for line, each in zip(lines, sent, strict=True):
+        seconds, _, fraction = line[0].partition(".")
+        assert int(seconds) * 10**9 + int(fraction.ljust(9, "0")) == each.log_time_ns
+        assert line[1] == "1"
+        assert line[2] == ("1" if each.topic.startswith("plotfeed") else "")
+        assert line[3:5] == ["8600", "48"]
+        (record,) = decode(each.payload)
+        assert float(line[5]) == record.items["I048/140"]
+        assert line[6] == ""
+
+
+def test_a_real_recording_keeps_payloads_times_and_places(tmp_path: Path) -> None:
+    data = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
+    got, reader = read(PcapReader, data)
+    assert (len(got), reader.damage, reader.skipped) == (100, [], 0)
+    theirs = list(dpkt.pcap.Reader(io.BytesIO(data)))
+    for each, (t, octets) in zip(got, theirs, strict=True):
+        ip = dpkt.ethernet.Ethernet(octets).data
+        assert each.payload == bytes(ip.data.data)
+        assert each.log_time_ns == round(t * 1_000_000) * 1000
+        assert each.topic == f"udp/{'.'.join(map(str, ip.dst))}/{ip.data.dport}"
+    records = [record for each in got for record in decode(each.payload)]
+    assert sum(record.category == 48 for record in records) == 128
+    assert sum(record.category == 34 for record in records) == 34
+    assert written(PcapWriter, got) == data

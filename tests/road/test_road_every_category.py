@@ -1,0 +1,102 @@
+"""Every category that a scene of all kinds of sensors sends, read by asterix-decoder as it left.
+
+Category 016 has no second reader, 062 and 063 are read in the tests of tracks.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.asterix_oracle import items_of, read_blocks, values_of
+from support.road import NS, START_NS, Road, fly
+
+from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.proto.asterix.codec.decode import decode
+
+DURATION_S = 349.0
+EMITTER = {
+    "frequency_hz": 2.44e9,
+    "bandwidth_hz": 10e6,
+    "eirp_dbm": 20.0,
+    "kind": "control",
+}
+FINDER = {
+    "id": "finder",
+    "type": "rf",
+    "sic": 5,
+    "scan": {"kind": "staring", "period_s": 1.0},
+    "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.48e9,
+    "channel_bandwidth_hz": 10e6,
+    "integration_s": 1e-3,
+    "baseline_m": 0.1,
+    "range_max_m": 8000.0,
+}
+
+
+@cache
+def road() -> Road:
+    """The whole approach of section 4, whose drone is also heard by its radio."""
+    tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
+    tree["sensor"].append(FINDER)
+    tree["drone"][0]["emitters"] = [EMITTER]
+    return fly(from_tree(tree, Path("all.toml")), DURATION_S)
+
+
+@cache
+def theirs(topic: str) -> list[dict[str, list[Any]]]:
+    blocks = road().payloads(topic)
+    records = [record for block in read_blocks(blocks) for record in block]
+    return [{name: values_of(item) for name, item in items_of(r).items()} for r in records]
+
+
+TOPICS = {
+    "mimo/asterix/015": 200,
+    "mimo/asterix/025": 30,
+    "passive/asterix/015": 200,
+    "microphone/asterix/015": 2,
+    "microphone/asterix/025": 30,
+    "finder/asterix/205": 300,
+    "finder/asterix/025": 30,
+}
+"""The least that one approach gives of each."""
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_it_reads_as_many_records_and_the_same_items(topic: str) -> None:
+    ours = [record for block in road().payloads(topic) for record in decode(block)]
+    assert len(ours) >= TOPICS[topic]
+    assert [set(record) for record in theirs(topic)] == [set(r.items) for r in ours]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "category", "item"),
+    [("mimo", 15, "I015/627"), ("passive", 15, "I015/627"), ("finder", 205, "I205/070")],
+)
+def test_bearings_are_those_of_the_protobuf(sensor: str, category: int, item: str) -> None:
+    lsb_deg = {15: 360 / (1 << 16), 205: 0.01}[category]
+    read_deg = np.array([r[item][0] for r in theirs(f"{sensor}/asterix/{category:03}")])
+    sent_deg = road().plots(sensor).azimuth_deg
+    difference_deg = (read_deg - sent_deg + 180) % 360 - 180
+    assert np.abs(difference_deg).max() <= lsb_deg / 2 * (1 + 1e-6)
+
+
+def test_bistatic_ranges_are_those_of_the_protobuf() -> None:
+    read_m = np.array([r["I015/625"][0] for r in theirs("passive/asterix/015")])
+    sent_m = road().plots("passive").bistatic_range_m
+    assert np.abs(read_m - sent_m).max() <= 0.05 * (1 + 1e-6)
+
+
+def test_a_passive_radar_says_where_its_transmitter_stands() -> None:
+    blocks = road().payloads("passive/asterix/016")
+    assert len(blocks) == 2 * int((START_NS + DURATION_S * NS) // (10 * NS) - START_NS // (10 * NS))
+    components = [
+        r for block in blocks for r in decode(block) if r.get("I016/410/0/TID") is not None
+    ]
+    assert {r.get("I016/410/0/ALT") for r in components} == {750.0}

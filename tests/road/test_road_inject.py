@@ -1,0 +1,146 @@
+"""Real flights injected over a real broker into sessions that run by the clock on the wall.
+
+Three sessions at once, each with its own embedded broker and a process of its own that injects.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from support.real_flights import FLIGHTS, RealFlight
+from support.road import Road, Table, staring
+from support.sessions import until
+from support.shared_files import shared
+from support.significance import assert_standard_normal
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.session.session import run
+from plotfeed.models.frames import aer_to_enu, wrap_180
+
+SPEED = 20
+SHORT_S = 12.0
+"""A flight that takes less is injected to its end."""
+LOOKS = 90
+"""Of the others, until so many."""
+EVERY_FLIGHT = pytest.mark.parametrize("name", FLIGHTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Live:
+    """What left, what the session counted, and what `inject` ended with if it came to its end."""
+
+    road: Road
+    totals: SessionCounters
+    injected: int | None
+    told: str
+
+
+@cache
+def sessions() -> dict[str, Live]:
+    for name in FLIGHTS:
+        shared(f"flights/{name}")
+    return asyncio.run(_sessions())
+
+
+async def _sessions() -> dict[str, Live]:
+    flown = (_live(flight, 21_883 + 10 * i) for i, flight in enumerate(FLIGHTS.values()))
+    return dict(zip(FLIGHTS, await asyncio.gather(*flown), strict=True))
+
+
+async def _live(flight: RealFlight, port: int) -> Live:
+    messages: list[Message] = []
+    stop = asyncio.Event()
+    injecting: list[asyncio.Task[tuple[int | None, str]]] = []
+
+    def ready(urls: dict[str, str], totals: SessionCounters) -> None:
+        injecting.append(asyncio.create_task(_inject(flight, urls["MQTT 5"], totals, stop)))
+
+    sensor = {"id": "radar", "scan": staring(0.1)}
+    scene = flight.scene(
+        sensor, seed=111, mqtt={"port": port}, telemetry={"stale_after_s": 3.0, **flight.datum}
+    )
+    totals = await run(
+        scene, stop=stop, tap=lambda message, _: messages.append(message), on_ready=ready
+    )
+    code, told = await injecting[0]
+    return Live(Road(messages), totals, code, told)
+
+
+async def _inject(
+    flight: RealFlight, broker: str, totals: SessionCounters, stop: asyncio.Event
+) -> tuple[int | None, str]:
+    """Run the command to its end, or until there are looks enough; then stop the session."""
+    more = ["--altitude-reference", flight.reference.value] if flight.reference else []
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        *("-m", "plotfeed.feeds.cli.main", "inject", str(shared(f"flights/{flight.file}"))),
+        *("--broker", broker, "--drone", "d", "--now", "--speed", str(SPEED), *more),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+    )
+    is_short = flight.flight.duration_s / SPEED < SHORT_S
+    try:
+        await until(
+            lambda: process.returncode is not None or (not is_short and totals.looks >= LOOKS)
+        )
+    finally:
+        code = process.returncode
+        if code is None:
+            process.terminate()
+        told, _ = await process.communicate()
+        stop.set()
+    return code, told.decode()
+
+
+def detections(name: str) -> Table:
+    plots = sessions()[name].road.plots()
+    return plots.rows(plots.drone == "d")
+
+
+@EVERY_FLIGHT
+def test_every_report_is_taken(name: str) -> None:
+    live = sessions()[name]
+    assert live.totals.refused == 0, live.totals.last_refusal
+    assert live.totals.telemetry > 100
+    assert live.totals.undelivered == 0
+    if live.injected is not None:
+        assert live.injected == 0, live.told
+        assert live.totals.telemetry == len(FLIGHTS[name].flight.reports)
+
+
+def test_a_short_flight_is_injected_to_its_end() -> None:
+    assert sessions()["log171.bin"].injected == 0
+
+
+@EVERY_FLIGHT
+def test_plots_have_the_errors_that_they_state(name: str) -> None:
+    """Against where the ledger has the drone; chi-square of range, azimuth and elevation."""
+    plots = detections(name)
+    assert len(plots) > 60
+    residuals = [
+        (plots.range_m - plots.true_range_m) / plots.sigma_range_m,
+        wrap_180(plots.azimuth_deg - plots.true_azimuth_deg) / plots.sigma_azimuth_deg,
+        (plots.elevation_deg - plots.true_elevation_deg) / plots.sigma_elevation_deg,
+    ]
+    assert_standard_normal(np.concatenate(residuals))
+    off_m = np.abs(plots.rho_nm * 1852 - plots.true_range_m)
+    assert (off_m < 1852 / 512 + 6 * plots.sigma_range_m).all()
+
+
+@EVERY_FLIGHT
+def test_the_drone_is_taken_to_be_on_the_path_that_was_recorded(name: str) -> None:
+    """In space, whatever the hour: a report that comes late leaves it flying straight on."""
+    flight, plots = FLIGHTS[name], detections(name)
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
+    path = flight.path(np.arange(0, flight.flight.duration_s, 0.1))
+    apart_m = np.array([np.linalg.norm(path - place, axis=1).min() for place in true])
+    assert np.median(apart_m) < 2
+    assert np.quantile(apart_m, 0.9) < 10
+    extent_m = np.ptp(path, axis=0).max()
+    assert np.ptp(true, axis=0).max() > min(extent_m / 4, 60)

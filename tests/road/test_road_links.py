@@ -1,0 +1,218 @@
+"""Late and lossy as asked: what a whole session delivers over impaired links, by its own ledger."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from scipy import stats
+from support.road import NS, START_NS, Road, fly, held, radar, rotating, scene, staring
+from support.significance import assert_law, assert_sum
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.proto import plotfeed_pb2 as pb
+
+MS = 1_000_000
+
+
+def sent(road: Road, sensor: str = "radar") -> list[pb.Sent]:
+    entries = (pb.Ledger.FromString(payload) for payload in road.payloads("truth"))
+    return [one for entry in entries if entry.sensor == sensor for one in entry.messages]
+
+
+def flight(
+    link: dict[str, Any] | None, duration_s: float = 60.0, seed: int = 7, **more: Any
+) -> Road:
+    sensor = radar(scan=rotating(1.0, 32), pfa=1e-8, **more)
+    if link is not None:
+        sensor["link"] = link
+    return fly(scene([sensor], [held("d", 10.0, 5.0, 3000.0)], seed=seed), duration_s)
+
+
+@cache
+def clear() -> Road:
+    return flight(None)
+
+
+def told(road: Road) -> list[tuple[str, bytes]]:
+    return [(m.topic, m.payload) for m in road.messages if "/radar/" in m.topic and _is_plots(m)]
+
+
+def _is_plots(message: Message) -> bool:
+    return "asterix" in message.topic or message.topic.endswith("/plots")
+
+
+def test_latency_delays_all_and_changes_nothing_else() -> None:
+    late = flight({"latency_ms": 120.0})
+    assert told(late) == told(clear())
+    assert {s.sent_utc_ns - s.due_utc_ns for s in sent(late)} == {120 * MS}
+    assert {s.sent_utc_ns - s.due_utc_ns for s in sent(clear())} == {0}
+
+
+@pytest.mark.parametrize(
+    ("law", "cdf"),
+    [
+        ({"jitter_ms": 10.0}, stats.norm(100, 10).cdf),
+        ({"jitter_ms": 40.0, "distribution": "uniform"}, stats.uniform(60, 80).cdf),
+    ],
+)
+def test_delays_that_are_delivered_follow_the_law_that_is_asked(law: Any, cdf: Any) -> None:
+    road = flight({"latency_ms": 100.0, **law})
+    delay_ms = np.array([(s.sent_utc_ns - s.due_utc_ns) / MS for s in sent(road)])
+    assert len(delay_ms) > 3900
+    assert_law(delay_ms, cdf)
+    assert sorted(told(road)) == sorted(told(clear()))
+
+
+def test_what_a_link_loses_is_asked_told_and_not_published() -> None:
+    road = flight({"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}})
+    entries = sent(road)
+    lost = np.array([s.fate == pb.LOST for s in sorted(entries, key=lambda s: s.number)])
+    n = len(lost)
+    assert n == len(told(clear()))
+    # The variance of a two-state chain's mean, with lag-one correlation 1 - p - r.
+    p, r = 0.1 / (4.0 * 0.9), 1 / 4.0
+    correlation = 1 - p - r
+    variance = n * 0.1 * 0.9 * (1 + correlation) / (1 - correlation)
+    assert_sum(float(lost.sum()), 0.1 * n, variance, "lost")
+    assert len(told(road)) == n - lost.sum()
+
+
+def test_the_ledger_tells_of_every_message_once() -> None:
+    road = flight(
+        {
+            "latency_ms": 50.0,
+            "jitter_ms": 20.0,
+            "duplicate": 0.1,
+            "loss": {"kind": "random", "probability": 0.1},
+        }
+    )
+    entries = sent(road)
+    first = sorted(s.number for s in entries if not s.copy)
+    assert first == list(range(len(told(clear()))))
+    left = sum(s.fate == pb.SENT for s in entries)
+    assert left == len(told(road))
+    assert 0 < sum(s.copy for s in entries) < left / 5
+
+
+def test_the_ledger_says_what_the_link_was() -> None:
+    road = flight({"latency_ms": 50.0}, 3.0)
+    entries = [pb.Ledger.FromString(payload) for payload in road.payloads("truth")]
+    assert {entry.link for entry in entries} == {'{"latency_ms":50.0}'}
+
+
+def test_an_impaired_link_costs_other_sensors_nothing() -> None:
+    other = radar(id="other", scan=rotating(1.0, 32), pfa=1e-6)
+    drones = [held("d", 10.0, 5.0, 3000.0)]
+    alone = fly(scene([other], drones, seed=7), 20.0)
+    lossy = radar(scan=staring(), link={"latency_ms": 70.0, "jitter_ms": 30.0})
+    beside = fly(scene([lossy, other], drones, seed=7), 20.0)
+    of_other = [
+        [m for m in road.messages if "/other/asterix" in m.topic or "/other/plots" in m.topic]
+        for road in (alone, beside)
+    ]
+    assert of_other[0] == of_other[1]
+
+
+def test_a_scripted_outage_lasts_from_its_first_to_its_last_instant() -> None:
+    road = flight(None, 20.0, event=[{"from_s": 5.0, "to_s": 8.0, "set": {"link": {"down": True}}}])
+    for s in sent(road):
+        out = 5 * NS <= s.due_utc_ns - START_NS < 8 * NS
+        assert s.fate == (pb.OUTAGE if out else pb.SENT)
+
+
+def test_a_scripted_degradation_multiplies_the_false_alarms() -> None:
+    event = {"from_s": 30.0, "to_s": 60.0, "set": {"pfa_factor": 10}}
+    sensor = radar(scan=staring(), pfa=1e-6, event=[event])
+    road = fly(scene([sensor], [], seed=3), 60.0)
+    alarms = (road.plots("radar").time_utc_ns - START_NS) / NS
+    cells = scene([sensor], [], seed=3).sensor[0].model(None).resolution_cells  # type: ignore[arg-type]
+    mean = 30 * cells * 1e-6
+    before, after = int((alarms <= 30).sum()), int((alarms > 30).sum())
+    assert_sum(before, mean, mean, "before")
+    assert_sum(after, 10 * mean, 10 * mean, "after")
+
+
+def test_a_sensor_that_is_switched_off_says_nothing_but_its_status() -> None:
+    road = flight(None, 10.0, event=[{"from_s": 4.0, "to_s": 7.0, "set": {"enabled": False}}])
+    due_s = {(s.due_utc_ns - START_NS) / NS for s in sent(road)}
+    assert not [t for t in due_s if 4.02 < t <= 7.0]
+    assert any(7.0 < t < 7.2 for t in due_s)
+    states = [m.payload for m in road.messages if m.topic.endswith("radar/status")]
+    assert any(b'"enabled": false' in s or b'"enabled":false' in s for s in states)
+
+
+def test_a_session_that_ends_by_itself_delivers_what_its_links_hold() -> None:
+    road = flight({"latency_ms": 3000.0}, 5.0)
+    assert {s.fate for s in sent(road)} == {pb.SENT}
+    assert max(s.sent_utc_ns for s in sent(road)) > START_NS + 7 * NS
+
+
+def test_duplicates_and_corrupted_octets_are_those_that_the_ledger_names() -> None:
+    road = flight({"corrupt": 0.2}, 20.0)
+    flipped = {s.number: s.flipped_bit for s in sent(road) if s.HasField("flipped_bit")}
+    plain, other = told(flight(None, 20.0)), told(road)
+    assert len(plain) == len(other)
+    for number, ((topic, payload), (topic_then, payload_then)) in enumerate(
+        zip(plain, other, strict=True)
+    ):
+        assert topic == topic_then
+        if number not in flipped:
+            assert payload == payload_then
+            continue
+        octets = bytearray(payload)
+        octets[flipped[number] // 8] ^= 0x80 >> flipped[number] % 8
+        assert bytes(octets) == payload_then
+    assert len(flipped) > 100
+
+
+@pytest.mark.parametrize("late", ["drop", "restamp", "send"])
+def test_sapient_that_a_link_makes_too_late_is_treated_as_the_scene_says(late: str) -> None:
+    sensor = radar(scan=staring(), report=["sapient"], pfa=1e-6, link={"latency_ms": 2000.0})
+    road = fly(scene([sensor], [], seed=5, sapient={"late": late}), 10.0)
+    fates = {s.fate for s in sent(road)}
+    assert fates == {pb.STALE if late == "drop" else pb.SENT}
+    for message, due_ns in [
+        (SapientMessage.FromString(m.payload), m.due_utc_ns)
+        for m in road.messages
+        if m.topic.endswith("sapient") and ("type", "plotfeed.sapient") in m.properties
+    ]:
+        stamp_ns = message.timestamp.ToNanoseconds()
+        assert abs(stamp_ns - due_ns - (2 * NS if late == "restamp" else 0)) < 200 * MS
+
+
+def test_scans_with_jitter_begin_about_their_time_and_do_not_drift() -> None:
+    sensor = radar(scan=staring() | {"jitter_ms": 5.0}, pfa=1e-8, report=["plots"])
+    road = fly(scene([sensor], [], seed=11), 400.0)
+    off_ms = np.array([(s.due_utc_ns - START_NS) / MS for s in sent(road)])
+    off_ms -= np.round(off_ms / 1000) * 1000
+    assert len(off_ms) >= 399
+    assert_law(off_ms, stats.norm(0, 5).cdf)
+
+
+def test_a_rotating_beam_with_jitter_still_meets_every_drone_once_a_turn() -> None:
+    sensor = radar(scan=rotating(1.0, 32) | {"jitter_ms": 10.0}, pfa=1e-8)
+    road = fly(scene([sensor], [held("d", 200.0, 5.0, 2000.0)], seed=11), 60.0)
+    looks = [look for p in road.payloads("truth") for look in pb.Ledger.FromString(p).looks]
+    assert len(looks) in (59, 60)
+    gaps_s = np.diff([look.time_utc_ns for look in looks]) / NS
+    assert 0.9 < gaps_s.min() < gaps_s.max() < 1.1
+    assert gaps_s.std() > 0.001
+
+
+def test_messages_are_otherwise_as_they_would_have_been() -> None:
+    """Times of sending are not part of a message: delays change none of its octets."""
+    late = {
+        (m.topic, m.payload, m.due_utc_ns, m.properties)
+        for m in flight({"latency_ms": 9.0}).messages
+        if _is_plots(m)
+    }
+    plain = {
+        (m.topic, m.payload, m.due_utc_ns, m.properties) for m in clear().messages if _is_plots(m)
+    }
+    assert late == plain
+    assert all(replace(m) == m for m in clear().messages)

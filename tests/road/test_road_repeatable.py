@@ -1,0 +1,101 @@
+"""The same scene gives the same bytes, and what does not concern a sensor changes none of its."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from support.road import NS, START_NS, Road, flown, fly, held, radar, rotating, scene, waypoint
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.proto import plotfeed_pb2 as pb
+
+SENSORS = (
+    radar(id="turning", scan=rotating(1.0, 8), pfa=1e-5),
+    radar(id="staring", sic=2, pfa=1e-5),
+    radar(id="south", sic=3, pfa=1e-5, azimuth_min_deg=90.0, azimuth_max_deg=270.0),
+)
+
+
+def drones(start_s: float = 0.0) -> list[dict[str, Any]]:
+    moving = flown("moving", waypoint(300.0, 5.0, 9000.0), waypoint(80.0, 5.0, 9000.0))
+    return [
+        moving | {"start_s": start_s},
+        held("north", 10.0, 5.0, 9000.0, start_s=start_s),
+        held("south", 170.0, 5.0, 9000.0, start_s=start_s),
+    ]
+
+
+def unnumbered(message: Message) -> Message:
+    """The ledger numbers messages from the beginning of the session."""
+    if not message.topic.endswith("/truth"):
+        return message
+    entry = pb.Ledger.FromString(message.payload)
+    for sent in entry.messages:
+        sent.number = 0
+    return replace(message, payload=entry.SerializeToString())
+
+
+def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
+    """What left from then on, of one sensor or of all with the ledger; its status is not told."""
+    return [
+        unnumbered(m)
+        for m in road.messages
+        if m.due_utc_ns > since_ns
+        and not m.topic.endswith(("/status", "/settings", "/session"))
+        and (sensor is None or m.topic.startswith(f"plotfeed/{sensor}/"))
+    ]
+
+
+def run(seed: int = 81, *, sensors: Any = SENSORS, start_s: float = 0.0, **more: Any) -> Road:
+    start_ns = more.pop("start_ns", START_NS)
+    which = more.pop("drones", None)
+    flying = [d for d in drones(start_s) if which is None or d["id"] in which]
+    return fly(scene(sensors, flying, seed=seed), more.pop("duration_s", 30.0), start_ns)
+
+
+def test_the_same_seed_gives_the_same_messages() -> None:
+    first = run()
+    assert len(told(first)) > 500
+    assert run().messages == first.messages
+
+
+@pytest.mark.parametrize("sensor", ["turning", "staring", "south"])
+def test_another_seed_gives_other_plots(sensor: str) -> None:
+    one, other = (told(run(seed), sensor) for seed in (81, 82))
+    assert one != other
+    plots = [{m.payload for m in road if m.topic.endswith("048")} for road in (one, other)]
+    assert len(plots[0]) > 25
+    assert not plots[0] & plots[1]
+
+
+def test_two_sensors_alike_but_in_name_draw_their_own_lots() -> None:
+    twins = [SENSORS[1] | {"id": name} for name in ("left", "right")]
+    road = run(sensors=twins)
+    left, right = (
+        [m.payload for m in told(road, name) if "048" in m.topic] for name in ("left", "right")
+    )
+    assert not set(left) & set(right)
+
+
+def test_a_run_that_begins_later_says_the_same_of_the_scans_that_both_cover() -> None:
+    """The drones of the earlier one take off when the later one begins."""
+    earlier = run(start_s=7.0, duration_s=37.0)
+    later = run(start_ns=START_NS + 7 * NS)
+    assert told(earlier, since_ns=START_NS + 7 * NS) == told(later)
+    assert len(told(later)) > 500
+
+
+@pytest.mark.parametrize("sensor", range(len(SENSORS)))
+def test_a_sensors_messages_do_not_depend_on_the_others(sensor: int) -> None:
+    name = str(SENSORS[sensor]["id"])
+    alone = told(run(sensors=[SENSORS[sensor]]), name)
+    assert alone == told(run(), name)
+    assert alone == told(run(sensors=SENSORS[::-1]), name)
+
+
+def test_a_sensors_messages_do_not_depend_on_drones_out_of_its_cover() -> None:
+    alone = told(run(drones={"south"}), "south")
+    assert alone == told(run(), "south")
+    assert told(run(drones={"south"}), "staring") != told(run(), "staring")

@@ -1,0 +1,244 @@
+"""A turning radar, from the scene to the bytes: when it looks where, and what it says in between.
+
+Tests of significance are at the rate of tests/support/significance.py; the rest is exact.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from support.road import (
+    NS,
+    SITE,
+    START_NS,
+    Road,
+    Table,
+    flown,
+    fly,
+    held,
+    radar,
+    rotating,
+    scene,
+    waypoint,
+)
+from support.significance import Array, assert_standard_normal
+
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
+from plotfeed.models.state import Signature
+from plotfeed.models.truth import Trajectories
+
+SCANS = {
+    "quick": rotating(1.0, 32),
+    "odd": rotating(0.7, 7),
+    "slow, few sectors": rotating(4.0, 4),
+}
+TURNS = 60
+EVERY_SCAN = pytest.mark.parametrize("name", SCANS)
+
+
+def beam_deg(t_utc_ns: Array, period_ns: int) -> Array:
+    return np.asarray(t_utc_ns % period_ns * (360 / period_ns))
+
+
+@cache
+def crossing(name: str) -> Road:
+    """Drones that cross north, south and every sector's border, both ways, near and far."""
+    rng = np.random.default_rng(60)
+    drones = []
+    for i in range(80):
+        centre_deg, closest_m = 4.5 * i, rng.uniform(100, 4000)
+        ends = (
+            aer_to_enu(centre_deg + side, 0.0, closest_m / np.cos(np.radians(70)))
+            for side in ((-70, 70), (70, -70))[i % 2]
+        )
+        places = [
+            {"east_m": float(e), "north_m": float(n), "above_site_m": float(30 + i)}
+            for e, n, _ in ends
+        ]
+        drones.append(flown(f"d{i}", *places, speed_m_s=float(rng.uniform(5, 40))))
+    drones.append(held("north", 0.0, 5.0, 900.0))
+    drones.append(held("border", 90.0, 5.0, 900.0))
+    return fly(scene([radar(scan=SCANS[name])], drones, seed=61), TURNS * SCANS[name]["period_s"])
+
+
+def by_drone(looks: Table) -> dict[str, Table]:
+    return {name: looks.rows(looks.drone == name) for name in np.unique(looks.drone)}
+
+
+@EVERY_SCAN
+def test_a_look_is_taken_when_the_beam_is_where_the_drone_is(name: str) -> None:
+    looks = crossing(name).looks()
+    period_ns = round(SCANS[name]["period_s"] * NS)
+    off_deg = wrap_180(looks.azimuth_deg - beam_deg(looks.time_utc_ns, period_ns))
+    assert np.abs(off_deg).max() < 1e-6
+    assert (looks.time_utc_ns // period_ns == looks.scan).all()
+
+
+@EVERY_SCAN
+def test_the_beam_meets_each_drone_once_between_passing_it_and_passing_it_again(name: str) -> None:
+    """From look to look the beam gains one turn on the drone, whichever way it flies."""
+    period_ns = round(SCANS[name]["period_s"] * NS)
+    looks = by_drone(crossing(name).looks())
+    assert len(looks) == 82
+    crossed_north = set()
+    for drone, mine in looks.items():
+        flown_deg = np.unwrap(mine.azimuth_deg, period=360)
+        ahead_turns = (mine.time_utc_ns - START_NS) / period_ns - flown_deg / 360
+        np.testing.assert_allclose(np.diff(ahead_turns), 1, rtol=0, atol=1e-8)
+        assert abs(len(mine) - TURNS) <= 1
+        if np.any(np.diff(mine.azimuth_deg) > 180):
+            crossed_north.add((drone, "counter-clockwise"))
+        if np.any(np.diff(mine.azimuth_deg) < -180):
+            crossed_north.add((drone, "clockwise"))
+    assert {way for _, way in crossed_north} == {"clockwise", "counter-clockwise"}
+
+
+@EVERY_SCAN
+def test_a_drone_that_stays_is_looked_at_once_a_turn(name: str) -> None:
+    border = by_drone(crossing(name).looks())["border"]
+    np.testing.assert_array_equal(np.diff(border.scan), 1)
+    assert len(border) == TURNS
+
+
+@EVERY_SCAN
+def test_plots_bear_the_time_of_their_look_and_come_in_the_order_of_azimuth(name: str) -> None:
+    looks, plots = crossing(name).looks(), crossing(name).plots()
+    theirs = plots.rows(plots.drone != "")
+    looked = looks.rows(looks.detected)
+    np.testing.assert_array_equal(theirs.drone, looked.drone)
+    np.testing.assert_array_equal(theirs.time_utc_ns, looked.time_utc_ns)
+    np.testing.assert_array_equal(theirs.true_azimuth_deg, looked.azimuth_deg)
+    assert (np.diff(plots.time_utc_ns) >= 0).all()
+    theirs = theirs.rows(theirs.drone != "north")  # that is at 0 and at 360
+    same_scan = np.diff(theirs.scan) == 0
+    assert (np.diff(theirs.true_azimuth_deg)[same_scan] > -1e-6).all()
+
+
+@EVERY_SCAN
+def test_a_sectors_plots_leave_at_its_end_before_its_crossing(name: str) -> None:
+    """All of one sector before any of the next: plots of 048, then the north marker, 034."""
+    sensor = [m for m in crossing(name).messages if m.topic.startswith("plotfeed/radar/asterix")]
+    period_ns, sectors = round(SCANS[name]["period_s"] * NS), SCANS[name]["sectors"]
+    last = (-1, -1, -1)
+    for message in sensor:
+        properties = dict(message.properties)
+        scan, sector = int(properties["scan"]), int(properties["sector"])
+        place = (scan, sector, int(message.topic.endswith("034")))
+        assert place >= last
+        last = place
+        assert message.due_utc_ns == scan * period_ns + -(-(sector + 1) * period_ns // sectors)
+    plots = crossing(name).plots()
+    into_ns = plots.time_utc_ns - plots.scan * period_ns
+    assert (into_ns * sectors // period_ns == plots.sector).all()
+
+
+@EVERY_SCAN
+def test_service_messages_tell_of_every_sector_and_of_north_once_a_turn(name: str) -> None:
+    period_s, sectors = SCANS[name]["period_s"], SCANS[name]["sectors"]
+    period_ns = round(period_s * NS)
+    records = crossing(name).records("radar", 34)
+    first_ns = -(-START_NS * sectors // period_ns) * period_ns / sectors  # a sector begins
+    seen: list[tuple[Any, ...]] = [
+        (r.get("I034/000"), r.get("I034/020"), r.get("I034/041"), r.get("I034/030"))
+        for r in records
+    ]
+    expected: list[tuple[Any, ...]] = []
+    for k in range(1, TURNS * sectors + 1):
+        end_ns = -(-(round(first_ns * sectors / period_ns) + k) * period_ns // sectors)
+        index = end_ns * sectors // period_ns % sectors
+        tod_s = np.rint(end_ns * 128 / NS) / 128 % 86_400
+        if index == 0:
+            expected.append((1, None, np.rint(period_s * 128) / 128, tod_s))
+        lsbs = np.rint(index * 256 / sectors) % 256
+        expected.append((2, lsbs * 360 / 256, None, tod_s))
+    assert seen == expected[: len(seen)]
+    assert len(expected) - len(seen) <= 2
+
+
+@pytest.mark.parametrize("sectors", [4, 39, 78, 156, 161, 169, 175, 256])
+def test_the_last_of_any_number_of_sectors_ends_at_north(sectors: int) -> None:
+    """Of most of these numbers, so many times their part of 360 is not 360 in floating point."""
+    sensor = radar(scan=rotating(1.0, sectors))
+    records = fly(scene([sensor], seed=62), 1.0).records("radar", 34)
+    kinds = [r.get("I034/000") for r in records]
+    assert kinds == [2] * (sectors - 1) + [1, 2]
+    assert records[-1].get("I034/020") == 0
+    assert records[-2].get("I034/030") == records[-1].get("I034/030")
+
+
+def straight(period_s: float) -> tuple[Table, Array]:
+    """Detections of a drone on one straight line, and where it was at any of their times."""
+    ends = [waypoint(80.0, 3.0, 600.0), waypoint(117.0, 3.0, 600.0)]
+    sensor = radar(scan=rotating(period_s, 8))
+    drone = flown("d", *ends, speed_m_s=30.0)
+    plots = fly(scene([sensor], [drone], seed=63), 520 * period_s).plots()
+    places = np.array(
+        [geodetic_to_ecef(e["latitude_deg"], e["longitude_deg"], e["height_m"]) for e in ends]
+    )
+    return plots.rows(plots.drone == "d"), places
+
+
+def place_at(places: Array, t_utc_ns: Array) -> tuple[Array, Array, Array]:
+    """Azimuth, elevation, range of a drone that flies to and fro between two places at 30 m/s."""
+    leg_s = np.linalg.norm(places[1] - places[0]) / 30.0
+    phase = (t_utc_ns - START_NS) / NS / leg_s % 2
+    there = places[0] + (1 - np.abs(1 - phase))[:, None] * (places[1] - places[0])
+    return enu_to_aer(SITE.from_ecef(there))
+
+
+def test_a_plot_lies_where_the_drone_was_when_the_beam_was_there() -> None:
+    """Against a path worked out apart; a whole turn's flight of error if the scan had one time."""
+    period_s = 2.0
+    plots, places = straight(period_s)
+    azimuth_deg, elevation_deg, range_m = place_at(places, plots.time_utc_ns)
+    np.testing.assert_allclose(plots.true_range_m, range_m, rtol=0, atol=1e-4)
+    off_deg = wrap_180(plots.true_azimuth_deg - azimuth_deg)
+    np.testing.assert_allclose(off_deg, 0, atol=1e-5)
+    off_deg = wrap_180(plots.azimuth_deg - azimuth_deg)
+    assert_standard_normal((plots.range_m - range_m) / plots.sigma_range_m, "range")
+    assert_standard_normal(off_deg / plots.sigma_azimuth_deg, "azimuth")
+    assert_standard_normal((plots.elevation_deg - elevation_deg) / plots.sigma_elevation_deg, "el")
+
+    turn_ends_ns = (plots.scan + 1) * round(period_s * NS)
+    late_s = (turn_ends_ns - plots.time_utc_ns) / NS
+    at_end = aer_to_enu(*place_at(places, turn_ends_ns))
+    moved_m = np.linalg.norm(at_end - aer_to_enu(azimuth_deg, elevation_deg, range_m), axis=1)
+    assert np.median(moved_m) > 0.9 * 30.0 * np.median(late_s) > 30
+    measured = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    true = aer_to_enu(azimuth_deg, elevation_deg, range_m)
+    assert np.median(np.linalg.norm(measured - true, axis=1)) < 1.0
+
+
+def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
+    """Where a drone is taken to be jumps to and fro over the beam, which meets it once a turn."""
+    rng = np.random.default_rng(64)
+    parsed = scene([radar(scan=rotating(1.0, 32))], seed=64)
+    trajectories = Trajectories(stale_after_s=10.0)
+    station = EmulatedSensor(parsed, parsed.sensor[0], trajectories)
+    sector = station.sector_at(START_NS)
+    looked: list[tuple[int, int]] = []
+    azimuths_deg = rng.uniform(0, 360, 30)
+    for step in range(32 * 40):
+        for i, azimuth_deg in enumerate(azimuths_deg):
+            if (step + i) % 4 == 0:
+                place = waypoint(azimuth_deg + rng.normal(0, 1), 5.0, 500.0)
+                trajectories.add_sample(
+                    f"d{i}",
+                    sector.start_ns - NS // 100,
+                    latitude_deg=place["latitude_deg"],
+                    longitude_deg=place["longitude_deg"],
+                    height_m=place["height_m"],
+                    velocity_enu_m_s=(0.0, 0.0, 0.0),
+                    sigma_m=None,
+                    signature=Signature(rcs_m2=0.01),
+                )
+        looked.extend((drone, step) for drone in station.report(sector).looks.drone.tolist())
+        sector = station.next_sector(sector)
+    for i in range(len(azimuths_deg)):
+        steps = [step for drone, step in looked if drone == i]
+        assert len(steps) >= 39
+        assert set(np.diff(steps)) <= {31, 32, 33}

@@ -1,0 +1,282 @@
+"""Sensors that track, from the scene to the bytes: 062 and 063 beside plots, looks and truth."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from support.asterix_oracle import items_of, read_blocks, values_of
+from support.road import (
+    NS,
+    SITE,
+    START_NS,
+    Road,
+    flown,
+    fly,
+    held,
+    radar,
+    rotating,
+    scene,
+    waypoint,
+)
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.tracking.tracks import AlphaBeta
+from plotfeed.proto.asterix.codec.decode import Record
+
+TURNS = 120
+KNOWN = {"I062/010", "I062/040", "I062/070", "I062/080", "I062/100", "I062/105", "I062/185"}
+KNOWN |= {"I062/290", "I062/500"}
+WITH_HEIGHT = {"I062/130", "I062/220"}
+SENSORS: list[dict[str, Any]] = [
+    radar(id="turning", sac=7, sic=1, report=["plots", "asterix-062"], scan=rotating(1.0, 8)),
+    radar(id="flat", sac=7, sic=2, report=["asterix-062", "plots"], measures_elevation=False),
+    {
+        "id": "gate",
+        "type": "range_gate",
+        "report": ["asterix-062"],
+        "scan": {"kind": "staring", "period_s": 0.5},
+        "range_max_m": 5000.0,
+        "sigma_m": 20.0,
+        "position_enu_m": [300.0, -200.0, 10.0],
+        "tracks": {"confirm_hits": 1, "confirm_window": 1, "smoothing_scans": 2.0},
+    },
+]
+
+
+def drones() -> list[dict[str, Any]]:
+    rng = np.random.default_rng(210)
+    far = [
+        flown(
+            f"d{i}",
+            *(
+                waypoint(rng.uniform(0, 360), rng.uniform(2, 20), rng.uniform(6000, 19_900))
+                for _ in range(2)
+            ),
+            speed_m_s=float(rng.uniform(5, 30)),
+        )
+        for i in range(30)
+    ]
+    lands = flown("lands", waypoint(40.0, 5.0, 2000.0), waypoint(45.0, 5.0, 2000.0), repeat=False)
+    return [*far, held("still", 0.0, 10.0, 1500.0), lands]
+
+
+@cache
+def road() -> Road:
+    sensors = [SENSORS[0], *SENSORS[1:]]
+    return fly(scene(sensors, drones(), seed=211), float(TURNS))
+
+
+def lives(sensor: str) -> dict[int, list[Record]]:
+    of_track = defaultdict(list)
+    for record in road().records(sensor, 62):
+        of_track[int(record.get("I062/040"))].append(record)
+    return of_track
+
+
+def told(records: list[Record], path: str) -> np.ndarray:
+    return np.array([record.get(path) for record in records], dtype=np.float64)
+
+
+@pytest.mark.parametrize("sensor", ["turning", "flat", "gate"])
+def test_records_have_the_items_of_a_track_and_say_simulated(sensor: str) -> None:
+    records = road().records(sensor, 62)
+    assert len(records) > 250
+    expected = KNOWN | (set() if sensor == "flat" else WITH_HEIGHT)
+    for record in records:
+        assert set(record.items) == expected
+        assert record.get("I062/080/SIM") == 1
+        assert record.get("I062/080/CST") == (record.get("I062/290/PSR") > 0)
+
+
+@pytest.mark.parametrize("sensor", ["turning", "flat", "gate"])
+def test_every_life_begins_and_goes_on_without_a_hole(sensor: str) -> None:
+    last_s = START_NS / NS % 86_400 + TURNS
+    for number, records in lives(sensor).items():
+        firsts = [record.get("I062/080/TSB") for record in records]
+        lasts = [record.get("I062/080/TSE") for record in records]
+        assert firsts == [1] + [0] * (len(records) - 1), number
+        assert lasts[:-1] == [0] * (len(records) - 1), number
+        times_s = told(records, "I062/070")
+        assert np.diff(times_s).max(initial=0.0) <= 1.5
+        assert lasts[-1] or times_s[-1] >= last_s - 1.5, number
+
+
+def test_a_track_begins_with_three_detections_in_five_looks_and_ends_with_five_misses() -> None:
+    """The staring radar, by the ledger: its looks at a drone are its scans."""
+    looks = road().looks("flat")
+    begun, ended = set(), set()
+    for drone in np.unique(looks.drone):
+        mine = looks.rows(looks.drone == drone)
+        detected = dict(zip(mine.scan.tolist(), mine.detected.tolist(), strict=True))
+        window: list[bool] = []
+        tracked, misses = False, 0
+        for scan in range(int(looks.scan.min()), int(looks.scan.max()) + 1):
+            window = [*window[-4:], bool(detected.get(scan))]
+            misses = 0 if window[-1] else misses + 1
+            if not tracked and window[-1] and sum(window) >= 3:
+                tracked = True
+                begun.add((scan, str(drone)))
+            if tracked and misses == 5:
+                tracked, window = False, []
+                ended.add((scan, str(drone)))
+    records = road().records("flat", 62)
+    assert len(begun) > 30
+    assert len(ended) > 5
+    for flag, expected in (("TSB", begun), ("TSE", ended)):
+        said = sorted(r.get("I062/070") for r in records if r.get(f"I062/080/{flag}"))
+        # The looks of scan k are at its end, k + 1 periods of a second since 1970.
+        assert said == sorted((scan + 1) % 86_400 for scan, _ in expected)
+
+
+def test_the_gates_tracks_lie_about_the_truth_as_the_filter_says() -> None:
+    design = AlphaBeta(2.0)
+    sigma_m = 20.0 * float(design.position_variance(0)) ** 0.5
+    still = waypoint(0.0, 10.0, 1500.0)
+    true_m = SITE.from_ecef(geodetic_to_ecef(*still.values()))
+    (records,) = (
+        r for r in lives("gate").values() if abs(told(r[:1], "I062/100/Y")[0] - true_m[1]) < 150
+        and abs(told(r[:1], "I062/100/X")[0]) < 150 and len(r) == 2 * TURNS
+    )  # fmt: skip
+    for path, at_m in (("I062/100/X", true_m[0]), ("I062/100/Y", true_m[1])):
+        errors = (told(records, path) - at_m) / sigma_m
+        # 240 values, of which some 60 count as independent: 4.5 sigma of their mean and spread.
+        assert abs(errors.mean()) < 4.5 / 60**0.5
+        assert abs(errors.std() - 1) < 4.5 / 120**0.5
+        kept = np.exp(-1 / 2.0)
+        lag_one = np.corrcoef(errors[1:], errors[:-1])[0, 1]
+        assert abs(lag_one - kept) < 4.5 * np.sqrt((1 - kept**2) / len(errors))
+    np.testing.assert_allclose(told(records, "I062/500/APC/X"), sigma_m, rtol=0.05)
+
+
+def test_both_positions_are_one() -> None:
+    for sensor in ("turning", "gate"):
+        records = road().records(sensor, 62)
+        feet = told(records, "I062/130")
+        enu_m = SITE.from_ecef(
+            geodetic_to_ecef(
+                told(records, "I062/105/LAT"), told(records, "I062/105/LON"), feet * 0.3048
+            )
+        )
+        east, north = told(records, "I062/100/X"), told(records, "I062/100/Y")
+        assert np.abs(enu_m[:, 0] - east).max() < 0.6
+        assert np.abs(enu_m[:, 1] - north).max() < 0.6
+
+
+def test_the_drone_that_landed_is_coasted_and_dropped() -> None:
+    for sensor, misses in (("turning", 5), ("flat", 5)):
+        ended = [r for r in lives(sensor).values() if r[-1].get("I062/080/TSE")]
+        assert ended
+        for records in ended:
+            assert [r.get("I062/080/CST") for r in records[-misses:]] == [1] * misses
+
+
+@pytest.mark.parametrize(("sensor", "sic"), [("turning", 1), ("flat", 2)])
+def test_the_sensor_says_every_ten_seconds_how_it_does(sensor: str, sic: int) -> None:
+    records = road().records(sensor, 63)
+    assert len(records) == TURNS // 10
+    assert all(r.get("I063/030") % 10 == 0 for r in records)
+    for path, value in (("010/SIC", sic), ("050/SIC", sic), ("060/CON", 0)):
+        assert {r.get(f"I063/{path}") for r in records} == {value}
+
+
+def test_asterix_decoder_reads_the_same() -> None:
+    for sensor in ("turning", "flat"):
+        blocks = road().payloads(f"{sensor}/asterix/062")
+        ours = road().records(sensor, 62)
+        theirs = [items_of(r) for block in read_blocks(blocks) for r in block]
+        assert len(theirs) == len(ours)
+        for mine, other in zip(ours, theirs, strict=True):
+            assert set(other) == set(mine.items)
+            for item in ("I062/040", "I062/070", "I062/100", "I062/105", "I062/185"):
+                value = mine.items[item]
+                plain = list(value.values()) if isinstance(value, dict) else [value]
+                np.testing.assert_allclose(values_of(other[item]), plain, rtol=0, atol=1e-6)
+
+
+def sent(messages: list[Message], sensor: str) -> list[Message]:
+    return [
+        m
+        for m in messages
+        if m.topic.startswith(f"plotfeed/{sensor}/") and not m.topic.endswith("/status")
+    ]
+
+
+def test_the_same_scene_gives_the_same_bytes_and_tracks_change_no_plots() -> None:
+    again = fly(scene(SENSORS, drones(), seed=211), float(TURNS))
+    assert again.messages == road().messages
+    plain = [s | {"report": ["plots"]} for s in SENSORS[:2]]
+    without = fly(scene(plain, drones(), seed=211), float(TURNS))
+    for sensor in ("turning", "flat"):
+        assert without.payloads(f"{sensor}/plots") == road().payloads(f"{sensor}/plots")
+
+
+def test_a_sensors_tracks_do_not_depend_on_the_others() -> None:
+    alone = fly(scene(SENSORS[:1], drones(), seed=211), float(TURNS))
+    assert sent(alone.messages, "turning") == sent(road().messages, "turning")
+
+
+def test_it_brings_no_tracks_for_false_alarms() -> None:
+    noisy = radar(report=["asterix-062", "plots"], pfa=1e-3, doppler_cells=1, range_max_m=5000.0)
+    quiet = fly(scene([noisy], seed=212), 30.0)
+    assert len(quiet.plots("radar")) > 500
+    assert not quiet.records("radar", 62)
+
+
+def test_every_sensor_that_may_track_reports_tracks() -> None:
+    passive = {
+        "id": "passive",
+        "type": "passive_radar",
+        "report": ["asterix-062", "plots"],
+        "scan": {"kind": "staring", "period_s": 1.0},
+        "transmitters": [
+            {
+                "id": f"tower-{i}",
+                "erp_w": 50_000.0,
+                "frequency_hz": 600e6,
+                "bandwidth_hz": 7.6e6,
+                "place": {"east_m": east_m, "north_m": -9000.0, "above_site_m": 100.0},
+            }
+            for i, east_m in enumerate((-6000.0, 6000.0))
+        ],
+        "gain_rx_dbi": 15.0,
+        "azimuth_beamwidth_deg": 10.0,
+        "integration_s": 0.5,
+        "external_noise_db": 5.0,
+        "range_max_m": 15_000.0,
+    }
+    mimo = radar(
+        id="mimo",
+        type="mimo_radar",
+        report=["asterix-062"],
+        transmitters=[
+            {"east_m": 200.0, "north_m": 0.0, "above_site_m": 0.0, "power_w": 500.0},
+            {"east_m": -200.0, "north_m": 0.0, "above_site_m": 0.0, "power_w": 500.0},
+        ],
+    )
+    del mimo["power_w"]
+    seen = fly(scene([passive, mimo], [held("one", 30.0, 5.0, 2000.0)], seed=213), 60.0)
+    assert len({p.drone for p in seen.ledgers[0].looks}) == 1
+    for sensor in ("passive", "mimo"):
+        records = seen.records(sensor, 62)
+        assert len(records) > 20
+        assert (set(records[0].items) >= WITH_HEIGHT) == (sensor == "mimo")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tracks": {"confirm_hits": 4, "confirm_window": 3}}, "must not exceed confirm_window"),
+        ({"tracks": {"drop_misses": 0}}, "drop_misses"),
+        ({"tracks": {"smoothing_scans": 0.0}}, "smoothing_scans"),
+        ({"tracks": {"hits": 3}}, "no such key"),
+    ],
+)
+def test_rules_that_make_no_tracks_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        scene([radar(report=["asterix-062"], **changes)], seed=1)

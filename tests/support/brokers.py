@@ -1,0 +1,148 @@
+"""Real brokers for tests, each on a free port of its own."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import os
+import random
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
+from pathlib import Path
+
+import pytest
+from support.mqtt_client import PATIENCE_S
+
+PORTS = range(20_000, 32_000)
+"""Below those that systems give to whoever connects, who may take one before we listen on it."""
+_turns = count(random.SystemRandom().randrange(len(PORTS)))
+
+
+def free_port() -> int:
+    """One that is free, and that nobody else in this process was given."""
+    while True:
+        port = PORTS[next(_turns) % len(PORTS)]
+        with socket.socket() as listener, suppress(OSError):
+            listener.bind(("127.0.0.1", port))
+            return port
+
+
+@contextmanager
+def mosquitto(
+    folder: Path, port: int, settings: str | None = None, *, per_listener: bool = True
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Mosquitto on that port, for MQTT 3.1.1 and 5; skips the test where it is not installed.
+
+    `settings` stand instead of a listener on loopback for everybody.
+    """
+    if settings is None:
+        settings = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+    search = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
+    program = shutil.which("mosquitto", path=search)
+    if program is None:
+        pytest.skip("mosquitto is not installed")
+    config = folder / f"mosquitto-{port}.conf"
+    user = "user root\n" if os.geteuid() == 0 else ""  # else it may not read what we wrote
+    each = "per_listener_settings true\nset_tcp_nodelay true\n" if per_listener else ""
+    config.write_text(f"{user}{each}{settings}")
+    broker = subprocess.Popen(
+        [program, "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        wait_until_listening(port)
+        yield broker
+    finally:
+        broker.terminate()
+        broker.wait(PATIENCE_S)
+
+
+def password_file(folder: Path, username: str, password: str) -> Path:
+    """Of mosquitto, which keeps PBKDF2 hashes."""
+    salt, rounds = os.urandom(12), 101
+    digest = hashlib.pbkdf2_hmac("sha512", password.encode(), salt, rounds)
+    packed = [base64.b64encode(octets).decode() for octets in (salt, digest)]
+    path = folder / "passwords"
+    path.write_text(f"{username}:$7${rounds}${'$'.join(packed)}\n")
+    path.chmod(0o600)
+    return path
+
+
+@contextmanager
+def rumqttd(
+    folder: Path, listeners: dict[str, tuple[str, int, str]]
+) -> Iterator[subprocess.Popen[bytes]]:
+    """iotcore's broker; listeners are named v4.1, v5.1, ...: host, port, more tables."""
+    tables = [
+        "id = 0\n[router]\nid = 0\nmax_connections = 100\nmax_outgoing_packet_count = 1000\n"
+        "max_segment_size = 1048576\nmax_segment_count = 10\n"
+    ]
+    for name, (host, port, more) in listeners.items():
+        place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        tables.append(
+            f'[{name}]\nname = "{name}"\nlisten = "{place}"\nnext_connection_delay_ms = 1\n'
+            f"[{name}.connections]\nconnection_timeout_ms = 5000\nmax_payload_size = 1048576\n"
+            f"max_inflight_count = 100\ndynamic_filters = true\n{more}\n"
+        )
+    config = folder / "rumqttd.toml"
+    config.write_text("".join(tables))
+    broker = subprocess.Popen(
+        [sys.executable, "-m", "plotfeed.feeds.transport.embedded_broker", str(config)],
+        stdin=subprocess.PIPE,  # it lives as long as this is open
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for host, port, _ in listeners.values():
+            wait_until_listening(port, host)
+        yield broker
+    finally:
+        broker.terminate()
+        broker.wait(PATIENCE_S)
+        assert broker.stdin is not None
+        broker.stdin.close()
+
+
+def has_ipv6() -> bool:
+    """Whether this machine has the loopback address of IPv6."""
+    try:
+        with socket.socket(socket.AF_INET6) as listener:
+            listener.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+def wait_until_listening(port: int, host: str = "127.0.0.1") -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not is_listening(port, host):
+        assert time.monotonic() < deadline, f"nobody listens on port {port}"
+        time.sleep(0.01)
+
+
+def wait_until_silent(port: int) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while is_listening(port):
+        assert time.monotonic() < deadline, f"somebody still listens on port {port}"
+        time.sleep(0.01)
+
+
+def is_listening(port: int, host: str = "127.0.0.1") -> bool:
+    with contextlib.suppress(OSError), socket.create_connection((host, port), 5):
+        return True
+    return False
+
+
+@contextmanager
+def deaf_server() -> Iterator[int]:
+    """The port of a server that takes connections and never says a word."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        yield listener.getsockname()[1]

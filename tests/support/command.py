@@ -1,0 +1,74 @@
+"""The command in a process of its own, as a user starts it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from support.mqtt_client import PATIENCE_S
+
+PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli.main"]
+
+
+def plotfeed(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess[str]:
+    """Run it to its end; whatever happens, no traceback."""
+    done = subprocess.run(
+        [*PLOTFEED, *map(str, arguments)],
+        input=stdin,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return done
+
+
+class Running:
+    """A session that has introduced itself."""
+
+    def __init__(self, *arguments: object, folder: Path | None = None) -> None:
+        self.process = subprocess.Popen(
+            [*PLOTFEED, *map(str, arguments)],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.introduction: list[str] = []
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.introduction.append(line.rstrip())
+            if line.startswith("look at it"):
+                return
+        raise AssertionError(f"it ended: {self.process.communicate()}")
+
+    def port(self, protocol: str) -> int:
+        (line,) = (x for x in self.introduction if x.strip().startswith(protocol))
+        return int(line.split("://")[1].split(":")[1].split()[0].rstrip("/"))
+
+    def ports(self) -> list[tuple[int, int]]:
+        """Ports and versions of the embedded broker."""
+        return [(self.port("MQTT 3.1.1"), 4), (self.port("MQTT 5"), 5)]
+
+    def end(self, how: signal.Signals) -> tuple[int, str, str]:
+        """Exit code, and what was written after the introduction."""
+        self.process.send_signal(how)
+        out, err = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, out, err
+
+
+@contextmanager
+def running(*arguments: object, folder: Path | None = None) -> Iterator[Running]:
+    """In that folder, or where the tests run."""
+    session = Running(*arguments, folder=folder)
+    try:
+        yield session
+    finally:
+        if session.process.poll() is None:
+            session.process.kill()
+        session.process.communicate(timeout=PATIENCE_S)

@@ -1,0 +1,152 @@
+"""Ledgers for tests: of messages that a link has passed on, and of whole sessions, as files."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from support.links import OCTETS, due_times, passed
+from support.road import START_NS
+
+from plotfeed.feeds.impairment.link import Fate, Outcome
+from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
+from plotfeed.feeds.report.figures import LedgerReport, report
+from plotfeed.feeds.report.reading import read
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.recorded import Recorded, Stage
+
+LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
+FATES = {
+    Fate.SENT: pb.SENT,
+    Fate.LOST: pb.LOST,
+    Fate.OUTAGE: pb.OUTAGE,
+    Fate.QUEUE_FULL: pb.QUEUE_FULL,
+}
+
+
+def json_of(link: LinkSettings) -> str:
+    """As the ledger has it."""
+    return link.model_dump_json(exclude_defaults=True)
+
+
+def entries(
+    link: LinkSettings,
+    count: int,
+    *,
+    seed: int = 1,
+    rate_hz: float = 100.0,
+    late_ns: int = 0,
+    says: LinkSettings | None = None,
+    in_each: int = 4,
+) -> list[pb.Ledger]:
+    """Of so many messages, which a link passed on, and which the engine then sent late.
+
+    The ledger says that the link was `says`, where that is another.
+    """
+    dues = due_times(count, rate_hz, START_NS)
+    outcomes = passed(link, dues, seed=seed)
+    told = [
+        list(_sent(number, due, outcome, late_ns))
+        for number, (due, outcome) in enumerate(zip(dues, outcomes, strict=True))
+    ]
+    return [
+        pb.Ledger(
+            sensor="radar",
+            scan=first,
+            messages=[sent for each in told[first : first + in_each] for sent in each],
+            link=json_of(says or link),
+        )
+        for first in range(0, count, in_each)
+    ]
+
+
+def _sent(number: int, due_ns: int, outcome: Outcome, late_ns: int) -> Iterator[pb.Sent]:
+    if not outcome.copies:
+        yield pb.Sent(number=number, due_utc_ns=due_ns, fate=FATES[outcome.fate], octets=OCTETS)
+    for copy, sent in enumerate(outcome.copies):
+        yield pb.Sent(
+            number=number,
+            copy=copy,
+            due_utc_ns=due_ns,
+            link_due_utc_ns=sent.due_utc_ns,
+            sent_utc_ns=sent.due_utc_ns + late_ns,
+            flipped_bit=sent.flipped_bit,
+            octets=OCTETS,
+            delivered=True,
+            fate=pb.SENT,
+        )
+
+
+def recorded(
+    ledgers: Iterable[pb.Ledger | bytes], *, topic: str = "plotfeed/truth"
+) -> list[Recorded]:
+    """As they come by MQTT, a millisecond apart."""
+    return [
+        Recorded(
+            topic=topic,
+            payload=each if isinstance(each, bytes) else each.SerializeToString(),
+            log_time_ns=START_NS + n * 1_000_000,
+            publish_time_ns=START_NS + n * 1_000_000,
+            content_type=LEDGER,
+        )
+        for n, each in enumerate(ledgers)
+    ]
+
+
+def written(path: Path, messages: Iterable[Recorded]) -> Path:
+    """A file of those."""
+    file = io.BytesIO()
+    log = LogWriter(file)
+    for message in messages:
+        log.write(message)
+    log.close()
+    path.write_bytes(file.getvalue())
+    return path
+
+
+def told(path: Path) -> LedgerReport:
+    """What is reported of a file."""
+    return report(path, read(path))
+
+
+def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> LedgerReport:
+    """What is reported of those."""
+    return told(written(folder / "ledger.mcap", recorded(ledgers)))
+
+
+def record_session(scene_path: Path, path: Path, duration_s: float) -> Path:
+    """The record of a session in simulated time."""
+    scene = load(scene_path)
+    clock = InstantClock(START_NS)
+    attachments = attachments_of(scene, START_NS)
+    with Recorder(path, attachments=attachments, waits=True) as recorder:
+        observer = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
+        extras = Extras(observers=[observer])
+        asyncio.run(run(scene, clock=clock, broker="none", duration_s=duration_s, extras=extras))
+    assert not recorder.failure
+    return path
+
+
+def as_received(messages: Iterable[Recorded]) -> Iterator[Recorded]:
+    """What a recording of the broker would have had of a session's."""
+    for each in messages:
+        if each.stage is Stage.AFTER:
+            yield Recorded(
+                topic=each.topic,
+                payload=each.payload,
+                log_time_ns=each.log_time_ns,
+                publish_time_ns=each.publish_time_ns,
+                content_type=each.content_type,
+                properties=each.properties,
+                retain=each.retain,
+                qos=each.qos,
+            )

@@ -1,0 +1,245 @@
+"""A run as a user starts it, a page of it in a browser, and a client that hears its broker.
+
+What a control does is measured on what the broker delivers: messages, and the ledger's entries with
+the session's own time stamps. The clock is simulated, so nothing depends on how fast a machine is.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from support.chromium import looking, until
+from support.command import Running, running
+from support.mqtt_client import PATIENCE_S, Client, Heard, listening
+from support.scene_files import DRONE, RADAR, scene_file, scene_text
+
+from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Locator, Page
+
+S = 1_000_000_000
+MS = 1_000_000
+START = "2026-01-01T12:00:00.05Z"
+START_NS = 1_767_268_800 * S + 50 * MS
+SPEED = 8
+TURN_S = 4.0
+"""Of the radars, so that a machine that stalls is late but misses no scan."""
+SECTORS = {"radar": 128, "gate": 32}
+PFA = 1e-4
+CLOCK = ("Pause", "Go on", "Step 1 s", "Restart")
+"""Buttons of the clock."""
+HOVERING = """
+[[drone]]
+id = "hovering"
+rcs_m2 = 0.05
+speed_m_s = 0.01
+repeat = true
+path = [
+    { east_m = 1500.0, north_m = -800.0, above_site_m = 250.0 },
+    { east_m = 1500.01, north_m = -800.0, above_site_m = 250.0 },
+]
+"""
+
+
+def radar(name: str, sectors: int, more: str = "") -> str:
+    """A radar with false alarms to count, that reports in our own format alone."""
+    more = f'report = ["plots"]\n{more}'
+    text = RADAR.format(id=name, period_s=TURN_S, sectors=sectors, more=more)
+    return text.replace("pfa = 1e-5", f"pfa = {PFA}")
+
+
+def scene_of_two() -> str:
+    """Two radars whose messages leave at once, and a drone that hovers beside one that flies."""
+    sensors = radar("radar", SECTORS["radar"])
+    sensors += radar("gate", SECTORS["gate"], "position_enu_m = [900.0, -700.0, 10.0]")
+    return scene_text(start_utc=START, sensors=sensors, drones=DRONE + HOVERING)
+
+
+def end_ns(told: pb.PlotBatch | pb.Ledger) -> int:
+    """When the sector ends that is told of, UTC."""
+    return ends_ns(told.sensor, told.scan, told.sector)
+
+
+def ends_ns(sensor: str, scan: int, sector: int) -> int:
+    turn_ns = round(TURN_S * S)
+    return scan * turn_ns + (sector + 1) * turn_ns // SECTORS[sensor]
+
+
+def sectors_within(sensor: str, after_ns: int, until_ns: int) -> list[tuple[int, int]]:
+    """Scan and sector of those that end after the one time, and not after the other."""
+    each_ns = round(TURN_S * S) // SECTORS[sensor]
+    numbers = range(after_ns // each_ns + 1, until_ns // each_ns + 1)
+    return [divmod(number - 1, SECTORS[sensor]) for number in numbers]
+
+
+class Broker:
+    """All that a broker has delivered, read once."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self._read: list[pb.Ledger | pb.PlotBatch | None] = []
+
+    @property
+    def count(self) -> int:
+        """Messages so far: a place in their order, from which to look."""
+        return len(self.client.heard)
+
+    def ledger(self, sensor: str = "radar", since: int = 0) -> list[pb.Ledger]:
+        return [x for x in self._told(since) if isinstance(x, pb.Ledger) and x.sensor == sensor]
+
+    def batches(self, sensor: str = "radar", since: int = 0) -> list[pb.PlotBatch]:
+        return [x for x in self._told(since) if isinstance(x, pb.PlotBatch) and x.sensor == sensor]
+
+    def on(self, topic: str, since: int = 0) -> list[tuple[int, dict[str, Any]]]:
+        """Places and objects of JSON messages."""
+        heard = enumerate(self.client.heard[since:], since)
+        return [(at, json.loads(m.payload)) for at, m in heard if m.topic == topic]
+
+    def sent(self, link: dict[str, Any], since: int = 0) -> list[pb.Sent]:
+        """What became of the radar's messages that such a link was given, without a gap."""
+        entries = [x for x in self.ledger(since=since) if json.loads(x.link or "{}") == link]
+        sent = sorted((m for x in entries for m in x.messages), key=lambda m: m.number)
+        gap = next((i for i, m in enumerate(sent) if m.number != sent[0].number + i), len(sent))
+        return sent[:gap]
+
+    def _told(self, since: int) -> list[pb.Ledger | pb.PlotBatch | None]:
+        self._read += [_parsed(message) for message in self.client.heard[len(self._read) :]]
+        return self._read[since:]
+
+
+def _parsed(message: Heard) -> pb.Ledger | pb.PlotBatch | None:
+    if message.topic.endswith("/truth"):
+        return pb.Ledger.FromString(message.payload)
+    if message.topic.endswith("/plots"):
+        return pb.PlotBatch.FromString(message.payload)
+    return None
+
+
+class Live:
+    """What a test of a control needs: the page to use it on, the broker to hear what it did."""
+
+    def __init__(self, page: Page, broker: Broker) -> None:
+        self.page = page
+        self.broker = broker
+
+    def wait(self, condition: Callable[[], object]) -> None:
+        """Until it holds."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, "it never came to that"
+            self.page.wait_for_timeout(20)
+
+    def ask(self, **fields: str) -> tuple[int, dict[str, Any]]:
+        """Fill in fields of the radar by their labels and apply them; what the broker tells."""
+        for label, value in fields.items():
+            self.page.get_by_label(label.replace("_", " "), exact=True).fill(value)
+        answer = self.settings_after(lambda: self.press("Apply"))
+        self.page.get_by_text("In force.").wait_for()
+        return answer
+
+    def as_in_the_scene(self) -> tuple[int, dict[str, Any]]:
+        """The radar without changes; what the broker tells."""
+        return self.settings_after(lambda: self.press("As in the scene"))
+
+    def press(self, name: str) -> None:
+        """The button of that name."""
+        self._button(name).click()
+
+    def _button(self, name: str) -> Locator:
+        """A replay has buttons of the same names as the clock."""
+        group = self.page.get_by_role("group", name="Clock") if name in CLOCK else self.page
+        return group.get_by_role("button", name=name, exact=True)
+
+    def settings_after(self, action: Callable[[], object]) -> tuple[int, dict[str, Any]]:
+        """Where the broker tells the radar's next settings once that is done, and which."""
+        since = self.broker.count
+        action()
+        self.wait(lambda: self.broker.on("plotfeed/radar/settings", since))
+        return self.broker.on("plotfeed/radar/settings", since)[0]
+
+    def choose(self, state: str) -> tuple[int, dict[str, Any]]:
+        """A state of the radar; where and as what the broker tells it."""
+        radio = self.page.get_by_role("radio", name=state, exact=True)
+        return self.settings_after(radio.check)
+
+    def set_speed(self, speed: int) -> None:
+        self.page.get_by_label("Speed").select_option(str(speed))
+        until(self.page, f"plotfeed.picture.news.session.clock.speed === {speed}")
+
+    def as_in_the_beginning(self) -> None:
+        """The radar as in the scene, time at its pace."""
+        self.as_in_the_scene()
+        if self._button("Go on").is_visible():
+            self.press("Go on")
+        self.set_speed(SPEED)
+
+    def freeze(self, *sensors: str) -> int:
+        """Let time stand still, by the button; what it is then, and all of it has come."""
+        self.press("Pause")
+        self._button("Go on").wait_for()
+        return self.all_until(self.standing(), *sensors)
+
+    def step(self, *sensors: str) -> int:
+        """A second more; what time it is then, and all of it has come."""
+        before_ns = self.standing()
+        self.press("Step 1 s")
+        self.wait(lambda: self.standing() > before_ns + S - MS)
+        return self.all_until(self.standing(), *sensors)
+
+    def standing(self) -> int:
+        """The time at which it stands, UTC in nanoseconds; to a microsecond."""
+        until(self.page, "plotfeed.picture.pace === 0")
+        return round(self.page.evaluate("plotfeed.picture.nowMs(0)") * MS)
+
+    def all_until(self, now_ns: int, *sensors: str) -> int:
+        """That time, once the broker has delivered all that the sensors have told by then.
+
+        Without any, both. Their links must not be late.
+        """
+        for sensor in sensors or SECTORS:
+            self._all_of(sensor, now_ns)
+        self.page.wait_for_timeout(100)  # a status may be due at the very end
+        return now_ns
+
+    def _all_of(self, sensor: str, now_ns: int) -> None:
+        last = sectors_within(sensor, now_ns - S, now_ns)[-1]
+        self.wait(lambda: last in {(x.scan, x.sector) for x in self.broker.ledger(sensor)[-3:]})
+        wanted = delivered(self.broker.ledger(sensor))
+        self.wait(lambda: wanted <= told(self.broker.batches(sensor)))
+
+
+def told(batches: list[pb.PlotBatch]) -> set[tuple[int, int]]:
+    return {(batch.scan, batch.sector) for batch in batches}
+
+
+def delivered(ledger: list[pb.Ledger]) -> set[tuple[int, int]]:
+    """Scans and sectors of which a message left."""
+    return {(x.scan, x.sector) for x in ledger if any(m.delivered for m in x.messages)}
+
+
+@contextmanager
+def heard(folder: Path, *, page: str = "127.0.0.1:0") -> Iterator[tuple[Running, Broker]]:
+    """The scene of two, run from that folder, with another beside it; what its broker delivers."""
+    scene = scene_file(folder, scene_of_two())
+    (folder / "other.toml").write_text(scene_text(sensors=radar("north", 64), drones=""))
+    with (
+        running("run", scene, "--page", page, "--speed", SPEED, folder=folder) as run,
+        listening(run.port("MQTT 5"), 5, "#") as client,
+    ):
+        yield run, Broker(client)
+
+
+@contextmanager
+def live(browser: Browser, folder: Path) -> Iterator[Live]:
+    """That, with a page of it."""
+    with (
+        heard(folder) as (run, broker),
+        looking(browser, f"http://127.0.0.1:{run.port('page')}/") as page,
+    ):
+        yield Live(page, broker)

@@ -1,0 +1,91 @@
+"""A small SAPIENT middleware for tests, polite or not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.mqtt_client import PATIENCE_S
+from support.sapient_rules import checked
+
+Behaviour = Callable[["Peer"], Coroutine[Any, Any, None]]
+
+
+@dataclass
+class Peer:
+    """One connection, from the middleware's side."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    heard: list[SapientMessage] = field(default_factory=list)
+
+    async def next(self) -> SapientMessage:
+        length = int.from_bytes(await self.reader.readexactly(4), "little")
+        message = checked(await self.reader.readexactly(length))
+        self.heard.append(message)
+        return message
+
+    async def hear_all(self) -> None:
+        with suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                await self.next()
+
+    def kinds(self) -> list[str | None]:
+        return [m.WhichOneof("content") for m in self.heard]
+
+    def send(self, data: bytes) -> None:
+        self.writer.write(len(data).to_bytes(4, "little") + data)
+
+    def acknowledge(self, *reasons: str, accepted: bool = True) -> None:
+        ack = SapientMessage(
+            registration_ack={"acceptance": accepted, "ack_response_reason": reasons}
+        )
+        self.send(ack.SerializeToString())
+
+
+async def polite(peer: Peer) -> None:
+    await peer.next()
+    peer.acknowledge()
+    await peer.hear_all()
+
+
+class Middleware:
+    """Treats its n-th connection by the n-th behaviour, and the rest by the last."""
+
+    def __init__(self, *behaviours: Behaviour) -> None:
+        self.peers: list[Peer] = []
+        self.address = ""
+        self._behaviours = behaviours or (polite,)
+
+    async def until(self, wanted: Callable[[], object]) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while not wanted():  # noqa: ASYNC110 - of what another task does
+                await asyncio.sleep(0.005)
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        peer = Peer(reader, writer)
+        self.peers.append(peer)
+        behave = self._behaviours[min(len(self.peers), len(self._behaviours)) - 1]
+        try:
+            await behave(peer)
+        finally:
+            writer.close()
+
+
+@asynccontextmanager
+async def listening(*behaviours: Behaviour) -> AsyncIterator[Middleware]:
+    middleware = Middleware(*behaviours)
+    server = await asyncio.start_server(middleware.serve, "127.0.0.1", 0)
+    host, port = server.sockets[0].getsockname()
+    middleware.address = f"{host}:{port}"
+    try:
+        yield middleware
+    finally:
+        server.close()
+        for peer in middleware.peers:
+            peer.writer.close()
+        await asyncio.sleep(0.01)

@@ -1,0 +1,144 @@
+"""The page, served from an event loop in a thread of its own, for tests that look at it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http.client
+import threading
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from support.mqtt_client import PATIENCE_S
+from support.page_stage import Stage
+from websockets.sync.client import ClientConnection, connect
+
+from plotfeed.feeds.page.controls import Controls
+from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.view import View
+from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+LOOPBACK = PageAddress("127.0.0.1", 0)
+
+
+@dataclass(frozen=True)
+class Served:
+    url: str
+    server: PageServer
+    loop: asyncio.AbstractEventLoop
+
+    @property
+    def port(self) -> int:
+        port = urlsplit(self.url).port
+        assert port
+        return port
+
+    def call(self, function: Callable[[], Any]) -> Any:
+        """What a function gives that must run where the server does."""
+
+        async def called() -> Any:
+            return function()
+
+        return self.run(called())
+
+    def run(self, work: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result(PATIENCE_S)
+
+    def get(self, path: str = "/", **headers: str) -> tuple[int, dict[str, str], bytes]:
+        """Status, headers by lower-case names, body."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        try:
+            sent = {name.replace("_", "-"): value for name, value in headers.items()}
+            connection.putrequest("GET", path, skip_host="Host" in sent)
+            for name, value in sent.items():
+                connection.putheader(name, value)
+            connection.endheaders()
+            answer = connection.getresponse()
+            found = {name.lower(): value for name, value in answer.getheaders()}
+            return answer.status, found, answer.read()
+        finally:
+            connection.close()
+
+    def feed(self, *, origin: str | None = None, **more: Any) -> ClientConnection:
+        """A viewer's WebSocket, from the page itself unless another origin is given."""
+        host = f"127.0.0.1:{self.port}"
+        return connect(
+            f"ws://{host}/feed",
+            origin=origin or f"http://{host}",  # type: ignore[arg-type] - a NewType of str
+            compression=None,
+            open_timeout=PATIENCE_S,
+            max_size=None,
+            **more,
+        )
+
+
+@contextmanager
+def served(
+    view: View,
+    controls: Controls,
+    now_utc_ns: Callable[[], int],
+    *,
+    address: PageAddress = LOOPBACK,
+    token: str | None = None,
+    playing: Callable[[], Coroutine[Any, Any, Any]] | None = None,
+) -> Iterator[Served]:
+    """Meanwhile `playing` runs in the same loop."""
+    ready: threading.Event = threading.Event()
+    found: list[Served | PlotfeedError] = []
+    stop: list[Callable[[], object]] = []
+
+    async def main() -> None:
+        loop, end = asyncio.get_running_loop(), asyncio.Event()
+        stop.append(lambda: loop.call_soon_threadsafe(end.set))
+        try:
+            server = PageServer(address, view, controls, now_utc_ns, token=token)
+            async with serving(server) as url:
+                task = asyncio.create_task(playing()) if playing else None
+                found.append(Served(url, server, loop))
+                ready.set()
+                await end.wait()
+                if task is not None:
+                    task.cancel()
+                    with contextlib.suppress(asyncio.CancelledError):
+                        await task
+        except PlotfeedError as error:
+            found.append(error)
+        finally:
+            ready.set()
+
+    thread = threading.Thread(target=lambda: asyncio.run(main()), daemon=True)
+    thread.start()
+    assert ready.wait(PATIENCE_S)
+    (first,) = found
+    if isinstance(first, PlotfeedError):
+        thread.join(PATIENCE_S)
+        raise first
+    try:
+        yield first
+    finally:
+        stop[0]()
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+
+
+@contextmanager
+def on_stage(stage: Stage, **more: Any) -> Iterator[Served]:
+    """A stage that plays, and is the page's controls."""
+    assert stage.view is not None
+    with served(stage.view, stage, lambda: stage.now_ns, playing=stage.run, **more) as page:
+        yield page
+
+
+def wait_for_command(page: Page, stage: Stage, expected: dict[str, Any]) -> None:
+    for _ in range(int(PATIENCE_S * 20)):
+        if expected in stage.commands:
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"{expected} never came; there were {stage.commands}")

@@ -1,0 +1,90 @@
+"""Numbered parcels, and what became of each of them."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.timing.clock import WallClock
+
+NUMBER_OCTETS = 4
+
+
+class _Publishes(Protocol):
+    def publish(self, parcel: Delivery) -> None: ...
+
+
+class Followed(Delivery):
+    """Remembers every word that is said of it."""
+
+    __slots__ = ("said",)
+
+    def __init__(self, message: Message) -> None:
+        super().__init__(message, WallClock(), 1)
+        self.said: list[bool] = []
+
+    def settle(self, *, delivered: bool) -> None:
+        self.said.append(delivered)
+        super().settle(delivered=delivered)
+
+    @property
+    def number(self) -> int:
+        return number_of(self.message.payload)
+
+    @property
+    def was_delivered(self) -> bool | None:
+        """None if that is not known yet; never said twice."""
+        assert len(self.said) <= 1
+        return self.said[0] if self.said else None
+
+
+class Parcels:
+    """Makes them, numbered from 0."""
+
+    def __init__(self) -> None:
+        self.made: list[Followed] = []
+
+    def make(
+        self, *, qos: int = 1, octets: int = 10, topic: str = "t", retain: bool = False
+    ) -> Followed:
+        number = len(self.made).to_bytes(NUMBER_OCTETS, "big")
+        message = Message(
+            topic=topic,
+            payload=number.ljust(octets, b"\0"),
+            content_type="x",
+            due_utc_ns=0,
+            qos=qos,
+            retain=retain,
+        )
+        parcel = Followed(message)
+        self.made.append(parcel)
+        return parcel
+
+    def publish(self, link: _Publishes, count: int, **how: int | str | bool) -> None:
+        for _ in range(count):
+            link.publish(self.make(**how))  # type: ignore[arg-type]
+
+    @property
+    def delivered(self) -> list[int]:
+        return [p.number for p in self.made if p.was_delivered]
+
+    @property
+    def given_up(self) -> list[int]:
+        return [p.number for p in self.made if p.was_delivered is False]
+
+    @property
+    def unsettled(self) -> list[int]:
+        return [p.number for p in self.made if p.was_delivered is None]
+
+
+def number_of(payload: bytes) -> int:
+    return int.from_bytes(payload[:NUMBER_OCTETS], "big")
+
+
+def taken(link: _Publishes, message: Message) -> bool:
+    """Whether a link that settles at once says that it has delivered a message."""
+    parcel = Followed(message)
+    link.publish(parcel)
+    assert parcel.was_delivered is not None
+    return parcel.was_delivered

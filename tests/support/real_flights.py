@@ -1,0 +1,111 @@
+"""Recorded flights and what their files do not say, as scenes and as paths through space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from support.road import NS, radar
+from support.shared_files import shared
+from support.significance import Array
+
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.telemetry.flights import read, smoothed
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
+from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+
+
+@dataclass(frozen=True, eq=False)
+class RealFlight:
+    """A file, the datum of its altitudes, and a radar a kilometre or so to the south."""
+
+    file: str
+    datum_m: float
+    """Of its altitudes above the ellipsoid."""
+    datum: dict[str, float]
+    """The same as keys of a scene."""
+    reference: AltitudeReference | None = None
+    """Where the file does not say it."""
+    step_m: float = 1.0
+    """About how coarsely the log writes positions."""
+
+    @cached_property
+    def recorded(self) -> Flight:
+        path = shared(f"flights/{self.file}")
+        return read(path, FlightOptions(altitude_reference=self.reference))
+
+    @cached_property
+    def flight(self) -> Flight:
+        return smoothed(self.recorded)
+
+    @cached_property
+    def site(self) -> LocalFrame:
+        first = self.flight.reports[0]
+        below_m = first.altitude_m + self.datum_m - 20.0
+        return LocalFrame(first.latitude_deg - 0.012, first.longitude_deg + 0.002, below_m)
+
+    @cached_property
+    def times_s(self) -> Array:
+        """Since its start."""
+        t_ns = np.array([r.t_utc_ns for r in self.flight.reports])
+        return np.asarray((t_ns - t_ns[0]) / NS)
+
+    @cached_property
+    def knots_enu_m(self) -> Array:
+        return self._enu_m(self.flight)
+
+    @cached_property
+    def recorded_enu_m(self) -> Array:
+        return self._enu_m(self.recorded)
+
+    @cached_property
+    def path(self) -> CubicHermiteSpline:
+        """Place from the site after seconds: the cubics with the reports' velocities."""
+        velocities = []
+        for r in self.flight.reports:
+            assert r.velocity_enu_m_s is not None
+            there = LocalFrame(r.latitude_deg, r.longitude_deg, r.altitude_m + self.datum_m)
+            ecef = there.rotate_to_ecef(np.array(r.velocity_enu_m_s))
+            velocities.append(self.site.rotate_from_ecef(ecef))
+        return CubicHermiteSpline(self.times_s, self.knots_enu_m, np.array(velocities))
+
+    def _enu_m(self, flight: Flight) -> Array:
+        ecef = geodetic_to_ecef(
+            [r.latitude_deg for r in flight.reports],
+            [r.longitude_deg for r in flight.reports],
+            [r.altitude_m + self.datum_m for r in flight.reports],
+        )
+        return np.asarray(self.site.from_ecef(ecef))
+
+    def scene(self, *sensors: dict[str, Any], seed: int, **more: Any) -> Scene:
+        site = {
+            "latitude_deg": self.site.latitude_deg,
+            "longitude_deg": self.site.longitude_deg,
+            "height_m": self.site.height_m,
+        }
+        general = {"name": "flight", "seed": seed, "site": site}
+        tree = {"scene": general, "sensor": [radar(**s) for s in sensors]} | more
+        return from_tree(tree, shared("flights") / "scene.toml")
+
+    def as_drone(self) -> dict[str, Any]:
+        reference = {"altitude_reference": self.reference.value} if self.reference else {}
+        return {"id": "d", "flight": {"file": self.file} | self.datum | reference}
+
+
+FLIGHTS = {
+    f.file: f
+    for f in (
+        RealFlight("matrice_300.srt", 62.0, {"takeoff_height_m": 62.0}, step_m=11.0),
+        RealFlight(
+            "UAV_Rot.csv",
+            57.0,
+            {"geoid_undulation_m": 57.0},
+            AltitudeReference.MEAN_SEA_LEVEL,
+        ),
+        RealFlight("log171.bin", 19.0, {"geoid_undulation_m": 19.0}),
+    )
+}

@@ -1,0 +1,98 @@
+"""Small recordings, and what becomes of them when octets are lost or turned."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+
+from plotfeed.replay.files import RecordingReader, RecordingWriter
+from plotfeed.replay.recorded import Recorded
+
+START_NS = 1_767_268_800_000_000_000  # 2026-01-01T12:00:00Z
+MS = 1_000_000
+
+
+def block(category: int, *parts: str) -> bytes:
+    """A data block of a record in hexadecimal."""
+    body = bytes.fromhex("".join(parts))
+    return bytes([category]) + (3 + len(body)).to_bytes(2, "big") + body
+
+
+def block_048(time_s: float, sic: int = 13) -> bytes:
+    """A plot of SAC 25, 128 NM away in the east."""
+    return block(48, "f0", "19", f"{sic:02x}", f"{round(time_s * 128):06x}", "20", "80004000")
+
+
+def message(payload: bytes, t_utc_ns: int = START_NS, **more: object) -> Recorded:
+    given = {
+        "topic": "plotfeed/radar/asterix/048",
+        "log_time_ns": t_utc_ns,
+        "publish_time_ns": t_utc_ns,
+        "content_type": "application/x-asterix; cat=48",
+    }
+    return Recorded(payload=payload, **given | more)  # type: ignore[arg-type]
+
+
+def plots(count: int, *, step_ns: int = 10 * MS, **more: object) -> list[Recorded]:
+    """A message of one plot every step."""
+    return [
+        message(block_048(43_200 + n * step_ns / 1e9), START_NS + n * step_ns, **more)
+        for n in range(count)
+    ]
+
+
+def written(make: Callable[[io.BytesIO], RecordingWriter], messages: list[Recorded]) -> bytes:
+    """A file of all these messages."""
+    file = io.BytesIO()
+    writer = make(file)
+    assert [writer.write(each) for each in messages] == [None] * len(messages)
+    writer.close()
+    return file.getvalue()
+
+
+def read(
+    make: Callable[[io.BytesIO], RecordingReader], data: bytes
+) -> tuple[list[Recorded], RecordingReader]:
+    """The messages of a file, and what read them."""
+    reader = make(io.BytesIO(data))
+    return list(reader.messages()), reader
+
+
+def cut(data: bytes) -> Iterator[bytes]:
+    """Every shorter beginning."""
+    return (data[:octets] for octets in range(len(data)))
+
+
+def turned(data: bytes, masks: tuple[int, ...] = (0x01, 0x80, 0xFF)) -> Iterator[bytes]:
+    """With each octet changed, in several ways."""
+    for at, octet in enumerate(data):
+        for mask in masks:
+            yield data[:at] + bytes([octet ^ mask]) + data[at + 1 :]
+
+
+def left_out(data: bytes) -> Iterator[bytes]:
+    """Without each of its octets."""
+    return (data[:at] + data[at + 1 :] for at in range(len(data)))
+
+
+def is_read_whatever_it_is(
+    make: Callable[[io.BytesIO], RecordingReader], data: bytes, *, other_parts: int = 0
+) -> None:
+    """What is whole of it comes out, and what is not is told of within the file.
+
+    A file that ends between messages, or between so many other parts, is not known to be cut.
+    """
+    whole, _ = read(make, data)
+    untold = 0
+    for damaged in cut(data):
+        messages, reader = read(make, damaged)
+        assert messages == whole[: len(messages)]
+        assert reader.at <= len(damaged)
+        assert all(0 <= each.offset <= len(damaged) for each in reader.damage)
+        untold += not reader.damage
+    assert untold <= len(whole) + other_parts
+    for damaged in (*turned(data), *left_out(data)):
+        messages, reader = read(make, damaged)
+        assert len(messages) <= len(damaged)
+        assert all(0 <= each.offset <= len(damaged) for each in reader.damage)
+        assert all("\n" not in each.what for each in reader.damage)

@@ -1,0 +1,110 @@
+"""Recordings in memory, and what a replay of them does, under a simulated clock or a real one."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.replaying.control import ReplayControl
+from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.feeds.timing.clock import Clock, InstantClock
+from plotfeed.replay.recorded import Recorded, Stage
+
+S = 1_000_000_000
+MS = 1_000_000
+RECORDED = 1_767_268_800 * S
+"""When the recordings of tests begin."""
+REPLAYED = RECORDED + 1_000_000 * S + 7
+"""When simulated replays begin."""
+
+
+def message(
+    since_ns: int,
+    topic: str = "plotfeed/radar/plots",
+    payload: bytes = b"",
+    *,
+    stage: Stage = Stage.AFTER,
+    publish_since_ns: int | None = None,
+    **more: object,
+) -> Recorded:
+    return Recorded(
+        topic=topic,
+        payload=payload or since_ns.to_bytes(8, "big", signed=True),
+        log_time_ns=RECORDED + since_ns,
+        publish_time_ns=RECORDED + (since_ns if publish_since_ns is None else publish_since_ns),
+        stage=stage,
+        **more,  # type: ignore[arg-type]
+    )
+
+
+class Memory:
+    """A recording that is a list."""
+
+    def __init__(self, messages: Sequence[Recorded]) -> None:
+        self._messages = messages
+
+    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        for each in self._messages:
+            if (start_ns is None or each.log_time_ns >= start_ns) and (
+                end_ns is None or each.log_time_ns < end_ns
+            ):
+                yield each
+
+
+@dataclass
+class Ears:
+    """A way out that notes what leaves and when."""
+
+    clock: Clock
+    heard: list[tuple[int, Message]] = field(default_factory=list)
+    on_message: Callable[[Message], object] = lambda _: None
+    carries_it: Callable[[Message], bool] = lambda _: True
+
+    def publish(self, parcel: Delivery) -> None:
+        self.heard.append((self.clock.now_ns(), parcel.message))
+        parcel.leave()
+        parcel.settle(delivered=True)
+        self.on_message(parcel.message)
+
+    def publish_together(self, parcels: Sequence[Delivery]) -> None:
+        for parcel in parcels:
+            self.publish(parcel)
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        pass
+
+    def carries(self, message: Message) -> bool:
+        return self.carries_it(message)
+
+    def times(self) -> list[int]:
+        """When messages left, since the first."""
+        return [t - self.heard[0][0] for t, _ in self.heard]
+
+    def payloads(self) -> list[bytes]:
+        return [message.payload for _, message in self.heard]
+
+
+def simulated(
+    messages: Sequence[Recorded],
+    settings: ReplaySettings | None = None,
+    *,
+    control: ReplayControl | None = None,
+    on_message: Callable[[Message], object] = lambda _: None,
+    begin_utc_ns: int = REPLAYED,
+) -> tuple[Ears, ReplayTotals]:
+    """What leaves in a replay under a clock that jumps from deadline to deadline."""
+
+    async def run() -> tuple[Ears, ReplayTotals]:
+        clock = InstantClock(begin_utc_ns)
+        ears = Ears(clock, on_message=on_message)
+        totals = await replay(
+            Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
+        )
+        return ears, totals
+
+    return asyncio.run(asyncio.wait_for(run(), 60))

@@ -1,0 +1,114 @@
+"""Sessions in the test's own event loop, over a real broker, watched from within."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager, asynccontextmanager
+from pathlib import Path
+
+import pytest
+from support.brokers import mosquitto, rumqttd
+from support.mqtt_client import PATIENCE_S
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.session import Session, run
+from plotfeed.feeds.timing.clock import Clock, WallClock
+from plotfeed.proto import plotfeed_pb2 as pb
+
+Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
+
+
+def quiet_mosquitto(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    """Whose own queues are not what is tested."""
+    listener = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+    return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
+
+
+def iotcore(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
+    return rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")})
+
+
+every_broker = pytest.mark.parametrize(
+    "start", [quiet_mosquitto, iotcore], ids=["mosquitto", "iotcore"]
+)
+
+
+class AtWork(Observer):
+    """What can be seen of it."""
+
+    session: Session
+    totals: SessionCounters
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.begins = asyncio.Event()
+        self.sectors: list[SectorReport] = []
+        self.entries: list[pb.Ledger] = []
+        self.taken = 0
+        """Messages taken out of the inbox: telemetry and commands, accepted or not."""
+        self.most_waiting = 0
+        """In the inbox, whenever a sector was reported."""
+
+    def begun(self, session: Session) -> None:
+        self.session, self.totals = session, session.totals
+        self.begins.set()
+
+    def report(self, report: SectorReport) -> None:
+        self.sectors.append(report)
+        self.most_waiting = max(self.most_waiting, len(self.session.inbox))
+
+    def took(self, *_: object) -> None:
+        self.taken += 1
+
+    def ledger(self, message: Message) -> None:
+        self.entries.append(pb.Ledger.FromString(message.payload))
+
+    @property
+    def sent(self) -> list[pb.Sent]:
+        """What the ledger tells of messages."""
+        return [one for entry in self.entries for one in entry.messages]
+
+    async def sectors_more(self, number: int) -> None:
+        """It goes on reporting."""
+        wanted = len(self.sectors) + number
+        await until(lambda: len(self.sectors) >= wanted)
+
+
+@asynccontextmanager
+async def at_work(
+    scene: Scene, port: int | None, *, clock: Clock | None = None, duration_s: float | None = None
+) -> AsyncIterator[AtWork]:
+    """A session over the broker of that port, or none; it is over when this is."""
+    clock = clock or WallClock()
+    watch, stop = AtWork(clock), asyncio.Event()
+    broker = "none" if port is None else f"mqtt://127.0.0.1:{port}"
+    extras = Extras(observers=[watch])
+    running = asyncio.create_task(
+        run(scene, clock=clock, broker=broker, duration_s=duration_s, stop=stop, extras=extras)
+    )
+    beginning = asyncio.create_task(watch.begins.wait())
+    await asyncio.wait({running, beginning}, return_when=asyncio.FIRST_COMPLETED)
+    beginning.cancel()
+    if running.done():
+        running.result()
+    try:
+        yield watch
+    finally:
+        if duration_s is None:
+            stop.set()
+        await running
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Return when it holds."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.005)
