@@ -23,7 +23,8 @@ flies by itself; others may come by telemetry. Only what it names is modelled. A
 exist, a value of the wrong kind or out of bounds is refused before anything starts, each with its
 place in the file. The unit of a key is the end of its name.
 
-`plotfeed check SCENE` says what the sensors will do; the shipped scenes are in `feeds/scenes/`.
+`plotfeed check SCENE` says what the sensors will do; the shipped scenes are in
+`feeds/scene/examples/`.
 """
 UNITS = {
     "_deg": "degrees",

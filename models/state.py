@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -309,3 +310,11 @@ def _joined(
         absent = _ABSENT.get(name, _UNMEASURED)
         there = [absent[:n] if c is None else c for n, c in zip(lengths, columns, strict=True)]
     return np.concatenate(there)
+
+
+class AltitudeReference(StrEnum):
+    """What an altitude is measured from."""
+
+    ELLIPSOID = "ellipsoid"
+    MEAN_SEA_LEVEL = "mean_sea_level"
+    ABOVE_TAKEOFF = "above_takeoff"

@@ -17,8 +17,8 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS
 
 TIMESTAMP = Timestamp.DESCRIPTOR.full_name
 NANOSECONDS = "_utc_ns"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 MIN_SPEED, MAX_SPEED = Fraction(1, 1000), Fraction(10_000)
 FINEST_SPEED = 1_000_000

@@ -11,9 +11,8 @@ import io
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO
 
-from plotfeed.models.state import NS
 from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import near

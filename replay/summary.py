@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import CONTENT_TYPE, categories, is_asterix
 from plotfeed.replay.recorded import Recorded, Stage
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 DAY_NS = 86_400 * NS
 LATEST_NS = (1 << 64) - 1

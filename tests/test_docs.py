@@ -24,5 +24,5 @@ def test_every_link_between_pages_leads_somewhere() -> None:
 
 
 def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
-    beside = DOCS.parent / "feeds" / "scenes" / "scene.schema.json"
+    beside = DOCS.parent / "feeds" / "scene" / "examples" / "scene.schema.json"
     assert beside.read_text() == f"{text_of('scene')}\n", "run make pictures"

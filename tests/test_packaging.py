@@ -55,7 +55,7 @@ def test_the_wheel_holds_all_that_the_rooms_do_and_nothing_else(wheel: Path) -> 
     }
     assert packed == expected
     for name in (
-        "plotfeed/feeds/scenes/section-4.toml",
+        "plotfeed/feeds/scene/examples/section-4.toml",
         "plotfeed/feeds/py.typed",
         "plotfeed/models/py.typed",
         "plotfeed/proto/py.typed",
@@ -92,7 +92,7 @@ def test_what_was_installed_from_the_wheel_works(wheel: Path, tmp_path: Path) ->
     script = tmp_path / "venv" / "bin" / "plotfeed"
     assert json.loads(run(script, "schema"))["title"] == "Scene"
     assert "message Telemetry" in run(script, "schema", "messages")
-    scene = place / "plotfeed" / "feeds" / "scenes" / "section-4.toml"
+    scene = place / "plotfeed" / "feeds" / "scene" / "examples" / "section-4.toml"
     found = json.loads(run(script, "check", scene, "--json"))
     assert found["sensors"][0]["id"] == "active"
     run(script, "demo", "--broker", "none", "--speed", "max", "--duration", "5")

@@ -14,8 +14,9 @@ from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector, nth_sector
 from plotfeed.models.beam.sweep import meetings
 from plotfeed.models.frames import enu_to_aer, wrap_180
-from plotfeed.models.state import NS, Bools, Floats, Ints, Signature, TruthState
+from plotfeed.models.state import Bools, Floats, Ints, Signature, TruthState
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 OURS = "beam passage, a turn at once"
 SOME_SCAN = 1000

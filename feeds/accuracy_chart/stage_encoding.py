@@ -19,11 +19,12 @@ from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.feeds.sensing.staring import with_heights
 from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.state import NS, Floats, Ints, Plots
+from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.asterix.codec.report_profiles import FOOT_M, NM_M
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 DAY_S = 86_400
 HEIGHT = "height_m"

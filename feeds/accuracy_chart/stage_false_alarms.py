@@ -12,7 +12,7 @@ from plotfeed.feeds.accuracy_chart.case import Case
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, Alternative, ChartStage
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector, nth_sector
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 OURS = "binomial over cells"
 SOME_SCAN = 1000

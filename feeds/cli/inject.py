@@ -19,10 +19,11 @@ from plotfeed.feeds.telemetry.altitude import AltitudeDatum
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SPEED = 1000.0

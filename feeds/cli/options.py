@@ -128,7 +128,7 @@ def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def how_to_read_flight(columns: tuple[str, ...], **others: Any) -> FlightOptions:
     """What `flight_options` gave, for the readers; raises `click.BadParameter`."""
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
-    from plotfeed.feeds.telemetry.position_report import AltitudeReference
+    from plotfeed.models.state import AltitudeReference
 
     pairs = [column.partition("=") for column in columns]
     if any(not (ours and equals and theirs) for ours, equals, theirs in pairs):

@@ -24,10 +24,10 @@ from plotfeed.feeds.replaying.replay_settings import (
     TopicRule,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.udp import Endpoint, UdpDestination
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.pacing import speed_of
 
 MAX_OCTETS = 1 << 20

@@ -38,8 +38,8 @@ from plotfeed.feeds.schema.flows import ASTERIX
 from plotfeed.feeds.session.observer import Extras
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""

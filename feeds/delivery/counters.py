@@ -13,7 +13,7 @@ from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:  # else whoever only counts waits for all sensors
-    from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+    from plotfeed.feeds.messages.sector_report import SectorReport
 
 LATENESS_KEPT = 100_000
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})

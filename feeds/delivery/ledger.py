@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from plotfeed.feeds.messages.message import PROTOBUF, Message, attributes
-from plotfeed.feeds.sensing.emulated_sensor import SectorReport
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import ledger
 

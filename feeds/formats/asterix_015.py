@@ -16,11 +16,12 @@ from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import NS, Plots
+from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
 from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
 from plotfeed.proto.asterix.encode_025 import StatusEncoder025
+from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
 

@@ -10,7 +10,8 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
-from plotfeed.models.state import NS, Ints, Looks, Plots, TruthState
+from plotfeed.models.state import Ints, Looks, Plots, TruthState
+from plotfeed.proto.utc import NS
 
 MAX_BLOCK_OCTETS = 65535
 """What the length field of an ASTERIX data block can say."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from plotfeed.feeds.impairment.delays import DelaySeries
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 FEWEST_ROWS = 8
 MOST_ROWS = 4096

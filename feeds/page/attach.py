@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import Controls, NoControls
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
@@ -18,7 +19,6 @@ from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import SectorReport
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session
 from plotfeed.feeds.timing.clock import WallClock

@@ -13,8 +13,9 @@ from google.protobuf.message import DecodeError
 
 from plotfeed.feeds.page.page_recording import LEFT, PageRecording
 from plotfeed.feeds.replaying.replay_settings import Moment
-from plotfeed.models.state import FALSE_ALARM, NS, Floats, Ints, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.plots_csv import rows_of
 from plotfeed.replay.recorded import Recorded

@@ -22,8 +22,9 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.sensor_task import json_of
 from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.state import FALSE_ALARM, NS, Floats, Ints, Looks, Plots, TruthState
+from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots, TruthState
 from plotfeed.models.truth import fit_velocity
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.log_reader import LogReader
 
 KEPT = 12

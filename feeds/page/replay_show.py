@@ -19,7 +19,7 @@ from plotfeed.feeds.replaying.destinations import Destinations, ways_out
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.pacing import speed_of
 

@@ -16,9 +16,10 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.state import NS, Columns, Floats, Ints
+from plotfeed.models.state import Columns, Floats, Ints
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS
 
 MAX_OCTETS = 1 << 20
 MAX_TRACKS = 5_000

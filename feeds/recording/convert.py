@@ -16,9 +16,8 @@ import click
 from plotfeed.feeds.console.progress import with_progress
 from plotfeed.feeds.console.whole_file import part_file
 from plotfeed.feeds.messages.topic_filter import checked, matches
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.files import (
     DATELESS,
     HOLD_STAGES,

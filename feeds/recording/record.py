@@ -18,13 +18,13 @@ from plotfeed.feeds.messages.topic_filter import checked
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.feeds.recording.record_udp import UdpSource
 from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
     DEFAULT_PORTS,
     AddressError,
     BrokerAddress,
     without_secrets,
 )
-from plotfeed.feeds.transport.udp import Endpoint
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded
 

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from plotfeed.feeds.messages.message import ReceivedMessage
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Recorded
 
 CONNECT_S = 5.0

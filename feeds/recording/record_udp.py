@@ -11,8 +11,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from plotfeed.feeds.transport.udp import Endpoint, UdpError
-from plotfeed.models.state import NS
+from plotfeed.feeds.scene.output_keys import Endpoint
+from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import content_type
 from plotfeed.replay.pcap.packets import SOURCE, UDP_TOPIC
 from plotfeed.replay.recorded import Recorded

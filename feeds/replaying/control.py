@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from plotfeed.feeds.timing.clock import Clock
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.pacing import Laps, Pace
 
 SEEK_NS = NS // 10

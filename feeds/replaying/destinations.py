@@ -13,10 +13,10 @@ from typing import Protocol
 
 from plotfeed.feeds.delivery.delivery import Delivery, Transport
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.output_keys import MqttQueueKeys
+from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.udp import UdpDestination, UdpError, UdpLink
+from plotfeed.feeds.transport.udp import UdpError, UdpLink
 
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from fractions import Fraction
 from typing import Literal
 
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Stage
 
 Choice = Literal["after", "before", "telemetry"]

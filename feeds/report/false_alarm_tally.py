@@ -18,8 +18,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan, in_force, instants_ns
 from plotfeed.feeds.session.sensor_task import AHEAD_NS
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 MAX_COMMANDS = 10_000
 """Settings of a sensor that are kept; with more, nothing is said to be asked."""

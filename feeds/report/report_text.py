@@ -12,8 +12,7 @@ from plotfeed.feeds.report.error_tally import ErrorFigures
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share
 from plotfeed.feeds.report.look_tally import PdFigures
-from plotfeed.models.state import NS
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
 
 MAX_DELAYS_SHOWN = 5
 NOTHING = "-"

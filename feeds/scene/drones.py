@@ -19,7 +19,7 @@ from plotfeed.feeds.scene.fields import (
     Speed,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 
 
 class Waypoint(Location):

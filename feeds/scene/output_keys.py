@@ -1,12 +1,17 @@
-"""The keys of what messages leave by: the queue for MQTT, SAPIENT, the live page."""
+"""The keys of what messages leave by: the queue for MQTT, UDP, SAPIENT, the live page."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import ipaddress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plotfeed.feeds.scene.fields import Latitude, Longitude, Positive, SceneTable
+from plotfeed.feeds.scene.fields import Latitude, Longitude, Name, Positive, SceneTable
+
+if TYPE_CHECKING:
+    pass
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
@@ -104,3 +109,82 @@ class PageKeys(SceneTable):
         ):
             raise ValueError("tracks_topic: expected one topic, without +, # or space")
         return self
+
+
+MIN_OCTETS, USUAL_OCTETS, MAX_OCTETS = 64, 1400, 65_000
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """A numeric address and a port."""
+
+    address: ipaddress.IPv4Address | ipaddress.IPv6Address
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> Endpoint:
+        """From 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
+        host, _, port = text.rpartition(":")
+        number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
+        bracketed = host.startswith("[") and host.endswith("]")
+        try:
+            if bracketed:
+                return cls(ipaddress.IPv6Address(host[1:-1]), _port(number))
+            return cls(ipaddress.IPv4Address(host), _port(number))
+        except ValueError:
+            raise ValueError(
+                f"expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not {text!r}"
+            ) from None
+
+
+def _port(number: int) -> int:
+    if not 0 < number < 65536:
+        raise ValueError(number)
+    return number
+
+
+def _endpoint(text: str) -> str:
+    address = Endpoint.parse(text).address
+    if address.is_unspecified:
+        raise ValueError(f"expected the address of one host or a multicast group, not {address}")
+    if (
+        isinstance(address, ipaddress.IPv6Address)
+        and address.is_link_local
+        and not address.scope_id
+    ):
+        raise ValueError(f"a link-local address needs its interface, such as {address}%eth0")
+    return text
+
+
+class UdpDestination(SceneTable):
+    """A [[udp]] of the scene: where ASTERIX goes besides MQTT."""
+
+    destination: Annotated[str, AfterValidator(_endpoint)]
+    """ADDRESS:PORT, numeric; a multicast group or one host."""
+    sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    """Whose messages go there; all sensors' if it is left out."""
+    ttl: Annotated[int, Field(ge=0, le=255)] = 1
+    """Of multicast datagrams: 1 stays in the local network."""
+    interface: str | None = None
+    """By which multicast leaves: its name or IPv4 address; without it, by the system's route."""
+    max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
+    """Of a datagram; data blocks are cut to fit."""
+
+    @model_validator(mode="after")
+    def _interface_is_for_multicast(self) -> Self:
+        if self.interface is None:
+            return self
+        if not self.is_multicast:
+            raise ValueError(f"interface: only for multicast, which {self.destination} is not")
+        if not self.interface or "\0" in self.interface:
+            raise ValueError("interface: expected the name of one, or its address")
+        return self
+
+    @property
+    def is_multicast(self) -> bool:
+        """Whether it goes to a group."""
+        return Endpoint.parse(self.destination).address.is_multicast
+
+    def takes(self, sensor: str) -> bool:
+        """Whether that sensor's messages go there."""
+        return not self.sensors or sensor in self.sensors

@@ -23,12 +23,11 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.output_keys import MqttQueueKeys, PageKeys, SapientKeys
+from plotfeed.feeds.scene.output_keys import MqttQueueKeys, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.transport.udp import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20

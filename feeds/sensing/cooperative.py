@@ -9,19 +9,20 @@ import numpy as np
 from plotfeed.feeds.delivery.ledger import LedgerEntry
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensor import SectorReport
 from plotfeed.feeds.session.sensor_task import AHEAD_NS, SessionContext, json_of
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
-from plotfeed.models.state import NS, Floats
+from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.encode_129 import TargetEncoder129
+from plotfeed.proto.utc import NS
 
 HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
 """Radius that holds half of a circular normal distribution, in standard deviations."""

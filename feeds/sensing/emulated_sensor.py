@@ -5,11 +5,11 @@ Nothing here waits or sends. A station can be asked for any sector, in any order
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from plotfeed.feeds.formats import reporters_of
 from plotfeed.feeds.formats.message_format import Seen
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -19,21 +19,10 @@ from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.beam.sweep import Timetable
 from plotfeed.models.chance import Chance
-from plotfeed.models.state import NS, Looks, Plots
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 NS_IN_MS = 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class SectorReport:
-    """What became of one sector: its plots are in the order of time, as they are sent."""
-
-    sensor: str
-    sector: Sector
-    looks: Looks
-    plots: Plots
-    messages: list[Message]
 
 
 class EmulatedSensor:

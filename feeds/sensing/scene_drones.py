@@ -16,9 +16,10 @@ from plotfeed.feeds.telemetry.altitude import AltitudeDatum
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, PositionReport
 from plotfeed.feeds.telemetry.receiver import add_report
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.state import NS, Emitter, Floats, Signature
+from plotfeed.models.state import Emitter, Floats, Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 MAX_LEG_M = 500.0
 """A straight line this long leaves the curve of constant height by 5 mm."""

@@ -17,8 +17,9 @@ from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import NS, Floats, Ints, Looks, PlaceState, Plots, Targets, TruthState
+from plotfeed.models.state import Floats, Ints, Looks, PlaceState, Plots, Targets, TruthState
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 TRAVEL_TIME_STEPS = 5
 """Of the fixed point for the time at which a sound left: they leave 3 cm at 60 m/s and 1 km."""

@@ -16,8 +16,8 @@ from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.feeds.timing.clock import Clock, WallClock
-from plotfeed.models.state import NS
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 
 class SessionInputs:

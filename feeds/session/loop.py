@@ -9,7 +9,7 @@ from typing import Protocol
 
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.feeds.timing.schedule import Action, ActionKind, Schedule
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 MAX_WAITING = 20_000
 """Telemetry of a second from a few thousand drones; more is refused."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from plotfeed.feeds.delivery.outbox import Tap
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import SectorReport
 from plotfeed.feeds.session.loop import RecordedInputs
 from plotfeed.proto import plotfeed_pb2 as pb
 

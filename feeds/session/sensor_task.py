@@ -11,17 +11,18 @@ from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.delivery.ledger import LedgerEntry, Settled
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import in_force, instants_ns
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor, SectorReport
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.session.status import settings_message, status_message
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.models.beam.scan import Sector
-from plotfeed.models.state import NS
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 STATUS_EVERY_NS = 5 * NS
 AHEAD_NS = 10_000_000

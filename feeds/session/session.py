@@ -13,10 +13,11 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.ledger import Settled, ledger_message, told
 from plotfeed.feeds.delivery.outbox import Hooks, Tap
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.cooperative import CooperativeDesk, CooperativeDrones
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor, SectorReport
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.inputs import SessionInputs
@@ -28,8 +29,8 @@ from plotfeed.feeds.session.status import session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.state import NS
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 FIRST_CONNECTION_S = 5.0
 FLUSH_S = 0.5

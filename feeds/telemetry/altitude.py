@@ -7,12 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Reason,
-    Refused,
-)
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
 
 EGM96_GRIDS = ("us_nga_egm96_15.tif", "egm96_15.gtx")
 """The names that PROJ knows the EGM96 geoid by, 15 minutes of arc."""

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 import math
 
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Reason,
-    Refused,
-)
-from plotfeed.models.state import NS
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.encode_129 import UasReport, read_129
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS
 
 CATEGORY = 129
 HEADER_OCTETS = 3

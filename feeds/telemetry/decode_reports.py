@@ -15,15 +15,15 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.telemetry.category_129 import CATEGORY, is_block_129, report_129
 from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
     PositionReport,
     Reason,
     Refused,
     check,
     check_finite,
 )
-from plotfeed.models.state import NS, Emitter
+from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 MAX_OCTETS = 4096
 

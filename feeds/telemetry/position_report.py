@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from plotfeed.models.state import Emitter
+from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SPEED_M_S = 1000.0
@@ -57,14 +57,6 @@ class Refused(PlotfeedError):  # noqa: N818 - what happened to a report, not wha
         self.count: int | None = None
         """How many were refused for this reason, this one included; None until counted."""
         super().__init__(self.detail)
-
-
-class AltitudeReference(StrEnum):
-    """What an altitude is measured from."""
-
-    ELLIPSOID = "ellipsoid"
-    MEAN_SEA_LEVEL = "mean_sea_level"
-    ABOVE_TAKEOFF = "above_takeoff"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

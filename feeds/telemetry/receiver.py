@@ -12,9 +12,10 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.altitude import AltitudeDatum
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
-from plotfeed.models.state import NS, Signature
+from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 MAX_DRONE_NAME = 64
 NAME_SEPARATORS = frozenset("/+#")

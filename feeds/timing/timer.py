@@ -11,7 +11,7 @@ import time
 from types import TracebackType
 from typing import Protocol, Self
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 
 class Timer(Protocol):

@@ -8,8 +8,9 @@ from uuid import UUID
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
-from plotfeed.models.state import NS, Floats
+from plotfeed.models.state import Floats
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.utc import NS
 
 MAX_UTC_NS = 2**63 - 1  # year 2262: the last that int64 holds
 MAX_TEXT = 1000

@@ -7,7 +7,7 @@ from functools import lru_cache
 from ipaddress import ip_address
 from typing import BinaryIO
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.octets import Octets
 from plotfeed.replay.pcap.link_layers import ETHERNET, frame

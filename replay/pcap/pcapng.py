@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple
 
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.octets import Octets
 from plotfeed.replay.pcap.packets import MAX_PACKET_OCTETS, Packets, ns_header
 from plotfeed.replay.recorded import Recorded

@@ -26,8 +26,8 @@ from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 from plotfeed.feeds.console.signals import keep_freed
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.models.state import NS
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 SIZES = (1, 10, 100, 1000, 10_000)
 REPEATS = 9

@@ -25,8 +25,8 @@ from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.sensing.staring import SensorSite, StaringBeam
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.state import NS
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 SIZES = (1, 10, 100, 1000, 10_000)
 THREE = np.ones(3)

@@ -84,11 +84,9 @@ def flown(scene: Any, n: int) -> Any:
 
     from plotfeed.feeds.scene.geometry import site_frame
     from plotfeed.models.frames import aer_to_enu
-    from plotfeed.models.state import (
-        NS,
-        Signature,
-    )
+    from plotfeed.models.state import Signature
     from plotfeed.models.truth import Trajectories
+    from plotfeed.proto.utc import NS
 
     rng, frame = np.random.default_rng(1), site_frame(scene.scene.site)
     start = aer_to_enu(rng.uniform(0, 360, n), rng.uniform(1, 10, n), rng.uniform(2000, 7000, n))

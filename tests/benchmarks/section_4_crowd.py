@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.scene.scene import Scene, from_tree
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 START_NS = 1_767_268_800 * NS
 SECTION_4 = files("plotfeed.feeds.scene.examples") / "section-4.toml"

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.state import NS, Floats, Signature, TruthState
+from plotfeed.models.state import Floats, Signature, TruthState
 from plotfeed.models.truth import Trajectories, fit_velocity
+from plotfeed.proto.utc import NS
 
 T0 = 1_700_000_000 * NS
 HOME = LocalFrame(40.45, -3.73, 650.0)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import attributes
 from plotfeed.feeds.telemetry.decode_reports import decode, encode_json, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.telemetry.receiver import to_json
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text

@@ -20,8 +20,8 @@ from support.recordings import (
 )
 from support.shared_files import shared
 
-from plotfeed.models.state import NS
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import DAY_NS

@@ -20,9 +20,9 @@ from support.recordings import (
 )
 from support.shared_files import shared
 
-from plotfeed.models.state import NS
 from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
 from plotfeed.proto.asterix.codec.layout import Extended, Fixed
+from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import ITEMS, SPARE, TIME, time_of_day_ns
 from plotfeed.replay.asterix_files import RawReader, RawWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter

@@ -11,7 +11,7 @@ from typing import Any
 
 from support.road import radar, rotating
 
-SECTION_4 = Path(__file__).parents[2] / "feeds" / "scenes" / "section-4.toml"
+SECTION_4 = Path(__file__).parents[2] / "feeds" / "scene" / "examples" / "section-4.toml"
 KEPT_MESSAGES = 200
 """Of each sensor, while the broker is away; the oldest give way."""
 LINKS: dict[str, dict[str, Any]] = {

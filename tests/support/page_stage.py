@@ -15,6 +15,7 @@ from support import road
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
@@ -22,12 +23,12 @@ from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.commands import ControlError
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor, SectorReport
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import ecef_to_geodetic
-from plotfeed.models.state import NS
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 TRUTH_EVERY_NS = NS // 10
 MOST_AT_ONCE_S = 0.25

@@ -15,8 +15,8 @@ from support.significance import Array
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+from plotfeed.models.state import AltitudeReference
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from support.mqtt_client import PATIENCE_S
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensor import SectorReport
 from plotfeed.feeds.session.observer import Extras, Observer
 from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import Clock, WallClock

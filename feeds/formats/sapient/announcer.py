@@ -9,11 +9,10 @@ from plotfeed.feeds.formats.sapient.sapient_node import node_of
 from plotfeed.feeds.messages.message import PROTOBUF, Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.state import NS
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.sapient.decode_sapient import restamped
 from plotfeed.proto.sapient.encode_node import registration, status
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
 
 MAX_LATE_NS = 800_000_000
 """A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""

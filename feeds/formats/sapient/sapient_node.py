@@ -16,7 +16,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction
-from plotfeed.models.state import NS, Emitter, Signatures, Targets
+from plotfeed.models.state import Emitter, Signatures, Targets
 from plotfeed.proto.sapient.encode_detections import (
     AGE,
     BISTATIC_RANGE,
@@ -28,6 +28,7 @@ from plotfeed.proto.sapient.encode_detections import (
 )
 from plotfeed.proto.sapient.encode_node import Field, Node, NodeType, SapientQuantity
 from plotfeed.proto.sapient.envelope import node_id
+from plotfeed.proto.utc import NS
 
 MIN_GAP_NS = 80_000_000
 ROUNDING_NS = 2000

@@ -22,7 +22,7 @@ from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings, SkewFrame
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import NS
+from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 
 MAGIC = b"\xa3\x95"
 _FMT_TYPE = 0x80

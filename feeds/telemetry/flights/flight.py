@@ -9,14 +9,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any, Literal
 
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Refused,
-    check,
-)
-from plotfeed.models.state import NS
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 MAX_SPEED_M_S = 150.0
 MAX_CLIMB_M_S = 60.0

@@ -11,7 +11,7 @@ from plotfeed.feeds.telemetry.flights import dataflash, tlog
 from plotfeed.feeds.telemetry.flights.flight import MAX_OCTETS, Flight, FlightOptions, Log, utc_ns
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 _POINT_END = "</trkpt>"

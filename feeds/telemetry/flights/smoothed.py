@@ -12,7 +12,8 @@ import numpy as np
 from plotfeed.feeds.telemetry.flights.flight import Flight
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.smoothing import ACCELERATION_DENSITY_M2_S3, smooth
-from plotfeed.models.state import NS, Floats
+from plotfeed.models.state import Floats
+from plotfeed.proto.utc import NS
 
 MAX_GAP_S = 5.0
 """What happened in a longer gap is not guessed, unless the whole log is that sparse."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, GpsOrder, Log, utc_ns
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 _NUMBER = r"([-+]?\d{1,12}(?:\.\d{1,20})?)"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 STAMP_OCTETS = 8

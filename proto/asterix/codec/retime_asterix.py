@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
 
-from plotfeed.models.state import NS
 from plotfeed.proto.asterix.cat062_parts import FLIGHT_PLAN
 from plotfeed.proto.asterix.codec.decode import CATEGORIES, HEADER_OCTETS
 from plotfeed.proto.asterix.codec.layout import (
@@ -23,6 +22,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
 )
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS
 
 FX = 1
 PLANNED = "TOD"

@@ -8,7 +8,7 @@ from scipy.special import gammainc
 from support.chart_cases import SITE
 from support.significance import assert_sum
 
-from plotfeed.feeds.accuracy_chart import stage_detection as ways
+from plotfeed.feeds.accuracy_chart import detection_methods as ways
 from plotfeed.feeds.accuracy_chart import stage_frames as frames
 from plotfeed.feeds.accuracy_chart.stage_false_alarms import PoissonGenerator
 from plotfeed.models import detection

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from plotfeed.feeds.cli.inject import MAX_SPEED, schedule
 from plotfeed.feeds.telemetry.flights.flight import Flight
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 S = 1_000_000_000

@@ -32,7 +32,8 @@ from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import AT_ONCE, replay
 from plotfeed.feeds.telemetry.decode_reports import decode, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.mcap.log_writer import LogWriter

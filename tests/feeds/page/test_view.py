@@ -9,10 +9,11 @@ from support import page_stage, road
 from support.page_frames import Frame, read_frame
 from support.page_stage import Stage
 
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.plot_store import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind
 from plotfeed.feeds.page.view import Update, View
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor, SectorReport
+from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState

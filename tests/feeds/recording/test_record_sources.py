@@ -20,10 +20,11 @@ from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.recording.record import CaptureSource
 from plotfeed.feeds.recording.record_mqtt import BrokerSource, recorded_of, utc_ns
 from plotfeed.feeds.recording.record_udp import UdpSource
+from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.udp import Endpoint, UdpError
+from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded, Stage
 
 GROUP_4, GROUP_6 = "239.255.77.78", "ff11::7:8"

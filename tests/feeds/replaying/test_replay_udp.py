@@ -18,7 +18,8 @@ from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, WayOut
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayTotals
-from plotfeed.feeds.transport.udp import UdpDestination, UdpError
+from plotfeed.feeds.scene.output_keys import UdpDestination
+from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded
 
 

@@ -24,8 +24,6 @@ from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
-EFFECTS = {"alignment", "detect", "doppler", "drift", "merging", "multipath", "readings"}
-"""Modules of ours that only effects need."""
 QUESTIONS = re.compile(
     r"\bmultipath is|\bdoppler is|\bmerging is|_finer\b|readings is|\.errs\b|bias is|drift is"
     r"|axes is not|measures_range_rate|velocity_enu_m_s=?|readings=|true_geometry"
@@ -105,12 +103,12 @@ KINDS = pytest.mark.parametrize("kind", SENSORS)
 def test_nothing_runs_of_what_is_not_named(kind: str) -> None:
     counts = executed(kind)
     of_effects = {
-        text_of(place)
-        for place in counts
-        if Path(place[0]).parent.name == "models" and Path(place[0]).stem in EFFECTS
+        text_of(place) for place in counts if Path(place[0]).parts[-3:-1] == ("models", "effects")
     }
     allowed = {
-        line.strip() for line in _source_of("detect", "true_geometry").splitlines() if line.strip()
+        line.strip()
+        for line in _source_of("effects.finer_detection", "true_geometry").splitlines()
+        if line.strip()
     }
     assert of_effects <= allowed
     assert not any("enu_to_aer" in line for line in of_effects)
@@ -131,9 +129,9 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     sector = at.sector_at(START_NS)
     counts = instructions_of(lambda: at.report(sector))
     stems = {Path(file).stem for file, _ in counts}
-    assert {"readings", "alignment"} <= stems
+    assert "readings" in stems
     if "doppler" in known:
-        assert {"doppler", "drift", "merging", "detect"} <= stems
+        assert {"doppler", "merging", "finer_detection"} <= stems
     if "multipath" in known:
         assert "multipath" in stems
 

@@ -22,10 +22,11 @@ from support.sessions import AtWork, Start, at_work, every_broker, iotcore, unti
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.loop import MAX_WAITING
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import MAX_DETAIL, AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import MAX_DETAIL, PositionReport
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt import client
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 
 S = 1_000_000_000

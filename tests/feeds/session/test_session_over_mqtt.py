@@ -252,7 +252,7 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
             run(
                 scene,
                 clock=WallClock(),
-                embedded_broker=f"mqtt://127.0.0.1:{port}",
+                broker=f"mqtt://127.0.0.1:{port}",
                 stop=stop,
                 on_ready=on_ready,
             )

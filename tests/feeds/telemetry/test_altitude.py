@@ -10,12 +10,8 @@ import pytest
 
 from plotfeed.feeds.telemetry import altitude
 from plotfeed.feeds.telemetry.altitude import AltitudeDatum
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Reason,
-    Refused,
-)
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
 
 REPORT = PositionReport(
     t_utc_ns=0,
@@ -30,8 +26,8 @@ ABOVE_SEA = replace(REPORT, altitude_reference=AltitudeReference.MEAN_SEA_LEVEL)
 WITH_GRID = """
 import sys
 import pyproj
-from plotfeed.feeds.altitude import egm96_undulation_m
-from plotfeed.feeds.telemetry import Refused
+from plotfeed.feeds.telemetry.altitude import egm96_undulation_m
+from plotfeed.feeds.telemetry.position_report import Refused
 pyproj.datadir.append_data_dir(sys.argv[1])
 print(egm96_undulation_m(20.0, 30.0), egm96_undulation_m(-20.0, -30.0))
 try:

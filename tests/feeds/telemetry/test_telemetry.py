@@ -11,14 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.decode_reports import MAX_OCTETS, decode, encode_json, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Reason,
-    Refused,
-    check,
-)
-from plotfeed.models.state import Emitter
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, check
+from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 
 REPORT = PositionReport(

@@ -14,8 +14,9 @@ from support.scene_files import scene_file, scene_text
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.telemetry.category_129 import DAY_NS, is_block_129, nearest_utc_ns
 from plotfeed.feeds.telemetry.decode_reports import MAX_OCTETS, decode
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
+from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.encode_129 import TargetEncoder129
 

@@ -6,13 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.position_report import (
-    AltitudeReference,
-    PositionReport,
-    Reason,
-    Refused,
-)
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.feeds.telemetry.receiver import Admission
+from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S

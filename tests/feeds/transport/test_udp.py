@@ -24,9 +24,10 @@ from support.udp_receiver import (
 )
 
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.scene import SceneError, load
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.transport.udp import UdpDestination, UdpError, UdpLink
+from plotfeed.feeds.transport.udp import UdpError, UdpLink
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"

@@ -12,7 +12,7 @@ from support.shared_files import shared
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.dataflash import gps_to_utc_ns, read_dataflash
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 GPS = struct.Struct("<QBBIHBHiiifff")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.feeds.telemetry.flights.read import read_gpx
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 pytest.importorskip("gpxpy")

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.flights.flight import distance_m, implausible
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.state import AltitudeReference
 
 
 def report(i: int, *, latitude_deg: float = 50.0, altitude_m: float = 100.0) -> PositionReport:

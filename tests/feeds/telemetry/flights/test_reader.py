@@ -16,7 +16,7 @@ from plotfeed.feeds.telemetry.flights.flight import (
     Log,
     longest_increasing,
 )
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 SEA = AltitudeReference.MEAN_SEA_LEVEL

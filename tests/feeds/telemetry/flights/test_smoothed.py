@@ -16,7 +16,8 @@ from plotfeed.feeds.telemetry.flights.smoothed import (
     quantum,
     samples_per_step,
 )
-from plotfeed.feeds.telemetry.position_report import AltitudeReference, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
 M_PER_DEG = 111_229.0  # of latitude at 50 north

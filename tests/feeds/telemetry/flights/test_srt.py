@@ -12,7 +12,7 @@ from support.shared_files import shared
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.feeds.telemetry.flights.srt import read_srt
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 S = 1_000_000_000

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.feeds.telemetry.flights.tlog import looks_like_tlog, read_tlog
-from plotfeed.feeds.telemetry.position_report import AltitudeReference
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
 common = pytest.importorskip("pymavlink.dialects.v20.common")
