@@ -19,6 +19,7 @@ from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.beam.sweep import Timetable
 from plotfeed.models.chance import Chance
+from plotfeed.models.state import Looks, Plots
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
@@ -61,9 +62,13 @@ class EmulatedSensor:
         """The one after it."""
         return self._timetable.next_sector(sector)
 
+    def look(self, sector: Sector) -> tuple[Looks, Plots]:
+        """Whom the sensor looks at in a sector, and what it measures, in the order of time."""
+        return self._eye.look(sector)
+
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
-        looks, plots = self._eye.look(sector)
+        looks, plots = self.look(sector)
         seen = Seen(sector, looks, plots, self._trajectories.state_at)
         if self._eye.place.errs:
             seen = self._as_taken(seen)

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.scene_files import DRONE, radar, scene_file, scene_text
+
+from plotfeed import feeds
+from plotfeed.feeds import Observer, PlotfeedError, Scene, load, run, simulate
+from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.simulation import SimulatedSensor
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.state import FALSE_ALARM, Columns
+
+START = "2026-01-01T12:00:00.05Z"
+START_NS = 1_767_268_800 * 10**9
+DURATION_S = 20.0
+SECOND_DRONE = DRONE.replace("visitor", "late").replace("rcs_m2", "start_s = 4.0\nrcs_m2")
+SENSORS = "\n".join(
+    [
+        radar("plain"),
+        radar(
+            "scripted",
+            period_s=0.7,
+            more="""
+event = [
+    { from_s = 3.0, to_s = 6.005, set = { enabled = false } },
+    { from_s = 5.0, to_s = 9.0, set = { pfa_factor = 20, loss_db = 5.0 } },
+]
+link = { latency_ms = 300, loss = { kind = "random", probability = 0.5 } }
+bias = { time_offset_s = 0.2, azimuth_offset_deg = 1.0 }
+""",
+        ).replace("[sensor.scan]", "[sensor.scan]\njitter_ms = 10.0"),
+        radar("staring", period_s=0.4).replace("rotating", "staring").replace("sectors = 8", ""),
+        radar("merging", more='merging = {}\nreport = ["asterix-048"]'),
+    ]
+)
+
+
+class Reports(Observer):
+    def __init__(self) -> None:
+        self.of: dict[str, list[SectorReport]] = {}
+
+    def report(self, report: SectorReport) -> None:
+        self.of.setdefault(report.sensor, []).append(report)
+
+
+def scene(folder: Path) -> Scene:
+    text = scene_text(start_utc=START, sensors=SENSORS, drones=DRONE + SECOND_DRONE)
+    return load(scene_file(folder, text))
+
+
+async def observed(what: Scene, start_utc_ns: int | None = None) -> dict[str, list[SectorReport]]:
+    reports = Reports()
+    await run(
+        what,
+        clock=InstantClock(start_utc_ns or what.scene.start_utc_ns),
+        broker="none",
+        duration_s=DURATION_S,
+        extras=Extras(observers=[reports]),
+    )
+    return reports.of
+
+
+def assert_same(columns: Columns, parts: list[Columns]) -> None:
+    of_session = type(parts[0]).joined(parts)
+    assert len(columns) == len(of_session)
+    for field in fields(of_session):
+        there = getattr(of_session, field.name)
+        if there is None:
+            assert getattr(columns, field.name) is None
+        else:
+            np.testing.assert_array_equal(getattr(columns, field.name), there)
+
+
+def assert_as_in_a_session(simulated: SimulatedSensor, reports: list[SectorReport]) -> None:
+    assert_same(simulated.plots, [report.plots for report in reports])
+    assert_same(simulated.looks, [report.looks for report in reports])
+    for name, rows in (("plots", simulated.plots), ("looks", simulated.looks)):
+        lengths = [len(getattr(report, name)) for report in reports]
+        assert rows.scan.tolist() == np.repeat([r.sector.scan for r in reports], lengths).tolist()
+        sectors = np.repeat([r.sector.index for r in reports], lengths)
+        assert rows.sector.tolist() == sectors.tolist()
+
+
+def test_columns_are_those_that_a_session_reports(tmp_path: Path) -> None:
+    what = scene(tmp_path)
+    simulated = simulate(what, DURATION_S)
+    of_session = asyncio.run(observed(what))
+    assert set(simulated) == set(of_session)
+    for sensor, reports in of_session.items():
+        assert_as_in_a_session(simulated[sensor], reports)
+    assert simulated.drones == ("visitor", "late")
+    drones = np.concatenate([each.plots.drone for each in simulated.values()])
+    assert set(drones) == {FALSE_ALARM, 0, 1}
+
+
+def test_sensors_that_stare_or_only_listen_are_simulated_too() -> None:
+    of_session = asyncio.run(observed(example("section-4"), START_NS))
+    simulated = simulate("section-4", DURATION_S, start_utc_ns=START_NS)
+    assert set(simulated) == {"active", "mimo", "passive", "microphone"}
+    for sensor, reports in of_session.items():
+        assert_as_in_a_session(simulated[sensor], reports)
+
+
+def test_it_works_where_a_loop_is_running(tmp_path: Path) -> None:
+    what = scene(tmp_path)
+
+    async def cell() -> int:
+        return len(simulate(what, 1.0)["plain"].plots)
+
+    assert asyncio.run(cell()) == len(simulate(what, 1.0)["plain"].plots) > 0
+
+
+def test_a_seed_draws_anew_and_a_path_is_a_scene(tmp_path: Path) -> None:
+    what = scene(tmp_path)
+    own = simulate(tmp_path / "scene.toml", 5.0)["plain"].plots.range_m
+    same = simulate(str(tmp_path / "scene.toml"), 5.0, seed=what.scene.seed)
+    other = simulate(what, 5.0, seed=what.scene.seed + 1)
+    np.testing.assert_array_equal(own, same["plain"].plots.range_m)
+    assert own.tolist() != other["plain"].plots.range_m.tolist()
+
+
+def test_before_the_first_sector_ends_the_tables_are_empty(tmp_path: Path) -> None:
+    plain = simulate(scene(tmp_path), 0.01)["plain"]
+    assert len(plain.plots) == len(plain.looks) == len(plain.plots.scan) == 0
+
+
+def test_errors_are_those_of_the_command() -> None:
+    with pytest.raises(PlotfeedError, match="No such file"):
+        simulate("no-such-example", 1.0)
+
+
+def test_the_face_loads_nothing_before_it_is_asked() -> None:
+    code = (
+        "import sys, plotfeed.feeds as f; assert 'numpy' not in sys.modules; "
+        "assert set(dir(f)) == set(f.__all__); assert all(getattr(f, name) for name in f.__all__)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = feeds.nonsense
