@@ -22,7 +22,8 @@ from plotfeed.models.accuracy import sigma_rate_m_s
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.sensors.passive_signals import flat_solution
-from plotfeed.models.state import Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Signatures
 
 PFA, N = 1e-6, 16
 LEVELS_DB = (10, 20, 30, 40)

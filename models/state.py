@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from plotfeed.models.effects.readings import Readings
-
 NS = 1_000_000_000
 """Nanoseconds in a second."""
 
@@ -138,36 +135,6 @@ class Signatures:
     rcs_m2: Floats
     sound_power_db: Floats
     emitters: Sequence[tuple[Emitter, ...]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Targets:
-    """Drones seen from a sensor, (n, 3), at the times of measurement.
-
-    `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
-    `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
-    is sound that comes from where the drone was, or the sensor stands askew. Velocities are east,
-    north and up, for sensors that measure them; `readings` for sensors that err in them.
-    """
-
-    drone: Ints
-    t_utc_ns: Ints
-    position_enu_m: Floats
-    true_position_enu_m: Floats
-    signatures: Signatures
-    velocity_enu_m_s: Floats | None = None
-    readings: Readings | None = None
-
-    def __len__(self) -> int:
-        return len(self.drone)
-
-    def rcs_m2(self, rows: Ints | slice = slice(None)) -> Floats:
-        """Radar cross-sections of those rows; (m,)."""
-        return self.signatures.rcs_m2[self.drone[rows]]
-
-    def sound_power_db(self, rows: Ints | slice = slice(None)) -> Floats:
-        """Sound power levels of those rows, dB re 1 pW; (m,)."""
-        return self.signatures.sound_power_db[self.drone[rows]]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,8 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Floats, Ints, Targets
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.state import Floats, Ints
 
 FEWEST_SEEN = 1e-6
 """Of a sensor that detects less than this share of its looks, there is nothing to chart."""

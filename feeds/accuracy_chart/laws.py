@@ -24,8 +24,8 @@ from plotfeed.models.sensors.mimo_radar import MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
-from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Bools, Floats, Targets
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.state import Bools, Floats
 
 Rng = np.random.Generator
 AnyFloats = NDArray[np.floating[Any]]

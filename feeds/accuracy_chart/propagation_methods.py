@@ -11,8 +11,8 @@ from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
-from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Floats, Targets
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.state import Floats
 
 FREE_SPACE = "free space"
 

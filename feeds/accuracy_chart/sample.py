@@ -16,8 +16,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
-from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Columns, Floats, Ints, Signature, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.state import Columns, Floats, Ints, Signature, Signatures
 from plotfeed.models.truth import FOREVER_NS, Trajectories
 
 USUAL_SPEED_M_S = 20.0

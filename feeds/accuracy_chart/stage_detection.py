@@ -12,7 +12,8 @@ from plotfeed.feeds.accuracy_chart.detection_methods import counted
 from plotfeed.feeds.accuracy_chart.laws import AnyFloats, detection_law
 from plotfeed.feeds.accuracy_chart.stage import PD, Alternative, ChartStage, rms
 from plotfeed.models.detection import draw_hits
-from plotfeed.models.state import Bools, Floats, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Bools, Floats
 
 OURS = "closed form"
 MOST_NUMBERS = 1 << 20

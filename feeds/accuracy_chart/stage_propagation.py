@@ -22,7 +22,8 @@ from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.acoustic import REFERENCE_DISTANCE_M, MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
-from plotfeed.models.state import Floats, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Floats
 
 
 @ways.register

@@ -16,8 +16,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
-from plotfeed.models.sensors.sensor_model import Prediction
-from plotfeed.models.state import Emitter, Floats, Signature, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.state import Emitter, Floats, Signature, Signatures
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.batch import decibels
 from plotfeed.proto.errors import PlotfeedError

@@ -16,8 +16,8 @@ from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Floats, Ints, Looks, PlaceState, Plots, Targets, TruthState
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.state import Floats, Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 

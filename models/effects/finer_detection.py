@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from plotfeed.models import detection
 from plotfeed.models.beam.scan_draws import of_rows
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.frames import enu_to_aer, wrap_360
-from plotfeed.models.state import Columns, Floats, Ints, Looks, Targets, Texts, rows_where
+from plotfeed.models.frames import wrap_360
+from plotfeed.models.state import Columns, Floats, Ints, Looks, Texts, rows_where
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Melted, Merging
@@ -107,23 +107,6 @@ class Finer:
             uniforms=rng.random((len(looks),)),
             channel=looks.channel,
         )
-
-
-def true_geometry(
-    looks: Looks, targets: Targets, *rows: NDArray[Any] | slice
-) -> dict[str, NDArray[Any]]:
-    """The true columns of plots of those looks: these rows of the targets, of them these; (n,)."""
-    azimuth_deg, elevation_deg, range_m = looks.azimuth_deg, looks.elevation_deg, looks.range_m
-    if targets.true_position_enu_m is not targets.position_enu_m:
-        position_enu_m = targets.true_position_enu_m
-        for which in rows:
-            position_enu_m = position_enu_m[which]
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(position_enu_m)
-    return {
-        "true_azimuth_deg": azimuth_deg,
-        "true_elevation_deg": elevation_deg,
-        "true_range_m": range_m,
-    }
 
 
 def melt(melted: Melted, looks: Looks, aside: Aside) -> tuple[Looks, Aside]:

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.beam.cover import AzimuthCover
 from plotfeed.models.beam.scan import Sector, beam_times_ns
-from plotfeed.models.effects.finer_detection import true_geometry
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
-from plotfeed.models.state import Bools, Floats, Looks, Plots, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.state import Bools, Floats, Looks, Plots
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.readings import Readings

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
-from plotfeed.models.effects.finer_detection import Aside, Finer, true_geometry
+from plotfeed.models.effects.finer_detection import Aside, Finer
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.passive_signals import PassiveSignals, flat_solution
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
-from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging

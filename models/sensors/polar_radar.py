@@ -20,11 +20,11 @@ from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.beam.scan_draws import of_rows
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
-from plotfeed.models.effects.finer_detection import Aside, Finer, true_geometry
+from plotfeed.models.effects.finer_detection import Aside, Finer
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
-from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, Targets, rows_where
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from plotfeed.models.beam.scan import Sector
-from plotfeed.models.effects.finer_detection import true_geometry
 from plotfeed.models.frames import enu_to_aer, wrap_360
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
-from plotfeed.models.state import Floats, Looks, Plots, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.state import Floats, Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,12 +17,11 @@ from plotfeed.models import accuracy, detection, energy, false_alarms, propagati
 from plotfeed.models.beam.cover import AzimuthCover
 from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.effects.finer_detection import true_geometry
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction
-from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Targets, Texts
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Texts
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.readings import Readings

@@ -174,7 +174,8 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
     import numpy as np
 
     from plotfeed.models.frames import aer_to_enu
-    from plotfeed.models.state import Emitter, Signatures, Targets
+    from plotfeed.models.sensors.sensor_model import Targets
+    from plotfeed.models.state import Emitter, Signatures
 
     rng = np.random.default_rng(1)
     enu_m = aer_to_enu(rng.uniform(20, 70, n), rng.uniform(2, 20, n),

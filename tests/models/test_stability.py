@@ -17,7 +17,8 @@ from plotfeed.models.beam.cover import AzimuthCover
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180, wrap_360
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.state import Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Signatures
 
 RADAR = ActiveRadar(
     power_w=500.0,

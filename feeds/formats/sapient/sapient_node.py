@@ -15,8 +15,8 @@ from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
-from plotfeed.models.sensors.sensor_model import Prediction
-from plotfeed.models.state import Emitter, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.state import Emitter, Signatures
 from plotfeed.proto.sapient.encode_detections import (
     AGE,
     BISTATIC_RANGE,

@@ -12,7 +12,8 @@ from pydantic import BaseModel, Field, model_validator
 from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.propagation import beam_gain_dbi
-from plotfeed.models.state import Emitter, Signature, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Emitter, Signature, Signatures
 
 
 def short(value: float) -> str:

@@ -12,7 +12,7 @@ from plotfeed.feeds.sensing import staring as staring_beam
 from plotfeed.models.beam import sweep
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.state import Targets
+from plotfeed.models.sensors.sensor_model import Targets
 
 MICROPHONES = {
     "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,

@@ -18,7 +18,8 @@ from plotfeed.models.beam.cover import AzimuthCover
 from plotfeed.models.beam.scan import nth_sector
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.acoustic import MicrophoneArray
-from plotfeed.models.state import FALSE_ALARM, Floats, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import FALSE_ALARM, Floats, Signatures
 
 PAPER = MicrophoneArray(
     directivity_db=3.0,

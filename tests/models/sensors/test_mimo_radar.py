@@ -24,7 +24,8 @@ from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import NEAREST_M
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
-from plotfeed.models.state import Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Signatures
 
 SITE = Site(latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0)
 SCAN = Sector(7, 0, 0, 1_000_000_000, 0.0, 360.0)

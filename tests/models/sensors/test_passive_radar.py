@@ -22,7 +22,8 @@ from plotfeed.models.detection import pd_cfar_swerling1
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import Illuminator, flat_solution
-from plotfeed.models.state import FALSE_ALARM, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import FALSE_ALARM, Signatures
 
 BASELINE_M = 20e3
 SCAN = nth_sector(7, 0, 1_000_000_000, 1)

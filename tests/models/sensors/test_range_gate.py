@@ -14,7 +14,8 @@ from support.significance import assert_standard_normal, assert_uncorrelated
 from plotfeed.models.beam.scan import nth_sector
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.range_gate import RangeGate
-from plotfeed.models.state import Floats, Plots, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Floats, Plots, Signatures
 
 SCAN = nth_sector(0, 0, 1_000_000_000, 1)
 

@@ -20,7 +20,8 @@ from plotfeed.models.beam.scan import nth_sector
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
-from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures, Targets
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures
 
 SCAN = nth_sector(3, 0, 1_000_000_000, 1)
 FINDER = RfDirectionFinder(
