@@ -91,9 +91,12 @@ class Case:
     ("takes", "delivered"),
     [([], True), ([True], True), ([False], False), ([True, False], False), ([True, True], True)],
 )
-def test_a_message_is_delivered_if_every_link_took_it(takes: list[bool], delivered: bool) -> None:
+@pytest.mark.asyncio
+async def test_a_message_is_delivered_if_every_link_took_it(
+    takes: list[bool], delivered: bool
+) -> None:
     case = Case([Link(takes=t) for t in takes])
-    asyncio.run(case.now.sleep_until(100))
+    await case.now.sleep_until(100)
     case.send(message(due_utc_ns=60))
     ((sent,),) = case.entries
     assert sent.delivered == delivered
@@ -247,9 +250,10 @@ def test_a_status_goes_past_the_link() -> None:
     assert case.totals.messages == 0
 
 
-def test_every_link_is_drained() -> None:
+@pytest.mark.asyncio
+async def test_every_link_is_drained() -> None:
     links = [Link(), Link()]
-    asyncio.run(Outbox(InstantClock(0), links).drain())
+    await Outbox(InstantClock(0), links).drain()
     assert [link.drained for link in links] == [1, 1]
 
 

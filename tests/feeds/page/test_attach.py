@@ -52,10 +52,7 @@ class Show:
         self._clock = clock
         self._scene = scene
 
-    def play(self, duration_s: float, act: Callable[[Show], Any] | None = None) -> None:
-        asyncio.run(self._play(duration_s, act))
-
-    async def _play(self, duration_s: float, act: Callable[[Show], Any] | None) -> None:
+    async def play(self, duration_s: float, act: Callable[[Show], Any] | None = None) -> None:
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
         extras = Extras(tap=tap, observers=[self.observer, *self.others])
         async with following(self.observer):
@@ -100,9 +97,10 @@ class Show:
         return np.concatenate([frame.column(kind, name) for frame in self.frames])
 
 
-def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
+@pytest.mark.asyncio
+async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
     show = Show(WallClock(road.START_NS, speed=20.0))
-    show.play(6.0)
+    await show.play(6.0)
     expected: list[tuple[int, int, float]] = []
     for message, _ in show.messages:
         if message.topic == "plotfeed/truth":
@@ -124,7 +122,8 @@ def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> No
     assert show.column(SectionKind.PLOT_TRUTHS, "drone").max() == 0
 
 
-def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() -> None:
+@pytest.mark.asyncio
+async def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() -> None:
     async def act(show: Show) -> None:
         answer = await show.observer.apply(
             {"sensor": "radar", "set": {"link": {"latency_ms": 400.0, "jitter_ms": 0.0}}}
@@ -138,7 +137,7 @@ def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() 
         await show.observer.apply({"sensor": "other", "set": {"enabled": False}})
 
     show = Show(WallClock(road.START_NS, speed=10.0))
-    show.play(12.0, act)
+    await show.play(12.0, act)
     settings = show.news["settings"]
     assert settings["radar"]["link"]["latency_ms"] == 40.0
     assert settings["other"]["enabled"] is False
@@ -153,16 +152,18 @@ def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() 
 
 
 @pytest.mark.parametrize("command", [{"sensor": "nobody", "reset": True}, {"sensor": "radar"}])
-def test_what_the_session_refuses_is_an_error_in_a_line(command: dict[str, Any]) -> None:
+@pytest.mark.asyncio
+async def test_what_the_session_refuses_is_an_error_in_a_line(command: dict[str, Any]) -> None:
     async def act(show: Show) -> None:
         with pytest.raises(PlotfeedError) as refused:
             await show.observer.apply(command)
         assert "\n" not in str(refused.value)
 
-    Show(WallClock(road.START_NS, speed=10.0)).play(3.0, act)
+    await Show(WallClock(road.START_NS, speed=10.0)).play(3.0, act)
 
 
-def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
+@pytest.mark.asyncio
+async def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
     async def act(show: Show) -> None:
         await show.observer.apply({"clock": {"paused": True}})
         before_ns = show.observer.now_utc_ns()
@@ -175,31 +176,34 @@ def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
         assert show.look().news["session"]["clock"]["speed"] == 20.0
 
     show = Show(WallClock(road.START_NS, speed=5.0))
-    show.play(8.0, act)
+    await show.play(8.0, act)
     assert show.news["session"]["clock"]["kind"] == "simulated"
     assert show.news["session"]["refuses"] == {}
 
 
 @pytest.mark.parametrize("clock", [WallClock, InstantClock])
-def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], Clock]) -> None:
+@pytest.mark.asyncio
+async def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], Clock]) -> None:
     show = Show(clock())
-    show.play(0.3)
+    await show.play(0.3)
     assert show.news["session"]["refuses"].keys() == {"pause", "step", "speed"}
 
 
-def test_what_needs_a_session_or_a_runner_is_refused_without_one() -> None:
+@pytest.mark.asyncio
+async def test_what_needs_a_session_or_a_runner_is_refused_without_one() -> None:
     observer = PageObserver(View())
 
     async def ask(command: dict[str, Any]) -> Any:
         return await observer.apply(command)
 
     for command in ({"sensor": "radar", "reset": True}, {"session": {"restart": True}}):
-        answer = asyncio.run(ask(command))
+        answer = await ask(command)
         assert answer["ok"] is False
         assert answer["error"]
 
 
-def test_refused_telemetry_and_totals_reach_the_page() -> None:
+@pytest.mark.asyncio
+async def test_refused_telemetry_and_totals_reach_the_page() -> None:
     async def act(show: Show) -> None:
         session = show.observer._session
         assert session is not None
@@ -208,18 +212,19 @@ def test_refused_telemetry_and_totals_reach_the_page() -> None:
         await show.until(lambda: show.news.get("refusal"))
 
     show = Show(WallClock(road.START_NS, speed=10.0))
-    show.play(4.0, act)
+    await show.play(4.0, act)
     assert "plotfeed/telemetry/x" in show.news["refusal"]
     assert show.news["totals"]["refused"] == 1
 
 
-def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> None:
+@pytest.mark.asyncio
+async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> None:
     port = free_port()
     view = View()
     view.scene(SCENE)
     view.update(road.START_NS, 0.0)
 
-    async def hear() -> None:
+    with mosquitto(tmp_path, port):
         address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
         async with hearing_tracks(view, SCENE, address, "tracker/tracks", lambda: road.START_NS):
             tracker = await asyncio.to_thread(Client, port, 5)
@@ -239,11 +244,9 @@ def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) -> Non
             assert "JSON" in seen["problem"]
             await asyncio.to_thread(tracker.close)
 
-    with mosquitto(tmp_path, port):
-        asyncio.run(hear())
 
-
-def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
+@pytest.mark.asyncio
+async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "changed.mcap"
@@ -264,7 +267,7 @@ def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
     show = Show(WallClock(road.START_NS, speed=2.0))
     with Recorder(path) as recorder:
         show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
-        show.play(8.0, act)
+        await show.play(8.0, act)
     with LogReader(path) as log:
         taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
     assert taken == asked
@@ -274,7 +277,7 @@ def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
         recorded=partial(RecordedTelemetry, path),
     )
     clock = InstantClock(road.START_NS)
-    asyncio.run(run(SCENE, clock=clock, broker="none", duration_s=8.0, extras=extras))
+    await run(SCENE, clock=clock, broker="none", duration_s=8.0, extras=extras)
     for topic in ("radar/plots", "radar/asterix/048", "other/plots"):
         first, second = (
             sorted((m.due_utc_ns, m.payload) for m in messages if m.topic == f"plotfeed/{topic}")

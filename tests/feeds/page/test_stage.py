@@ -42,18 +42,20 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return load(scene_file(tmp_path, scene_text()))
 
 
-def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
+@pytest.mark.asyncio
+async def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
     async def play(feed: Any, begun: Begun) -> None:
         for wish in ({"restart": True}, {"scene": "section-4"}):
             begun.waiting.clear()
             assert (await ask(feed, session=wish))["ok"]
             await begun.wait()
 
-    names = asyncio.run(staged(scene, play))
+    names = await staged(scene, play)
     assert names == [scene.scene.name, scene.scene.name, "section-4"]
 
 
-def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Path) -> None:
     async def play(feed: Any, _begun: Begun) -> None:
         started = await ask(feed, record={"start": True})
         assert started["ok"]
@@ -66,16 +68,19 @@ def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Pat
             assert not log.damage
             assert [entry.name for entry in log.summary().attachments] == ["scene.toml"]
 
-    asyncio.run(staged(scene, play))
+    await staged(scene, play)
 
 
-def test_recordings_of_one_second_have_names_of_their_own(scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_recordings_of_one_second_have_names_of_their_own(
+    scene: Scene, tmp_path: Path
+) -> None:
     async def play(feed: Any, _begun: Begun) -> None:
         for _ in range(3):
             assert (await ask(feed, record={"start": True}))["ok"]
             assert (await ask(feed, record={"stop": True}))["ok"]
 
-    asyncio.run(staged(scene, play))
+    await staged(scene, play)
     assert len(recordings_in(tmp_path)) == 3
     at = datetime(2026, 1, 1, 12, tzinfo=UTC)
     names = []
@@ -102,7 +107,8 @@ def test_recordings_of_one_second_have_names_of_their_own(scene: Scene, tmp_path
         ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
     ],
 )
-def test_what_cannot_be_done_is_said_and_the_session_goes_on(
+@pytest.mark.asyncio
+async def test_what_cannot_be_done_is_said_and_the_session_goes_on(
     scene: Scene, command: dict[str, Any], words: str
 ) -> None:
     async def play(feed: Any, _begun: Begun) -> None:
@@ -110,4 +116,4 @@ def test_what_cannot_be_done_is_said_and_the_session_goes_on(
         assert not answer["ok"]
         assert words in answer["error"]
 
-    assert len(asyncio.run(staged(scene, play))) == 1
+    assert len(await staged(scene, play)) == 1

@@ -26,57 +26,49 @@ async def has_next(viewer: Viewer) -> bool:
     return True
 
 
-def test_a_viewer_begins_with_a_snapshot_and_goes_on_with_updates() -> None:
-    async def look() -> None:
-        viewer = Viewer(lambda: SNAPSHOT)
-        viewer.offer(update(1))  # the snapshot holds it already
-        assert await viewer.next() == b"all"
-        for number in (2, 3):
-            viewer.offer(update(number))
-        assert await taken(viewer, 2) == [update(2).public, update(3).public]
-        assert not await has_next(viewer)
-
-    asyncio.run(look())
+@pytest.mark.asyncio
+async def test_a_viewer_begins_with_a_snapshot_and_goes_on_with_updates() -> None:
+    viewer = Viewer(lambda: SNAPSHOT)
+    viewer.offer(update(1))  # the snapshot holds it already
+    assert await viewer.next() == b"all"
+    for number in (2, 3):
+        viewer.offer(update(number))
+    assert await taken(viewer, 2) == [update(2).public, update(3).public]
+    assert not await has_next(viewer)
 
 
-def test_a_slow_viewer_drops_what_waits_and_makes_up_by_a_snapshot() -> None:
-    async def look() -> None:
-        viewer = Viewer(lambda: SNAPSHOT)
-        await viewer.next()
-        for number in range(MAX_QUEUED + 6):
-            viewer.offer(update(number))
-        assert viewer.dropped == MAX_QUEUED + 1
-        assert await viewer.next() == b"all"
-        assert not await has_next(viewer)
-        viewer.offer(update(99))
-        assert await viewer.next() == update(99).public
-
-    asyncio.run(look())
+@pytest.mark.asyncio
+async def test_a_slow_viewer_drops_what_waits_and_makes_up_by_a_snapshot() -> None:
+    viewer = Viewer(lambda: SNAPSHOT)
+    await viewer.next()
+    for number in range(MAX_QUEUED + 6):
+        viewer.offer(update(number))
+    assert viewer.dropped == MAX_QUEUED + 1
+    assert await viewer.next() == b"all"
+    assert not await has_next(viewer)
+    viewer.offer(update(99))
+    assert await viewer.next() == update(99).public
 
 
-def test_what_waits_for_a_viewer_is_bounded_in_octets_too() -> None:
-    async def look() -> None:
-        viewer = Viewer(lambda: SNAPSHOT)
-        await viewer.next()
-        viewer.offer(update(1, MAX_QUEUED_OCTETS + 1))
-        assert viewer.dropped == 1
-        assert await viewer.next() == b"all"
-
-    asyncio.run(look())
+@pytest.mark.asyncio
+async def test_what_waits_for_a_viewer_is_bounded_in_octets_too() -> None:
+    viewer = Viewer(lambda: SNAPSHOT)
+    await viewer.next()
+    viewer.offer(update(1, MAX_QUEUED_OCTETS + 1))
+    assert viewer.dropped == 1
+    assert await viewer.next() == b"all"
 
 
 @pytest.mark.parametrize("shown", [True, False])
-def test_the_truth_comes_with_a_snapshot_and_goes_with_one(shown: bool) -> None:
-    async def look() -> None:
-        viewer = Viewer(lambda: SNAPSHOT)
-        viewer.show_truth(shown=not shown)
-        await viewer.next()
-        viewer.offer(update(1))
-        viewer.show_truth(shown=shown)
-        assert await viewer.next() == (b"all+true" if shown else b"all")
-        viewer.offer(update(2))
-        assert await viewer.next() == update(2).public + (b"!" if shown else b"")
-        viewer.show_truth(shown=shown)  # no news
-        assert not await has_next(viewer)
-
-    asyncio.run(look())
+@pytest.mark.asyncio
+async def test_the_truth_comes_with_a_snapshot_and_goes_with_one(shown: bool) -> None:
+    viewer = Viewer(lambda: SNAPSHOT)
+    viewer.show_truth(shown=not shown)
+    await viewer.next()
+    viewer.offer(update(1))
+    viewer.show_truth(shown=shown)
+    assert await viewer.next() == (b"all+true" if shown else b"all")
+    viewer.offer(update(2))
+    assert await viewer.next() == update(2).public + (b"!" if shown else b"")
+    viewer.show_truth(shown=shown)  # no news
+    assert not await has_next(viewer)

@@ -133,7 +133,8 @@ def test_a_group_of_ipv6_is_joined() -> None:
 
 
 @on_linux
-def test_times_are_those_at_which_the_kernel_took_them() -> None:
+@pytest.mark.asyncio
+async def test_times_are_those_at_which_the_kernel_took_them() -> None:
     async def listen() -> None:
         port = free_port()
         source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))
@@ -149,10 +150,11 @@ def test_times_are_those_at_which_the_kernel_took_them() -> None:
                     return
             pytest.fail("no datagram has the time at which the kernel took it")
 
-    asyncio.run(listen())
+    await listen()
 
 
-def test_at_first_no_datagram_is_older_than_the_one_before(
+@pytest.mark.asyncio
+async def test_at_first_no_datagram_is_older_than_the_one_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stamps = iter([5, 3, 9, 7])
@@ -166,23 +168,21 @@ def test_at_first_no_datagram_is_older_than_the_one_before(
                     out.sendto(BLOCK, ("127.0.0.1", port))
             return [recorded.log_time_ns for recorded in await listener.wait_for(4)]
 
-    assert asyncio.run(listen()) == [5, 5, 9, 9]
+    assert await listen() == [5, 5, 9, 9]
 
 
 @on_linux
-def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.asyncio
+async def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("plotfeed.feeds.recording.record_udp.BUFFER_OCTETS", 100_000)
 
-    async def listen() -> tuple[int, int | None]:
-        port = free_port()
-        source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))
-        async with Listener(source) as listener:
-            with sender("127.0.0.1") as out:
-                for _ in range(2000):
-                    out.sendto(bytes(1000), ("127.0.0.1", port))
-        return len(listener.found), source.lost  # what waited is heard at the end
-
-    heard, lost = asyncio.run(listen())
+    port = free_port()
+    source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))
+    async with Listener(source) as listener:
+        with sender("127.0.0.1") as out:
+            for _ in range(2000):
+                out.sendto(bytes(1000), ("127.0.0.1", port))
+    heard, lost = len(listener.found), source.lost
     assert heard > 0
     assert lost is not None
     assert lost > 0
@@ -197,13 +197,16 @@ def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPa
         (f"{GROUP_4}:8600", "nowhere0", f"udp://{GROUP_4}:8600: "),
     ],
 )
-def test_what_cannot_be_heard_is_an_error(place: str, interface: str | None, text: str) -> None:
+@pytest.mark.asyncio
+async def test_what_cannot_be_heard_is_an_error(
+    place: str, interface: str | None, text: str
+) -> None:
     async def listen() -> None:
         async with Listener(UdpSource(Endpoint.parse(place), interface)):
             pass
 
     with pytest.raises(UdpError) as caught:
-        asyncio.run(listen())
+        await listen()
     assert str(caught.value).startswith(text)
 
 

@@ -61,12 +61,13 @@ def test_a_message_is_there_before_and_after_its_link(tmp_path: Path) -> None:
     assert (found[0].content_type, found[4].content_type) == ("", "text/plain")
 
 
-def test_what_comes_after_the_end_is_no_trouble(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_what_comes_after_the_end_is_no_trouble(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap")
     recorder.close()
     recorder.after(MESSAGE, START_NS)
     recorder.close()
-    asyncio.run(recorder.stop())
+    await recorder.stop()
     assert read(recorder.path)[0] == []
 
 
@@ -94,20 +95,18 @@ def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
     assert len(read(recorder.path)[0]) == 1
 
 
-def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> None:
-    async def record() -> None:
-        recorder = Recorder(tmp_path / "a.mcap")
-        running = asyncio.create_task(recorder.run())
-        deadline = time.monotonic() + PATIENCE_S
-        for count in range(1, 4):
-            recorder.after(MESSAGE, START_NS + count)
-            while len(read(recorder.path)[0]) < count:
-                assert time.monotonic() < deadline
-                await asyncio.sleep(0.02)
-        await recorder.stop()
-        await running  # it ends by itself
-
-    asyncio.run(record())
+@pytest.mark.asyncio
+async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap")
+    running = asyncio.create_task(recorder.run())
+    deadline = time.monotonic() + PATIENCE_S
+    for count in range(1, 4):
+        recorder.after(MESSAGE, START_NS + count)
+        while len(read(recorder.path)[0]) < count:
+            assert time.monotonic() < deadline
+            await asyncio.sleep(0.02)
+    await recorder.stop()
+    await running  # it ends by itself
     found, reader = read(tmp_path / "a.mcap")
     assert len(found) == 3
     assert reader.summary().indexed
@@ -145,23 +144,20 @@ def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
     assert read(recorder.path)[1].summary().messages == len(recorded)
 
 
-def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Path) -> None:
-    async def record() -> Recorder:
-        recorder = Recorder(tmp_path / "a.mcap")
-        running = asyncio.create_task(recorder.run())
-        recorder.after(MESSAGE, START_NS)
-        recorder._log.flush()
-        recorder._thread.submit(int).result()  # it is in the file
-        recorder._file.close()
-        recorder.after(MESSAGE, START_NS + 1)
-        await running
-        assert recorder.failure.startswith(f"{recorder.path}: ")
-        assert recorder.failure.endswith("what came after is not in the file")
-        recorder.after(MESSAGE, START_NS + 2)
-        await recorder.stop()
-        return recorder
-
-    recorder = asyncio.run(record())
+@pytest.mark.asyncio
+async def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap")
+    running = asyncio.create_task(recorder.run())
+    recorder.after(MESSAGE, START_NS)
+    recorder._log.flush()
+    recorder._thread.submit(int).result()  # it is in the file
+    recorder._file.close()
+    recorder.after(MESSAGE, START_NS + 1)
+    await running
+    assert recorder.failure.startswith(f"{recorder.path}: ")
+    assert recorder.failure.endswith("what came after is not in the file")
+    recorder.after(MESSAGE, START_NS + 2)
+    await recorder.stop()
     assert recorder.messages == 2
     found, reader = read(recorder.path)
     assert [m.log_time_ns for m in found] == [START_NS]

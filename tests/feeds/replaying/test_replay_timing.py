@@ -248,22 +248,20 @@ def test_it_stops_when_it_is_asked_to() -> None:
     assert len(ears.heard) == 4
 
 
-def test_without_deadlines_everything_leaves_in_order_at_simulated_times() -> None:
-    async def run() -> Ears:
-        clock = RushClock(REPLAYED)
-        ears = Ears(clock)
-        settings = ReplaySettings(fastest=True, laps=2)
-        await replay(Memory(REGULAR), [ears], settings, clock=clock)
-        return ears
-
-    ears = asyncio.run(run())
+@pytest.mark.asyncio
+async def test_without_deadlines_everything_leaves_in_order_at_simulated_times() -> None:
+    clock = RushClock(REPLAYED)
+    ears = Ears(clock)
+    settings = ReplaySettings(fastest=True, laps=2)
+    await replay(Memory(REGULAR), [ears], settings, clock=clock)
     dues = [m.due_utc_ns for _, m in ears.heard]
     assert [due - dues[0] for due in dues] == [i * 100 * MS for i in range(20)]
     assert ears.payloads() == [r.payload for r in REGULAR] * 2
 
 
-def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
-    async def run() -> Ears:
+@pytest.mark.asyncio
+async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
+    async with asyncio.timeout(20):
         clock, control = RushClock(REPLAYED), ReplayControl()
         ears = Ears(clock)
 
@@ -277,9 +275,6 @@ def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
         ears.on_message = left
         settings = ReplaySettings(fastest=True, laps=None)
         await replay(Memory(REGULAR), [ears], settings, clock=clock, control=control)
-        return ears
-
-    ears = asyncio.run(asyncio.wait_for(run(), 20))
     # As many as leave in one go, after the one with which it was stopped.
     assert ears.payloads()[:25] == [REGULAR[i % 10].payload for i in range(25)]
 
@@ -296,18 +291,18 @@ class Endless:
             yield message(i * MS)
 
 
-def test_no_more_is_read_ahead_than_there_is_room_for() -> None:
-    async def run() -> int:
+@pytest.mark.asyncio
+async def test_no_more_is_read_ahead_than_there_is_room_for() -> None:
+    async with asyncio.timeout(20):
         source, control = Endless(), ReplayControl()
         ears = Ears(InstantClock(REPLAYED))
         ears.on_message = lambda _: control.stop() if len(ears.heard) == 10 else None
         await replay(source, [ears], ReplaySettings(), clock=ears.clock, control=control)
-        return source.read
-
-    assert asyncio.run(asyncio.wait_for(run(), 20)) <= AHEAD + 2 * BATCH
+    assert source.read <= AHEAD + 2 * BATCH
 
 
-def test_what_reading_raises_ends_the_replay() -> None:
+@pytest.mark.asyncio
+async def test_what_reading_raises_ends_the_replay() -> None:
     class Torn:
         def messages(self, _start_ns: int | None, _end_ns: int | None) -> Iterator[Recorded]:
             yield message(0)
@@ -315,21 +310,18 @@ def test_what_reading_raises_ends_the_replay() -> None:
 
     for fastest in (False, True):
         with pytest.raises(OSError, match="Input/output"):
-            asyncio.run(replay(Torn(), [], ReplaySettings(fastest=fastest)))
+            await replay(Torn(), [], ReplaySettings(fastest=fastest))
 
 
-def test_real_time_keeps_the_order_and_is_never_early() -> None:
+@pytest.mark.asyncio
+async def test_real_time_keeps_the_order_and_is_never_early() -> None:
     recorded = [message(i * 2 * MS + i % 3) for i in range(50)]
 
-    async def run() -> Ears:
-        clock = WallClock()
-        ears = Ears(clock)
-        totals = await replay(Memory(recorded), [ears], ReplaySettings(), clock=clock)
-        clock.close()
-        assert totals.messages == 50
-        return ears
-
-    ears = asyncio.run(run())
+    clock = WallClock()
+    ears = Ears(clock)
+    totals = await replay(Memory(recorded), [ears], ReplaySettings(), clock=clock)
+    clock.close()
+    assert totals.messages == 50
     assert ears.payloads() == [r.payload for r in recorded]
     assert all(t >= m.due_utc_ns for t, m in ears.heard)
     dues = [m.due_utc_ns for _, m in ears.heard]
@@ -338,8 +330,9 @@ def test_real_time_keeps_the_order_and_is_never_early() -> None:
     ]
 
 
-def test_a_waker_is_never_early_unless_it_is_woken() -> None:
-    async def run() -> None:
+@pytest.mark.asyncio
+async def test_a_waker_is_never_early_unless_it_is_woken() -> None:
+    async with asyncio.timeout(20):
         clock = WallClock()
         waker = Waker(clock)
         try:
@@ -351,5 +344,3 @@ def test_a_waker_is_never_early_unless_it_is_woken() -> None:
             await waker.wait_until(clock.now_ns() + 3600 * S)
         finally:
             clock.close()
-
-    asyncio.run(asyncio.wait_for(run(), 20))

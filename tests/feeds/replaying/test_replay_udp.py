@@ -179,7 +179,8 @@ def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_
     assert is_datagram(given) == is_one
 
 
-def test_a_file_of_others_goes_out_as_it_is(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_file_of_others_goes_out_as_it_is(tmp_path: Path) -> None:
     from support.shared_files import shared
 
     from plotfeed.feeds.cli.replay_terminal import opened as opened_file
@@ -189,7 +190,7 @@ def test_a_file_of_others_goes_out_as_it_is(tmp_path: Path) -> None:
         recorded = list(source.messages(None, None))
         link = opened(place(ears))
         settings = ReplaySettings(fastest=True)
-        totals = asyncio.run(replay(source, [link], settings))
+        totals = await replay(source, [link], settings)
         link.close()
         assert heard(ears) == [r.payload for r in recorded]
     assert totals.messages == len(recorded) == 100

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import asyncio
 import copy
 import json
 import tempfile
@@ -342,7 +341,8 @@ def test_any_value_at_any_key_is_taken_or_refused_in_lines(
 @pytest.mark.parametrize(
     ("path", "usual"), NUMBERS, ids=[".".join(str(s) for s in path) for path, _ in NUMBERS]
 )
-def test_a_number_however_extreme_is_refused_or_runs(
+@pytest.mark.asyncio
+async def test_a_number_however_extreme_is_refused_or_runs(
     path: tuple[str | int, ...], usual: float
 ) -> None:
     for extreme in (0, 1e-300, 300, -300, 1e6, 1e9, 1e300):
@@ -353,7 +353,7 @@ def test_a_number_however_extreme_is_refused_or_runs(
             scene = from_tree(changed(EVERY_NUMBER, path, value), Path("scene.toml"))
             report(scene)
             clock = InstantClock(scene.scene.start_utc_ns)
-            asyncio.run(run(scene, clock=clock, broker="none", duration_s=0.1))
+            await run(scene, clock=clock, broker="none", duration_s=0.1)
         except PlotfeedError as error:
             assert "\n" not in str(error)
 

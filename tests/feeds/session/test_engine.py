@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+import pytest
 from support.sessions import until
 
 from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, InputQueue, SessionLoop
@@ -31,7 +32,8 @@ class Case:
         return self.engine.heard(topic, b"", None)
 
 
-def test_what_is_due_together_is_done_before_what_can_wait() -> None:
+@pytest.mark.asyncio
+async def test_what_is_due_together_is_done_before_what_can_wait() -> None:
     case = Case()
 
     def first() -> None:
@@ -41,23 +43,25 @@ def test_what_is_due_together_is_done_before_what_can_wait() -> None:
     case.engine.agenda.put(5, first)
     case.at(5, "second")
     case.at(6, "third")
-    asyncio.run(case.engine.work(10))
+    await case.engine.work(10)
     assert case.done == [("first", 5), ("second", 5), ("ledger", 5), ("third", 6)]
 
 
-def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what_is_not() -> None:
+@pytest.mark.asyncio
+async def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what_is_not() -> None:
     case = Case()
     case.at(5, "five")
     case.engine.agenda.put(7, lambda: case.hear("in"))
     case.at(7, "seven")
     case.at(9, "nine")
-    asyncio.run(case.engine.work(10))
+    await case.engine.work(10)
     assert [name for name, _ in case.done] == ["five", "seven", "in", "nine"]
     taken = dict(case.done)["in"]
     assert 7 <= taken < 9
 
 
-def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
+@pytest.mark.asyncio
+async def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
     case = Case()
     times = [3, 5, 6, 8]
 
@@ -69,7 +73,7 @@ def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
     engine = SessionLoop(case.clock, inbox=case.inbox, drain=lambda: None, recorded=Again())
     for t in (5, 6, 7):
         engine.agenda.put(t, lambda t=t: case.done.append(("due", t)))  # type: ignore[misc]
-    asyncio.run(engine.work(10))
+    await engine.work(10)
     assert case.done == [
         ("again", 3),
         ("due", 5),
@@ -80,7 +84,8 @@ def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
     ]
 
 
-def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
+@pytest.mark.asyncio
+async def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
     case = Case(most=10)
 
     def flood() -> None:
@@ -88,12 +93,13 @@ def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
 
     case.engine.agenda.put(5, flood)
     case.at(7, "seven")
-    asyncio.run(case.engine.work(10))
+    await case.engine.work(10)
     assert [name for name, _ in case.done] == [*map(str, range(10)), "seven"]
     assert case.inbox.overflowed == 15
 
 
-def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
+@pytest.mark.asyncio
+async def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
     case = Case()
 
     def flood() -> None:
@@ -102,11 +108,12 @@ def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
 
     case.engine.agenda.put(5, flood)
     case.at(6, "six")
-    asyncio.run(case.engine.work(10))
+    await case.engine.work(10)
     assert [name for name, _ in case.done] == [*map(str, range(4 * AT_ONCE)), "six"]
 
 
-def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> None:
+@pytest.mark.asyncio
+async def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> None:
     class Late(InstantClock):
         """By which everything is long past."""
 
@@ -122,13 +129,14 @@ def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> None:
 
     for t in range(number):
         case.engine.agenda.put(t, work)
-    asyncio.run(case.engine.work(number))
+    await case.engine.work(number)
     assert max(waiting) == MAX_LATER
     case.engine.do_all_later()
     assert len(case.done) == number
 
 
-def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
+@pytest.mark.asyncio
+async def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
     for least, expected in (
         (ActionKind.DELIVERY, ["delivery"]),
         (ActionKind.SENDING, ["sending", "delivery"]),
@@ -137,32 +145,31 @@ def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
         case.at(11, "work")
         case.at(12, "sending", ActionKind.SENDING)
         case.at(13, "delivery", ActionKind.DELIVERY)
-        asyncio.run(case.engine.work(10))
+        await case.engine.work(10)
         assert case.done == []
-        asyncio.run(case.engine.finish(least))
+        await case.engine.finish(least)
         assert [name for name, _ in case.done] == expected
 
 
-def test_what_becomes_due_earlier_wakes_a_clock_that_sleeps() -> None:
-    async def check() -> list[str]:
-        clock = WallClock()
-        case = Case(clock)
-        hour_ns = clock.now_ns() + 3_600_000 * MS
-        case.at(hour_ns, "in an hour")
-        working = asyncio.create_task(case.engine.work(None))
-        await asyncio.sleep(0.01)
-        happened = asyncio.Event()
-        case.engine.agenda.put(clock.now_ns(), happened.set)
-        await asyncio.wait_for(happened.wait(), 10)
-        working.cancel()
-        await asyncio.gather(working, return_exceptions=True)
-        clock.close()
-        return [name for name, _ in case.done]
-
-    assert asyncio.run(check()) == []
+@pytest.mark.asyncio
+async def test_what_becomes_due_earlier_wakes_a_clock_that_sleeps() -> None:
+    clock = WallClock()
+    case = Case(clock)
+    hour_ns = clock.now_ns() + 3_600_000 * MS
+    case.at(hour_ns, "in an hour")
+    working = asyncio.create_task(case.engine.work(None))
+    await asyncio.sleep(0.01)
+    happened = asyncio.Event()
+    case.engine.agenda.put(clock.now_ns(), happened.set)
+    await asyncio.wait_for(happened.wait(), 10)
+    working.cancel()
+    await asyncio.gather(working, return_exceptions=True)
+    clock.close()
+    assert [name for name, _ in case.done] == []
 
 
-def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
+@pytest.mark.asyncio
+async def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
     class Patient:
         def __init__(self) -> None:
             self.is_full = True
@@ -175,11 +182,12 @@ def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
     case, patient = Case(), Patient()
     case.engine.be_patient([patient])
     case.at(5, "five")
-    asyncio.run(case.engine.work(10))
+    await case.engine.work(10)
     assert (case.done, patient.asked, case.engine.waited) == ([("five", 5)], 1, 1)
 
 
-def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
+@pytest.mark.asyncio
+async def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
     """A stall leaves many things due at once: no more of them is done than it takes."""
     case = Case(InstantClock(1_000))
     held: list[int] = []
@@ -195,79 +203,73 @@ def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
     case.engine.be_patient([Patient()])
     for t_ns in range(10):
         case.at(t_ns, str(t_ns))
-    asyncio.run(case.engine.work(1_000))
+    await case.engine.work(1_000)
     assert [name for name, _ in case.done] == [str(n) for n in range(10)]
     assert held == [3, 3, 3]
 
 
-def test_a_simulated_clock_stands_steps_and_goes_on_at_another_pace() -> None:
-    async def check() -> None:
-        clock = WallClock(1_000, speed=50.0)
-        assert clock.start() == 1_000
-        clock.pause()
-        stood = clock.now_ns()
-        await asyncio.sleep(0.005)
-        assert clock.now_ns() == stood
-        assert clock.is_paused
-        clock.step(5 * MS)
-        await clock.sleep_until(stood + 5 * MS)
-        await asyncio.sleep(0.005)
-        assert clock.is_paused
-        assert clock.now_ns() == stood + 5 * MS
-        clock.set_speed(1000.0)
-        clock.resume()
-        await clock.sleep_until(stood + 50 * MS)
-        assert clock.now_ns() >= stood + 50 * MS
-        clock.close()
-
-    asyncio.run(check())
+@pytest.mark.asyncio
+async def test_a_simulated_clock_stands_steps_and_goes_on_at_another_pace() -> None:
+    clock = WallClock(1_000, speed=50.0)
+    assert clock.start() == 1_000
+    clock.pause()
+    stood = clock.now_ns()
+    await asyncio.sleep(0.005)
+    assert clock.now_ns() == stood
+    assert clock.is_paused
+    clock.step(5 * MS)
+    await clock.sleep_until(stood + 5 * MS)
+    await asyncio.sleep(0.005)
+    assert clock.is_paused
+    assert clock.now_ns() == stood + 5 * MS
+    clock.set_speed(1000.0)
+    clock.resume()
+    await clock.sleep_until(stood + 50 * MS)
+    assert clock.now_ns() >= stood + 50 * MS
+    clock.close()
 
 
-def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
-    async def check() -> list[str]:
-        clock = WallClock(0)
-        case = Case(clock)
-        clock.start()
-        clock.pause()
-        case.at(clock.now_ns() + MS, "due")
-        working = asyncio.create_task(case.engine.work(clock.now_ns() + 2 * MS))
-        await asyncio.sleep(0.02)
-        assert case.done == []
-        clock.resume()
-        await asyncio.wait_for(working, 10)
-        clock.close()
-        return [name for name, _ in case.done]
-
-    assert asyncio.run(check()) == ["due"]
+@pytest.mark.asyncio
+async def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
+    clock = WallClock(0)
+    case = Case(clock)
+    clock.start()
+    clock.pause()
+    case.at(clock.now_ns() + MS, "due")
+    working = asyncio.create_task(case.engine.work(clock.now_ns() + 2 * MS))
+    await asyncio.sleep(0.02)
+    assert case.done == []
+    clock.resume()
+    await asyncio.wait_for(working, 10)
+    clock.close()
+    assert [name for name, _ in case.done] == ["due"]
 
 
-def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_done() -> None:
-    async def play() -> None:
-        clock = WallClock(0)
-        case = Case(clock)
+@pytest.mark.asyncio
+async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_done() -> None:
+    clock = WallClock(0)
+    case = Case(clock)
 
-        def five() -> None:
-            case.engine.later(case.note("ledger"))
-            case.note("five")()
+    def five() -> None:
+        case.engine.later(case.note("ledger"))
+        case.note("five")()
 
-        case.engine.agenda.put(5 * MS, five)
-        clock.start()
-        stands_ns = clock.now_ns() + 6 * MS
-        clock.step(6 * MS)
-        case.at(stands_ns + MS // 2, "next")
-        working = asyncio.create_task(case.engine.work(None))
-        await until(lambda: "ledger" in names(case))
-        await until(lambda: clock.is_paused)
-        case.hear("in")
-        case.engine.later(case.note("later"))  # as when a broker acknowledges
-        await until(lambda: {"in", "later"} <= names(case))
-        assert "next" not in names(case)
-        clock.resume()
-        await working
-        assert "next" in names(case)
-        clock.close()
-
-    asyncio.run(play())
+    case.engine.agenda.put(5 * MS, five)
+    clock.start()
+    stands_ns = clock.now_ns() + 6 * MS
+    clock.step(6 * MS)
+    case.at(stands_ns + MS // 2, "next")
+    working = asyncio.create_task(case.engine.work(None))
+    await until(lambda: "ledger" in names(case))
+    await until(lambda: clock.is_paused)
+    case.hear("in")
+    case.engine.later(case.note("later"))  # as when a broker acknowledges
+    await until(lambda: {"in", "later"} <= names(case))
+    assert "next" not in names(case)
+    clock.resume()
+    await working
+    assert "next" in names(case)
+    clock.close()
 
 
 def names(case: Case) -> set[str]:

@@ -106,8 +106,9 @@ async def held(folder: Path) -> Held:
     return found
 
 
-def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
-    found = asyncio.run(asyncio.wait_for(held(tmp_path), 60))
+@pytest.mark.asyncio
+async def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
+    found = await asyncio.wait_for(held(tmp_path), 60)
     read = values(found.families)
     for name in COUNTERS:
         assert found.families[f"plotfeed_{name}"].type == "counter"
@@ -144,18 +145,20 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
     assert done.stderr == f"plotfeed: metrics: port {port} on 127.0.0.1: Address already in use\n"
 
 
-def test_without_the_library_that_serves_them_is_one_line(
+@pytest.mark.asyncio
+async def test_without_the_library_that_serves_them_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
     scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
     with pytest.raises(MetricsError) as caught:
-        asyncio.run(run(scene, broker="none", extras=Extras(metrics_port=free_port())))
+        await run(scene, broker="none", extras=Extras(metrics_port=free_port()))
     expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
     assert (str(caught.value), caught.value.exit_code) == (expected, 1)
 
 
-def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
-    found = asyncio.run(asyncio.wait_for(held(tmp_path), 60))
+@pytest.mark.asyncio
+async def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
+    found = await asyncio.wait_for(held(tmp_path), 60)
     heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
     assert {*heard} == {f"0100007F:{found.port:04X}"}

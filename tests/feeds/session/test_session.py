@@ -41,11 +41,11 @@ async def session(
     return totals, sent
 
 
-def simulated(
+async def simulated(
     what: Scene, duration_s: float, clock: Clock | None = None
 ) -> tuple[SessionCounters, Sent]:
     clock = clock or InstantClock(what.scene.start_utc_ns)
-    return asyncio.run(session(what, clock, duration_s))
+    return await session(what, clock, duration_s)
 
 
 def reported(sent: Sent, sensor: str = "radar") -> list[tuple[str, bytes]]:
@@ -69,7 +69,8 @@ def batches(sent: Sent) -> dict[tuple[int, int], bytes]:
     return found
 
 
-def test_the_octets_do_not_depend_on_the_pace(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_the_octets_do_not_depend_on_the_pace(tmp_path: Path) -> None:
     # Turns are long, so that a machine that stalls for a while is late but skips none of them.
     what = scene(tmp_path, sensors=radar(period_s=3.0, sectors=60))
     start_ns = what.scene.start_utc_ns
@@ -78,22 +79,26 @@ def test_the_octets_do_not_depend_on_the_pace(tmp_path: Path) -> None:
         clocks = [WallClock(start_ns), WallClock(start_ns, speed=3.0)]
         return await asyncio.gather(*(session(what, clock, 2.0) for clock in clocks))
 
-    expected = reported(simulated(what, 2.0)[1])
+    expected = reported((await simulated(what, 2.0))[1])
     assert sum(len(payload) for _, payload in expected) > 1000
-    for _, sent in asyncio.run(in_real_time()):
+    for _, sent in await in_real_time():
         assert reported(sent) == expected
 
 
-def test_a_sensor_reports_the_same_alone_and_among_others(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_sensor_reports_the_same_alone_and_among_others(tmp_path: Path) -> None:
     one, other = radar("one", period_s=0.5), radar("other", period_s=0.7, sectors=16)
-    together = simulated(scene(tmp_path, sensors=one + other), 6.0)[1]
+    _, together = await simulated(scene(tmp_path, sensors=one + other), 6.0)
     for sensor, text in (("one", one), ("other", other)):
-        alone = simulated(scene(tmp_path, sensors=text), 6.0)[1]
+        _, alone = await simulated(scene(tmp_path, sensors=text), 6.0)
         assert reported(alone, sensor) == reported(together, sensor)
 
 
-def test_sensors_of_the_same_keys_have_chances_of_their_own(tmp_path: Path) -> None:
-    sent = simulated(scene(tmp_path, sensors=radar("one") + radar("other"), drones=""), 6.0)[1]
+@pytest.mark.asyncio
+async def test_sensors_of_the_same_keys_have_chances_of_their_own(tmp_path: Path) -> None:
+    _, sent = await simulated(
+        scene(tmp_path, sensors=radar("one") + radar("other"), drones=""), 6.0
+    )
     plots = [
         [
             plot.range_m
@@ -107,25 +112,30 @@ def test_sensors_of_the_same_keys_have_chances_of_their_own(tmp_path: Path) -> N
     assert set(plots[0]).isdisjoint(plots[1])
 
 
-def test_scans_do_not_depend_on_when_a_session_began(tmp_path: Path) -> None:
-    early = batches(simulated(scene(tmp_path, drones=""), 8.0)[1])
+@pytest.mark.asyncio
+async def test_scans_do_not_depend_on_when_a_session_began(tmp_path: Path) -> None:
+    early = batches((await simulated(scene(tmp_path, drones=""), 8.0))[1])
     later_text = "2026-01-01T12:00:03.21Z"
-    later = batches(simulated(scene(tmp_path, drones="", start_utc=later_text), 8.0)[1])
+    later = batches((await simulated(scene(tmp_path, drones="", start_utc=later_text), 8.0))[1])
     shared = early.keys() & later.keys()
     assert len(shared) > 50
     assert all(early[place] == later[place] for place in shared)
 
 
-def test_another_seed_is_another_scene(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_another_seed_is_another_scene(tmp_path: Path) -> None:
     text = scene_text(start_utc=START, port=1883)
-    one = simulated(load(scene_file(tmp_path, text)), 5.0)[1]
-    other = simulated(load(scene_file(tmp_path, text.replace("seed = 3", "seed = 4"))), 5.0)[1]
+    _, one = await simulated(load(scene_file(tmp_path, text)), 5.0)
+    _, other = await simulated(
+        load(scene_file(tmp_path, text.replace("seed = 3", "seed = 4"))), 5.0
+    )
     assert reported(one) != reported(other)
 
 
 @pytest.mark.parametrize("sensors", [radar(), STARING], ids=["rotating", "staring"])
-def test_each_drone_is_looked_at_once_a_turn(tmp_path: Path, sensors: str) -> None:
-    totals, sent = simulated(scene(tmp_path, sensors=sensors), 20.0)
+@pytest.mark.asyncio
+async def test_each_drone_is_looked_at_once_a_turn(tmp_path: Path, sensors: str) -> None:
+    totals, sent = await simulated(scene(tmp_path, sensors=sensors), 20.0)
     ledgers = [pb.Ledger.FromString(m.payload) for m, _ in sent if m.topic == "plotfeed/truth"]
     scans = [entry.scan for entry in ledgers for _ in entry.looks]
     assert totals.looks == len(scans)
@@ -133,36 +143,39 @@ def test_each_drone_is_looked_at_once_a_turn(tmp_path: Path, sensors: str) -> No
     assert set(range(min(scans), max(scans) + 1)) == set(scans)
 
 
-def test_every_message_bears_the_end_of_its_sector(tmp_path: Path) -> None:
-    sent = simulated(scene(tmp_path, sensors=radar(period_s=0.5, sectors=8)), 5.0)[1]
+@pytest.mark.asyncio
+async def test_every_message_bears_the_end_of_its_sector(tmp_path: Path) -> None:
+    _, sent = await simulated(scene(tmp_path, sensors=radar(period_s=0.5, sectors=8)), 5.0)
     due = [m.due_utc_ns for m, _ in sent if "/asterix/" in m.topic or m.topic.endswith("/plots")]
     assert due == sorted(due)
     assert all(t * 16 % S == 0 for t in due)
     assert all(t >= m.due_utc_ns for m, t in sent)
 
 
-def test_sensors_are_online_at_first_and_offline_at_last(tmp_path: Path) -> None:
-    sent = simulated(scene(tmp_path), 11.0)[1]
+@pytest.mark.asyncio
+async def test_sensors_are_online_at_first_and_offline_at_last(tmp_path: Path) -> None:
+    _, sent = await simulated(scene(tmp_path), 11.0)
     assert states(sent) == ["ONLINE", "ONLINE", "ONLINE", "OFFLINE"]
     assert all(m.retain for m, _ in sent if m.topic.endswith("/status"))
 
 
-def test_a_session_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_session_ends_when_it_is_asked_to(tmp_path: Path) -> None:
     what = scene(tmp_path)
 
-    async def stopped() -> Sent:
-        stop = asyncio.Event()
-        asyncio.get_running_loop().call_later(0.2, stop.set)
-        return (await session(what, WallClock(), 3600.0, stop))[1]
+    stop = asyncio.Event()
+    asyncio.get_running_loop().call_later(0.2, stop.set)
+    async with asyncio.timeout(30):
+        _, sent = await session(what, WallClock(), 3600.0, stop)
+    assert states(sent)[-1] == "OFFLINE"
 
-    assert states(asyncio.run(asyncio.wait_for(stopped(), 30)))[-1] == "OFFLINE"
 
-
-def test_the_scenes_own_duration_counts_where_none_is_given(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_the_scenes_own_duration_counts_where_none_is_given(tmp_path: Path) -> None:
     what = scene(tmp_path, general="duration_s = 2.0", sensors=radar(period_s=0.5, sectors=8))
     sent: Sent = []
     clock = InstantClock(what.scene.start_utc_ns)
-    asyncio.run(run(what, clock=clock, broker="none", tap=lambda m, t: sent.append((m, t))))
+    await run(what, clock=clock, broker="none", tap=lambda m, t: sent.append((m, t)))
     assert len(batches(sent)) == 31  # those that began within it and ended
 
 
@@ -180,12 +193,13 @@ class StallingClock(InstantClock):
             self.for_ns = 0
 
 
-def test_scans_that_were_missed_are_counted_and_not_made_up_for(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_scans_that_were_missed_are_counted_and_not_made_up_for(tmp_path: Path) -> None:
     what = scene(tmp_path, sensors=radar(period_s=0.5, sectors=8))
     start_ns = what.scene.start_utc_ns
     assert start_ns is not None
-    totals, sent = simulated(what, 30.0, StallingClock(start_ns, 10.0, 7.0))
-    whole = batches(simulated(what, 30.0)[1])
+    totals, sent = await simulated(what, 30.0, StallingClock(start_ns, 10.0, 7.0))
+    whole = batches((await simulated(what, 30.0))[1])
     found = batches(sent)
     missed = {place[0] for place in whole.keys() - found.keys()}
     assert 12 <= len(missed) <= 15
@@ -196,32 +210,38 @@ def test_scans_that_were_missed_are_counted_and_not_made_up_for(tmp_path: Path) 
     assert sum(late > 0.6 * S for late in late_ns) <= 5
 
 
-def test_a_short_stall_costs_no_scan(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_short_stall_costs_no_scan(tmp_path: Path) -> None:
     what = scene(tmp_path, sensors=radar(period_s=0.5, sectors=8))
     start_ns = what.scene.start_utc_ns
     assert start_ns is not None
-    totals, sent = simulated(what, 20.0, StallingClock(start_ns, 10.0, 0.3))
+    totals, sent = await simulated(what, 20.0, StallingClock(start_ns, 10.0, 0.3))
     assert totals.missed_scans == 0
-    assert reported(sent) == reported(simulated(what, 20.0)[1])
+    assert reported(sent) == reported((await simulated(what, 20.0))[1])
 
 
-def test_a_flight_that_cannot_be_flown_is_an_error_before_anything_runs(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_flight_that_cannot_be_flown_is_an_error_before_anything_runs(
+    tmp_path: Path,
+) -> None:
     drone = '[[drone]]\nid = "d"\nflight = { file = "absent.csv" }\n'
     with pytest.raises(PlotfeedError, match=r"absent\.csv: cannot be read"):
-        simulated(scene(tmp_path, drones=drone), 1.0)
+        await simulated(scene(tmp_path, drones=drone), 1.0)
 
 
-def test_a_path_that_outlasts_time_is_an_error(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_path_that_outlasts_time_is_an_error(tmp_path: Path) -> None:
     far = "{ east_m = 1e6, north_m = 1e6, above_site_m = 0.0 }, "
     near = "{ east_m = -1e6, north_m = -1e6, above_site_m = 0.0 }, "
     slow = DRONE.partition("path")[0].replace("speed_m_s = 15.0", "speed_m_s = 0.01")
     drone = f"{slow}start_s = 1e9\npath = [{(far + near) * 2}]"
     with pytest.raises(PlotfeedError, match="'visitor': path: it ends after the year 2262"):
-        simulated(scene(tmp_path, drones=drone, start_utc="2199-12-30T00:00:00Z"), 1.0)
+        await simulated(scene(tmp_path, drones=drone, start_utc="2199-12-30T00:00:00Z"), 1.0)
 
 
-def test_totals_are_what_was_sent(tmp_path: Path) -> None:
-    totals, sent = simulated(scene(tmp_path), 20.0)
+@pytest.mark.asyncio
+async def test_totals_are_what_was_sent(tmp_path: Path) -> None:
+    totals, sent = await simulated(scene(tmp_path), 20.0)
     ledgers = [pb.Ledger.FromString(m.payload) for m, _ in sent if m.topic == "plotfeed/truth"]
     plots = [plot for entry in ledgers for plot in entry.plots]
     assert totals.plots == len(plots)

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 from support.brokers import free_port
 from support.mqtt_client import Client, Heard, listening
 from support.scene_files import radar, scene_file, scene_text
@@ -63,41 +64,39 @@ def delays_ns(messages: list[pb.Sent]) -> set[int]:
 
 
 @every_broker
-def test_commands_change_a_sensor_at_once_and_are_retained(start: Start, tmp_path: Path) -> None:
-    async def check() -> None:
-        port = free_port()
-        with start(tmp_path, port), listening(port, 5, "plotfeed/#") as ears:
-            async with at_work(scene(tmp_path), port) as session:
-                told = await command(ears, set={"link": {"latency_ms": 150}})
-                assert told["in_force"]["link"] == {"latency_ms": 150}
-                assert delays_ns(await next_messages(session)) == {150 * MS}
-                assert delays_ns(await next_messages(session, "other")) == {0}
-                told = await command(
-                    ears, set={"link": {"loss": {"kind": "random", "probability": 1}}}
-                )
-                assert told["in_force"]["link"]["latency_ms"] == 150  # changes add up
-                assert {one.fate for one in await next_messages(session)} == {pb.LOST}
-                told = await command(ears, set={"link": None, "pfa": 1e-2})
-                assert told["in_force"]["pfa"] == 1e-2
-                plots = session.totals.plots
-                assert delays_ns(await next_messages(session)) == {0}
-                assert session.totals.plots > plots + 20
-                told = await command(ears, set={"enabled": False})
-                assert told["controlled"] == {"link": None, "pfa": 1e-2, "enabled": False}
-                await session.sectors_more(4)  # those that were worked out before
-                await session.sectors_more(10)
-                assert {r.sensor for r in session.sectors[-10:]} == {"other"}
-                with listening(port, 5, SETTINGS) as late:
-                    late_told = await asyncio.to_thread(late.wait_for, lambda m: m.retained)
-                    assert json.loads(late_told.payload) == told
-                told = await command(ears, reset=True)
-                assert told["controlled"] == {}
-                assert "link" not in told["in_force"]
-                assert delays_ns(await next_messages(session)) == {0}
-                assert session.session.desks["radar"].sensor == session.session.scene.sensor[0]
-        assert (session.totals.controls, session.totals.refused) == (5, 0)
-
-    asyncio.run(check())
+@pytest.mark.asyncio
+async def test_commands_change_a_sensor_at_once_and_are_retained(
+    start: Start, tmp_path: Path
+) -> None:
+    port = free_port()
+    with start(tmp_path, port), listening(port, 5, "plotfeed/#") as ears:
+        async with at_work(scene(tmp_path), port) as session:
+            told = await command(ears, set={"link": {"latency_ms": 150}})
+            assert told["in_force"]["link"] == {"latency_ms": 150}
+            assert delays_ns(await next_messages(session)) == {150 * MS}
+            assert delays_ns(await next_messages(session, "other")) == {0}
+            told = await command(ears, set={"link": {"loss": {"kind": "random", "probability": 1}}})
+            assert told["in_force"]["link"]["latency_ms"] == 150  # changes add up
+            assert {one.fate for one in await next_messages(session)} == {pb.LOST}
+            told = await command(ears, set={"link": None, "pfa": 1e-2})
+            assert told["in_force"]["pfa"] == 1e-2
+            plots = session.totals.plots
+            assert delays_ns(await next_messages(session)) == {0}
+            assert session.totals.plots > plots + 20
+            told = await command(ears, set={"enabled": False})
+            assert told["controlled"] == {"link": None, "pfa": 1e-2, "enabled": False}
+            await session.sectors_more(4)  # those that were worked out before
+            await session.sectors_more(10)
+            assert {r.sensor for r in session.sectors[-10:]} == {"other"}
+            with listening(port, 5, SETTINGS) as late:
+                late_told = await asyncio.to_thread(late.wait_for, lambda m: m.retained)
+                assert json.loads(late_told.payload) == told
+            told = await command(ears, reset=True)
+            assert told["controlled"] == {}
+            assert "link" not in told["in_force"]
+            assert delays_ns(await next_messages(session)) == {0}
+            assert session.session.desks["radar"].sensor == session.session.scene.sensor[0]
+    assert (session.totals.controls, session.totals.refused) == (5, 0)
 
 
 REFUSED = {
@@ -114,48 +113,44 @@ REFUSED = {
 }
 
 
-def test_what_cannot_be_done_is_refused_in_a_line_and_changes_nothing(tmp_path: Path) -> None:
-    async def check() -> None:
-        port = free_port()
-        with iotcore(tmp_path, port), listening(port, 5, ERRORS, SETTINGS) as ears:
-            async with at_work(scene(tmp_path), port) as session:
-                for number, (payload, words) in enumerate(REFUSED.items(), 1):
-                    ears.publish(CONTROL, payload)
-                    await until(lambda: len(ears.on(ERRORS)) >= number)  # noqa: B023
-                    told = json.loads(ears.on(ERRORS)[-1])
-                    assert words in told["detail"]
-                    assert told["detail"].isprintable()
-                    expected = {"topic": CONTROL, "drone": "", "reason": "control"}
-                    assert told.items() >= {**expected, "count": str(number)}.items()
-                assert session.session.desks["radar"].sensor == session.session.scene.sensor[0]
-        assert (session.totals.refused, session.totals.controls) == (len(REFUSED), 0)
-        assert len(ears.on(SETTINGS)) == 1
-
-    asyncio.run(check())
+@pytest.mark.asyncio
+async def test_what_cannot_be_done_is_refused_in_a_line_and_changes_nothing(tmp_path: Path) -> None:
+    port = free_port()
+    with iotcore(tmp_path, port), listening(port, 5, ERRORS, SETTINGS) as ears:
+        async with at_work(scene(tmp_path), port) as session:
+            for number, (payload, words) in enumerate(REFUSED.items(), 1):
+                ears.publish(CONTROL, payload)
+                await until(lambda: len(ears.on(ERRORS)) >= number)  # noqa: B023
+                told = json.loads(ears.on(ERRORS)[-1])
+                assert words in told["detail"]
+                assert told["detail"].isprintable()
+                expected = {"topic": CONTROL, "drone": "", "reason": "control"}
+                assert told.items() >= {**expected, "count": str(number)}.items()
+            assert session.session.desks["radar"].sensor == session.session.scene.sensor[0]
+    assert (session.totals.refused, session.totals.controls) == (len(REFUSED), 0)
+    assert len(ears.on(SETTINGS)) == 1
 
 
-def test_a_simulated_clock_is_held_stepped_and_hurried_over_the_wire(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_simulated_clock_is_held_stepped_and_hurried_over_the_wire(tmp_path: Path) -> None:
     what = scene(tmp_path, start_utc="2026-01-01T12:00:00Z")
 
-    async def check() -> None:
-        port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=5.0)
-        with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(what, port, clock=clock) as session:
-                await session.sectors_more(2)
-                ears.publish(CONTROL, b'{"clock": {"paused": true}}')
-                await until(lambda: clock.is_paused)
-                stood_ns = clock.now_ns()
-                ears.publish(CONTROL, b'{"clock": {"step_s": 1.5}}')
-                await until(lambda: clock.now_ns() > stood_ns and clock.is_paused)
-                assert clock.now_ns() == stood_ns + 1500 * MS
-                ears.publish(CONTROL, b'{"clock": {"paused": false, "speed": 20}}')
-                await until(lambda: clock.speed == 20 and not clock.is_paused)
-                await session.sectors_more(20)
-        assert ears.on(ERRORS) == []
-        assert session.totals.controls == 3
-        sector_ns, step_end_ns = 6_000 * MS // 96, stood_ns + 1500 * MS
-        ends_ns = {report.sector.end_ns for report in session.sectors}
-        stepped = range(stood_ns // sector_ns + 1, step_end_ns // sector_ns + 1)
-        assert {number * sector_ns for number in stepped} <= ends_ns  # standing misses none
-
-    asyncio.run(check())
+    port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=5.0)
+    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+        async with at_work(what, port, clock=clock) as session:
+            await session.sectors_more(2)
+            ears.publish(CONTROL, b'{"clock": {"paused": true}}')
+            await until(lambda: clock.is_paused)
+            stood_ns = clock.now_ns()
+            ears.publish(CONTROL, b'{"clock": {"step_s": 1.5}}')
+            await until(lambda: clock.now_ns() > stood_ns and clock.is_paused)
+            assert clock.now_ns() == stood_ns + 1500 * MS
+            ears.publish(CONTROL, b'{"clock": {"paused": false, "speed": 20}}')
+            await until(lambda: clock.speed == 20 and not clock.is_paused)
+            await session.sectors_more(20)
+    assert ears.on(ERRORS) == []
+    assert session.totals.controls == 3
+    sector_ns, step_end_ns = 6_000 * MS // 96, stood_ns + 1500 * MS
+    ends_ns = {report.sector.end_ns for report in session.sectors}
+    stepped = range(stood_ns // sector_ns + 1, step_end_ns // sector_ns + 1)
+    assert {number * sector_ns for number in stepped} <= ends_ns  # standing misses none

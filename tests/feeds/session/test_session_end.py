@@ -122,7 +122,8 @@ def states(port: int, prefix: str) -> Iterator[tuple[str, str]]:
             yield sensor, json.loads(status.payload)["state"]
 
 
-def test_a_session_that_is_told_to_stop_does_not_wait_for_its_broker(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_session_that_is_told_to_stop_does_not_wait_for_its_broker(tmp_path: Path) -> None:
     """Nor does it complain of one that never answered."""
     scene = load(scene_file(tmp_path, scene_text(sensors=QUICK)))
 
@@ -132,7 +133,7 @@ def test_a_session_that_is_told_to_stop_does_not_wait_for_its_broker(tmp_path: P
         return await run(scene, broker=f"mqtt://127.0.0.1:{port}", stop=stop)
 
     with deaf_server() as port:
-        assert asyncio.run(stopped(port)).plots == 0
+        assert (await stopped(port)).plots == 0
 
 
 every_case = pytest.mark.parametrize(

@@ -71,7 +71,8 @@ FLOOD = 50_000
 
 
 @every_broker
-def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
+@pytest.mark.asyncio
+async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
     start: Start, tmp_path: Path
 ) -> None:
     """As fast as the broker takes it; nine of ten messages are garbage."""
@@ -81,56 +82,52 @@ def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
             good = encode_protobuf(report(now_ns + i * 1000, i)) if i % 10 == 0 else b"\xff"
             yield f"plotfeed/telemetry/d{i % 50}", good
 
-    async def check() -> None:
-        port, markers = free_port(), 0
-        with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(scene(tmp_path), port) as session:
-                await session.sectors_more(2)
-                await asyncio.to_thread(ears.publish_all, [*flood(session.clock.now_ns())])
-                while "marker" not in session.session.trajectories.names:
-                    ears.publish_all([telemetry(session, "marker")])
-                    markers += 1
-                    await asyncio.sleep(0.1)
-                await session.sectors_more(2)
-        heard = session.taken + session.session.inbox.overflowed
-        assert session.totals.telemetry + session.totals.refused == heard
-        assert MAX_WAITING < heard <= FLOOD + markers
-        assert session.totals.telemetry > 500
-        assert session.most_waiting <= MAX_WAITING
-        assert_no_sector_is_missing(session)
-        by_second = Counter(refused["time_utc"][:19] for refused in refusals(ears))
-        assert 0 < max(by_second.values()) <= MAX_REFUSALS_PER_S
-
-    asyncio.run(check())
+    port, markers = free_port(), 0
+    with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
+        async with at_work(scene(tmp_path), port) as session:
+            await session.sectors_more(2)
+            await asyncio.to_thread(ears.publish_all, [*flood(session.clock.now_ns())])
+            while "marker" not in session.session.trajectories.names:
+                ears.publish_all([telemetry(session, "marker")])
+                markers += 1
+                await asyncio.sleep(0.1)
+            await session.sectors_more(2)
+    heard = session.taken + session.session.inbox.overflowed
+    assert session.totals.telemetry + session.totals.refused == heard
+    assert MAX_WAITING < heard <= FLOOD + markers
+    assert session.totals.telemetry > 500
+    assert session.most_waiting <= MAX_WAITING
+    assert_no_sector_is_missing(session)
+    by_second = Counter(refused["time_utc"][:19] for refused in refusals(ears))
+    assert 0 < max(by_second.values()) <= MAX_REFUSALS_PER_S
 
 
-def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
+    tmp_path: Path,
+) -> None:
     lasting = "stale_after_s = 60.0\ngeoid_undulation_m = 51.0"
 
-    async def check() -> None:
-        port, most = free_port(), 10_000
-        with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(scene(tmp_path, telemetry=lasting), port) as session:
-                for first in range(0, most, 1000):
-                    now_ns = session.clock.now_ns()
-                    drones = range(first, first + 1000)
-                    ears.publish_all(
-                        (f"plotfeed/telemetry/d{i}", encode_protobuf(report(now_ns, i)))
-                        for i in drones
-                    )
-                    await until(lambda: session.totals.telemetry == first + 1000)  # noqa: B023
-                ears.publish_all([telemetry(session, "one-more")])
-                refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
-                ears.publish_all([telemetry(session, "d1234")])
-                await until(lambda: session.totals.telemetry == most + 1)
-                await until(lambda: sum(len(r.looks) for r in session.sectors) > 1000)
-        told = json.loads(refused.payload)
-        assert (told["reason"], told["drone"]) == ("too_many_drones", "one-more")
-        assert "10000 drones are the most taken" in told["detail"]
-        assert (session.totals.drones, session.totals.refused) == (most, 1)
-        assert_no_sector_is_missing(session)
-
-    asyncio.run(check())
+    port, most = free_port(), 10_000
+    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+        async with at_work(scene(tmp_path, telemetry=lasting), port) as session:
+            for first in range(0, most, 1000):
+                now_ns = session.clock.now_ns()
+                drones = range(first, first + 1000)
+                ears.publish_all(
+                    (f"plotfeed/telemetry/d{i}", encode_protobuf(report(now_ns, i))) for i in drones
+                )
+                await until(lambda: session.totals.telemetry == first + 1000)  # noqa: B023
+            ears.publish_all([telemetry(session, "one-more")])
+            refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
+            ears.publish_all([telemetry(session, "d1234")])
+            await until(lambda: session.totals.telemetry == most + 1)
+            await until(lambda: sum(len(r.looks) for r in session.sectors) > 1000)
+    told = json.loads(refused.payload)
+    assert (told["reason"], told["drone"]) == ("too_many_drones", "one-more")
+    assert "10000 drones are the most taken" in told["detail"]
+    assert (session.totals.drones, session.totals.refused) == (most, 1)
+    assert_no_sector_is_missing(session)
 
 
 def garbage(chance: random.Random) -> Iterator[tuple[str, bytes, str | None]]:
@@ -164,7 +161,8 @@ NESTED_SETS = ({"pfa": 2.0}, {"id": "other"}, {"link": {"latency_ms": -1}}, {"li
 
 
 @every_broker
-def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
+@pytest.mark.asyncio
+async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     start: Start, tmp_path: Path
 ) -> None:
     """At twenty times the pace. Whatever it is, it is told why; what is good is still taken."""
@@ -188,63 +186,58 @@ def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
         ears.publish(CONTROL, json.dumps({"sensor": "radar", "set": keys}).encode())
         published["bad" if keys else "good"] += 1
 
-    async def check() -> None:
-        port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=20.0)
-        with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(what, port, clock=clock) as session:
-                number = 0
-                while number <= 60 or clock.now_ns() < session.session.start_ns + 59 * S:
-                    await publish(ears, session, number)
-                    number += 1
-                    await asyncio.sleep(0.02)
-                await until(lambda: session.taken == published.total())
-                await session.sectors_more(1)
-        totals = session.totals
-        assert totals.telemetry + totals.controls == published["good"] > 5
-        assert totals.refused == published["bad"] > 100
-        assert session.session.inbox.overflowed == 0
-        assert {*session.session.trajectories.names} == {"good"}
-        assert session.session.desks["radar"].sensor == what.sensor[0]
-        assert_no_sector_is_missing(session)
-        assert session.sectors[-1].sector.end_ns > session.session.start_ns + 59 * S
-        lines = refusals(ears)
-        assert all(0 < len(line["detail"]) <= MAX_DETAIL for line in lines)
-        assert all(line["detail"].isprintable() for line in lines)
-        assert {"undecodable", "missing", "control", "name"} <= {line["reason"] for line in lines}
-
-    asyncio.run(check())
+    port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=20.0)
+    with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
+        async with at_work(what, port, clock=clock) as session:
+            number = 0
+            while number <= 60 or clock.now_ns() < session.session.start_ns + 59 * S:
+                await publish(ears, session, number)
+                number += 1
+                await asyncio.sleep(0.02)
+            await until(lambda: session.taken == published.total())
+            await session.sectors_more(1)
+    totals = session.totals
+    assert totals.telemetry + totals.controls == published["good"] > 5
+    assert totals.refused == published["bad"] > 100
+    assert session.session.inbox.overflowed == 0
+    assert {*session.session.trajectories.names} == {"good"}
+    assert session.session.desks["radar"].sensor == what.sensor[0]
+    assert_no_sector_is_missing(session)
+    assert session.sectors[-1].sector.end_ns > session.session.start_ns + 59 * S
+    lines = refusals(ears)
+    assert all(0 < len(line["detail"]) <= MAX_DETAIL for line in lines)
+    assert all(line["detail"].isprintable() for line in lines)
+    assert {"undecodable", "missing", "control", "name"} <= {line["reason"] for line in lines}
 
 
-def test_a_clock_of_the_system_that_steps_back_moves_nothing(
+@pytest.mark.asyncio
+async def test_a_clock_of_the_system_that_steps_back_moves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By an hour. Telemetry is taken by the session's own time."""
     now_ns, now_s = time.time_ns, time.time
 
-    async def check() -> None:
-        port = free_port()
-        with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
-            async with at_work(scene(tmp_path), port) as session:
-                await session.sectors_more(3)
-                before_ns = session.clock.now_ns()
-                monkeypatch.setattr(time, "time_ns", lambda: now_ns() - 3600 * S)
-                monkeypatch.setattr(time, "time", lambda: now_s() - 3600)
-                await session.sectors_more(10)
-                assert before_ns < session.clock.now_ns() < before_ns + 60 * S
-                ears.publish_all([telemetry(session, "d")])
-                await until(lambda: session.totals.telemetry == 1)
-                old = encode_protobuf(report(time.time_ns()))
-                ears.publish_all([("plotfeed/telemetry/d", old)])
-                refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
-                await session.sectors_more(3)
-        assert json.loads(refused.payload)["reason"] == "stale"
-        assert_no_sector_is_missing(session)
-        ends_ns = [r.sector.end_ns for r in session.sectors]
-        assert {b - a for a, b in pairwise(ends_ns)} == {6 * S // 96}
-        # As late as ever: an hour neither too soon nor too late.
-        assert all(0 <= one.sent_utc_ns - one.due_utc_ns < 60 * S for one in session.sent)
-
-    asyncio.run(check())
+    port = free_port()
+    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+        async with at_work(scene(tmp_path), port) as session:
+            await session.sectors_more(3)
+            before_ns = session.clock.now_ns()
+            monkeypatch.setattr(time, "time_ns", lambda: now_ns() - 3600 * S)
+            monkeypatch.setattr(time, "time", lambda: now_s() - 3600)
+            await session.sectors_more(10)
+            assert before_ns < session.clock.now_ns() < before_ns + 60 * S
+            ears.publish_all([telemetry(session, "d")])
+            await until(lambda: session.totals.telemetry == 1)
+            old = encode_protobuf(report(time.time_ns()))
+            ears.publish_all([("plotfeed/telemetry/d", old)])
+            refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
+            await session.sectors_more(3)
+    assert json.loads(refused.payload)["reason"] == "stale"
+    assert_no_sector_is_missing(session)
+    ends_ns = [r.sector.end_ns for r in session.sectors]
+    assert {b - a for a, b in pairwise(ends_ns)} == {6 * S // 96}
+    # As late as ever: an hour neither too soon nor too late.
+    assert all(0 <= one.sent_utc_ns - one.due_utc_ns < 60 * S for one in session.sent)
 
 
 KEPT = 12
@@ -253,7 +246,8 @@ SECTOR_S = 6.0 / 240
 
 @every_broker
 @pytest.mark.parametrize("policy", ["drop-oldest", "drop-newest", "wait"])
-def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promises(
+@pytest.mark.asyncio
+async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promises(
     start: Start, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the ledger of a whole session, with QoS 1; what arrived is heard by another client."""
@@ -262,37 +256,34 @@ def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promises(
     plots = radar(period_s=6.0, sectors=240, more='report = ["plots"]')
     what = scene(tmp_path, sensors=plots, mqtt=f"qos = 1\ntruth = false\n{queue}")
 
-    async def check() -> None:
-        port = free_port()
-        async with proxied(port) as proxy:
-            with start(tmp_path, port) as process:
-                session_of = at_work(what, proxy.port)
-                session = await session_of.__aenter__()
-                desk = session.session.desks["radar"]
-                await until(lambda: len(session.entries) > 5)
-                proxy.is_closed = True
-                process.kill()
-                process.wait()
-            await until(lambda: desk.outbox.waiting >= KEPT)
-            full, sectors = desk.outbox.waiting, len(session.sectors)
-            if policy == "wait":
-                await asyncio.sleep(20 * SECTOR_S)
-                assert len(session.sectors) == sectors
-            else:
-                await session.sectors_more(2 * KEPT)
-                assert desk.outbox.waiting <= full
-            with start(tmp_path, port), listening(port, 5, "plotfeed/radar/plots") as ears:
-                back_ns = session.clock.now_ns()
-                proxy.is_closed = False
-                await until(lambda: not desk.outbox.waiting)
-                await session.sectors_more(5)
-                await session_of.__aexit__(None, None, None)
-                last = place(session.sectors[-1].sector)
-                await asyncio.to_thread(ears.wait_for, lambda m: heard_place(m) == last)
-                heard = [heard_place(m) for m in ears.heard]
-        assert_kept(session, policy, back_ns, heard)
-
-    asyncio.run(check())
+    port = free_port()
+    async with proxied(port) as proxy:
+        with start(tmp_path, port) as process:
+            session_of = at_work(what, proxy.port)
+            session = await session_of.__aenter__()
+            desk = session.session.desks["radar"]
+            await until(lambda: len(session.entries) > 5)
+            proxy.is_closed = True
+            process.kill()
+            process.wait()
+        await until(lambda: desk.outbox.waiting >= KEPT)
+        full, sectors = desk.outbox.waiting, len(session.sectors)
+        if policy == "wait":
+            await asyncio.sleep(20 * SECTOR_S)
+            assert len(session.sectors) == sectors
+        else:
+            await session.sectors_more(2 * KEPT)
+            assert desk.outbox.waiting <= full
+        with start(tmp_path, port), listening(port, 5, "plotfeed/radar/plots") as ears:
+            back_ns = session.clock.now_ns()
+            proxy.is_closed = False
+            await until(lambda: not desk.outbox.waiting)
+            await session.sectors_more(5)
+            await session_of.__aexit__(None, None, None)
+            last = place(session.sectors[-1].sector)
+            await asyncio.to_thread(ears.wait_for, lambda m: heard_place(m) == last)
+            heard = [heard_place(m) for m in ears.heard]
+    assert_kept(session, policy, back_ns, heard)
 
 
 def place(sector: Any) -> tuple[int, int]:

@@ -189,7 +189,8 @@ def test_a_port_that_is_taken_is_passed_over(tmp_path: Path) -> None:
                     client.wait_for(lambda m: m.topic.endswith("/plots"))
 
 
-def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
+@pytest.mark.asyncio
+async def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with socket.socket() as holder:
@@ -199,7 +200,7 @@ def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
         monkeypatch.setattr(
             embedded_broker, "free_ports", lambda port: next(found, None) or free_ports(port)
         )
-        started = asyncio.run(embedded_broker.EmbeddedBroker.start(free_port()))
+        started = await embedded_broker.EmbeddedBroker.start(free_port())
         try:
             assert started.ports.mqtt5 != taken
             assert is_listening(started.ports.mqtt5)
@@ -233,12 +234,15 @@ def test_telemetry_over_either_version_becomes_plots(tmp_path: Path) -> None:
     assert err == ""
 
 
-def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.asyncio
+async def test_a_session_outlives_its_broker(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """Its broker goes and comes back; it reconnects, hears telemetry again, and counts the loss."""
     port = free_port()
     scene = load(scene_file(tmp_path, scene_text(sensors=FAST, drones="")))
 
-    async def session() -> tuple[SessionCounters, bool]:
+    async with asyncio.timeout(60):
         stop, ready = asyncio.Event(), asyncio.Event()
         mosquitto_runs = ExitStack()
         await asyncio.to_thread(mosquitto_runs.enter_context, mosquitto(tmp_path, port))
@@ -274,23 +278,21 @@ def test_a_session_outlives_its_broker(tmp_path: Path, caplog: pytest.LogCapture
         totals = await working
         await asyncio.to_thread(client.close)
         await asyncio.to_thread(mosquitto_runs.close)
-        return totals, json.loads(status.payload)["sensor"] == "radar"
-
-    totals, told = asyncio.run(asyncio.wait_for(session(), 60))
-    assert told
+    assert json.loads(status.payload)["sensor"] == "radar"
     assert totals.telemetry >= 1
     assert 5 < totals.undelivered < totals.messages
     lost = [r.message for r in caplog.records if "lost the connection" in r.message]
     assert len(lost) == 2  # the session's own and the sensor's: a line each
 
 
-def test_a_broker_that_cannot_start_is_one_line(
+@pytest.mark.asyncio
+async def test_a_broker_that_cannot_start_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     scene = load(scene_file(tmp_path, scene_text(sensors=FAST)))
     with pytest.raises(PlotfeedError, match="did not start") as caught:
-        asyncio.run(run(scene, duration_s=1))
+        await run(scene, duration_s=1)
     assert "\n" not in str(caught.value)
 
 

@@ -90,10 +90,10 @@ async def session(what: Scene, clock: Clock, duration_s: float) -> tuple[Session
     return totals, sent
 
 
-def simulated(
+async def simulated(
     what: Scene, duration_s: float, clock: Clock | None = None
 ) -> tuple[SessionCounters, Sent]:
-    return asyncio.run(session(what, clock or InstantClock(what.scene.start_utc_ns), duration_s))
+    return await session(what, clock or InstantClock(what.scene.start_utc_ns), duration_s)
 
 
 def reported(sent: Sent) -> dict[str, list[bytes]]:
@@ -121,7 +121,8 @@ def counts(totals: SessionCounters) -> dict[str, object]:
     return {name: getattr(totals, name) for name in totals.__slots__ if name != "lateness_ns"}
 
 
-def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> None:
     links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
     sensors = "".join(impaired(name, link) for name, link in links.items())
     what = scene(tmp_path, sensors + radar("clear", period_s=LONG_S, sectors=240))
@@ -130,11 +131,11 @@ def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> None:
         clocks = [WallClock(what.scene.start_utc_ns, speed=speed) for speed in (1.0, 10.0)]
         return await asyncio.gather(*(session(what, clock, 3.0) for clock in clocks))
 
-    totals, sent = simulated(what, 3.0)
+    totals, sent = await simulated(what, 3.0)
     fates = {one.fate for entries in ledger(sent).values() for e in entries for one in e.messages}
     assert fates == {pb.SENT, pb.LOST, pb.OUTAGE, pb.QUEUE_FULL}
     assert totals.duplicated > 5
-    for other_totals, other in asyncio.run(in_real_time()):
+    for other_totals, other in await in_real_time():
         assert other_totals.missed_scans == 0
         assert reported(other) == reported(sent)
         assert ledger(other) == ledger(sent)
@@ -168,14 +169,15 @@ def late_clock(what: Scene, seed: int, **how: float) -> LateClock:
 
 
 @pytest.mark.parametrize("mean_s", [0.002, 0.15])
-def test_what_links_and_events_do_does_not_depend_on_how_late_they_are_done(
+@pytest.mark.asyncio
+async def test_what_links_and_events_do_does_not_depend_on_how_late_they_are_done(
     tmp_path: Path, mean_s: float
 ) -> None:
     """Late by so much that an event's end is done after the next one has begun."""
     links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
     what = scene(tmp_path, "".join(impaired(name, link) for name, link in links.items()))
-    totals, sent = simulated(what, 3.0)
-    other_totals, other = simulated(what, 3.0, late_clock(what, 1, mean_s=mean_s))
+    totals, sent = await simulated(what, 3.0)
+    other_totals, other = await simulated(what, 3.0, late_clock(what, 1, mean_s=mean_s))
     assert reported(other) == reported(sent)
     assert ledger(other) == ledger(sent)
     assert counts(other_totals) == counts(totals)
@@ -190,9 +192,10 @@ def lateness_s(sent: Sent) -> tuple[Array, Array]:
     return np.array(list(found)) / S, np.array(list(found.values()))
 
 
-def test_lateness_has_no_slope_over_ten_minutes(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_lateness_has_no_slope_over_ten_minutes(tmp_path: Path) -> None:
     what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
-    totals, sent = simulated(what, 600.0, late_clock(what, 2))
+    totals, sent = await simulated(what, 600.0, late_clock(what, 2))
     due_s, late_s = lateness_s(sent)
     assert len(late_s) > 9500
     assert totals.missed_scans == 0
@@ -204,12 +207,13 @@ def test_lateness_has_no_slope_over_ten_minutes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("after_s", [20.0, 20.06])
 @pytest.mark.parametrize("pause_s", [1.7, 5.3, 60.0])
-def test_after_a_pause_it_goes_on_with_the_present(
+@pytest.mark.asyncio
+async def test_after_a_pause_it_goes_on_with_the_present(
     tmp_path: Path, after_s: float, pause_s: float
 ) -> None:
     what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
     clock = late_clock(what, 3, after_s=after_s, for_s=pause_s)
-    totals, sent = simulated(what, 120.0, clock)
+    totals, sent = await simulated(what, 120.0, clock)
     due_s, late_s = lateness_s(sent)
     # One was worked out already, and the last that ended in the pause is not missed.
     assert (late_s > 0.03).sum() <= 2
@@ -222,9 +226,10 @@ def test_after_a_pause_it_goes_on_with_the_present(
     assert_chance(float(stats.ks_2samp(before, after).pvalue), "lateness before and after")
 
 
-def test_a_pause_shorter_than_a_turn_is_caught_up_once(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_pause_shorter_than_a_turn_is_caught_up_once(tmp_path: Path) -> None:
     what = scene(tmp_path, radar(period_s=1.0, sectors=16), drones="")
-    totals, sent = simulated(what, 60.0, late_clock(what, 4, after_s=20.0, for_s=0.8))
-    expected = reported(simulated(what, 60.0)[1])
+    totals, sent = await simulated(what, 60.0, late_clock(what, 4, after_s=20.0, for_s=0.8))
+    expected = reported((await simulated(what, 60.0))[1])
     assert totals.missed_scans == 0
     assert reported(sent) == expected

@@ -42,8 +42,9 @@ def test_starting_a_clock_that_runs_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
-def test_nobody_wakes_before_the_time(speed: float) -> None:
-    async def wait() -> None:
+@pytest.mark.asyncio
+async def test_nobody_wakes_before_the_time(speed: float) -> None:
+    async with asyncio.timeout(30):
         clock = WallClock(START, speed=speed)
         try:
             clock.start()
@@ -54,11 +55,10 @@ def test_nobody_wakes_before_the_time(speed: float) -> None:
         finally:
             clock.close()
 
-    asyncio.run(asyncio.wait_for(wait(), 30))
 
-
-def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
-    async def wait() -> int:
+@pytest.mark.asyncio
+async def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
+    async with asyncio.timeout(30):
         clock, ran = WallClock(START), 0
 
         async def other() -> None:
@@ -69,27 +69,24 @@ def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
         await clock.sleep_until(START - 1000 * S)
         await task
         clock.close()
-        return ran
-
-    assert asyncio.run(asyncio.wait_for(wait(), 30)) == 1
+    assert ran == 1
 
 
-def test_a_simulated_clock_jumps_and_never_goes_back() -> None:
-    async def wait() -> None:
-        clock = InstantClock(START)
-        assert clock.start() == START
-        await clock.sleep_until(START + 3600 * S)
-        assert clock.now_ns() == START + 3600 * S
-        await clock.sleep_until(START)
-        assert clock.now_ns() == START + 3600 * S
-        clock.close()
-
-    asyncio.run(wait())
+@pytest.mark.asyncio
+async def test_a_simulated_clock_jumps_and_never_goes_back() -> None:
+    clock = InstantClock(START)
+    assert clock.start() == START
+    await clock.sleep_until(START + 3600 * S)
+    assert clock.now_ns() == START + 3600 * S
+    await clock.sleep_until(START)
+    assert clock.now_ns() == START + 3600 * S
+    clock.close()
 
 
 @pytest.mark.parametrize("make", [LoopTimer, TimerFd])
-def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | TimerFd]) -> None:
-    async def wait() -> None:
+@pytest.mark.asyncio
+async def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | TimerFd]) -> None:
+    async with asyncio.timeout(30):
         timer = make()
         begun = time.monotonic_ns()
         for after in (3 * MS, 1 * MS, 5 * MS, 5 * MS + 1, 20 * MS):
@@ -98,14 +95,13 @@ def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | TimerFd
         timer.close()
         timer.close()
 
-    asyncio.run(asyncio.wait_for(wait(), 30))
-
 
 @pytest.mark.parametrize("make", [LoopTimer, TimerFd])
-def test_a_wait_can_be_cancelled_and_the_timer_used_again(
+@pytest.mark.asyncio
+async def test_a_wait_can_be_cancelled_and_the_timer_used_again(
     make: Callable[[], LoopTimer | TimerFd],
 ) -> None:
-    async def wait() -> None:
+    async with asyncio.timeout(30):
         timer = make()
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(timer.wait_until(time.monotonic_ns() + 3600 * S), 0.01)
@@ -114,11 +110,10 @@ def test_a_wait_can_be_cancelled_and_the_timer_used_again(
         assert time.monotonic_ns() >= soon
         timer.close()
 
-    asyncio.run(asyncio.wait_for(wait(), 30))
 
-
-def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
-    async def wait() -> None:
+@pytest.mark.asyncio
+async def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
+    async with asyncio.timeout(30):
         timer = TimerFd()
         for _ in range(20):
             near = asyncio.ensure_future(timer.wait_until(time.monotonic_ns() + MS))
@@ -130,17 +125,14 @@ def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
             assert time.monotonic_ns() >= later
         timer.close()
 
-    asyncio.run(asyncio.wait_for(wait(), 30))
 
-
-def test_the_best_timer_of_the_system_waits() -> None:
-    async def wait() -> None:
+@pytest.mark.asyncio
+async def test_the_best_timer_of_the_system_waits() -> None:
+    async with asyncio.timeout(30):
         with PreciseTimer() as timer:
             until = time.monotonic_ns() + 2 * MS
             await timer.wait_until(until)
             assert time.monotonic_ns() >= until
-
-    asyncio.run(asyncio.wait_for(wait(), 30))
 
 
 @given(st.lists(st.integers(0, 20), max_size=60))

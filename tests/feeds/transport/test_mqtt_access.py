@@ -116,7 +116,7 @@ def brokers(request: pytest.FixtureRequest) -> Brokers:
     return found
 
 
-def version_spoken(address: BrokerAddress) -> int:
+async def version_spoken(address: BrokerAddress) -> int:
     """Connect and go; raises what a session would say after its first attempt."""
 
     async def connect() -> int:
@@ -132,12 +132,12 @@ def version_spoken(address: BrokerAddress) -> int:
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
 
-    return asyncio.run(connect())
+    return await connect()
 
 
-def refusal(address: BrokerAddress) -> str:
+async def refusal(address: BrokerAddress) -> str:
     with pytest.raises(MqttError) as caught:
-        version_spoken(address)
+        await version_spoken(address)
     text = str(caught.value)
     assert caught.value.exit_code == 1
     assert text.startswith(f"MQTT broker {address}: ")
@@ -148,7 +148,8 @@ def refusal(address: BrokerAddress) -> str:
 
 
 @pytest.mark.parametrize("place", ["anyone", "password", "tls", "tls-password"])
-def test_whoever_has_the_keys_comes_in(brokers: Brokers, place: str) -> None:
+@pytest.mark.asyncio
+async def test_whoever_has_the_keys_comes_in(brokers: Brokers, place: str) -> None:
     password = PASSWORD if "password" in place else None
     url = brokers.url(place)
     access = brokers.access(password=password)
@@ -156,21 +157,23 @@ def test_whoever_has_the_keys_comes_in(brokers: Brokers, place: str) -> None:
         access = BrokerAccess(username=access.username, password=access.password)
     for version in ("any", "5"):
         address = BrokerAddress.parse(url, versions=VERSIONS[version], access=access)
-        assert version_spoken(address) == 5
+        assert await version_spoken(address) == 5
 
 
-def test_a_client_is_known_by_its_certificate(mosquittos: Brokers) -> None:
+@pytest.mark.asyncio
+async def test_a_client_is_known_by_its_certificate(mosquittos: Brokers) -> None:
     access = mosquittos.access(client=mosquittos.certificates.client)
     for version, spoken in (("any", 5), ("5", 5), ("3.1.1", 4)):
         address = BrokerAddress.parse(
             mosquittos.url("mutual"), versions=VERSIONS[version], access=access
         )
-        assert version_spoken(address) == spoken
+        assert await version_spoken(address) == spoken
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1", "any"])
 @pytest.mark.parametrize("client", ["none", "stranger"])
-def test_a_client_without_its_certificate_stays_outside(
+@pytest.mark.asyncio
+async def test_a_client_without_its_certificate_stays_outside(
     mosquittos: Brokers, client: str, version: str
 ) -> None:
     pair = mosquittos.certificates.stranger if client == "stranger" else None
@@ -178,20 +181,23 @@ def test_a_client_without_its_certificate_stays_outside(
         mosquittos.url("mutual"), versions=VERSIONS[version], access=mosquittos.access(client=pair)
     )
     # Whether its alert or the end of the connection comes first is up to the network.
-    text = refusal(address)
+    text = await refusal(address)
     assert "certificate" in text or "TLS failed: " in text
 
 
 @pytest.mark.parametrize("place", ["password", "tls-password"])
 @pytest.mark.parametrize("password", [None, "wrong"])
-def test_a_wrong_password_is_told_as_far_as_the_broker_tells(
+@pytest.mark.asyncio
+async def test_a_wrong_password_is_told_as_far_as_the_broker_tells(
     brokers: Brokers, place: str, password: str | None
 ) -> None:
     access = BrokerAccess(username=password and ME, password=password)
     if place.startswith("tls"):
         access = brokers.access(password=password)
     for version in VERSIONS.values():
-        text = refusal(BrokerAddress.parse(brokers.url(place), versions=version, access=access))
+        text = await refusal(
+            BrokerAddress.parse(brokers.url(place), versions=version, access=access)
+        )
         if brokers.kind == "mosquitto":
             assert text in {"it refuses: not authorized", "it refuses: not authorised"}
         else:
@@ -205,54 +211,63 @@ UNTRUSTED = {
 
 
 @pytest.mark.parametrize("place", UNTRUSTED)
-def test_a_broker_that_is_not_what_it_says_is_not_trusted(brokers: Brokers, place: str) -> None:
-    text = refusal(BrokerAddress.parse(brokers.url(place), access=brokers.access()))
+@pytest.mark.asyncio
+async def test_a_broker_that_is_not_what_it_says_is_not_trusted(
+    brokers: Brokers, place: str
+) -> None:
+    text = await refusal(BrokerAddress.parse(brokers.url(place), access=brokers.access()))
     assert text.startswith("its certificate is not good: ")
     assert UNTRUSTED[place] in text
 
 
 @pytest.mark.parametrize("ca", ["other", "system"])
-def test_a_broker_whom_nobody_vouches_for_is_not_trusted(brokers: Brokers, ca: str) -> None:
+@pytest.mark.asyncio
+async def test_a_broker_whom_nobody_vouches_for_is_not_trusted(brokers: Brokers, ca: str) -> None:
     access = brokers.access(ca=brokers.certificates.other_ca) if ca == "other" else BrokerAccess()
-    text = refusal(BrokerAddress.parse(brokers.url("tls"), access=access))
+    text = await refusal(BrokerAddress.parse(brokers.url("tls"), access=access))
     assert text == "its certificate is not good: unable to get local issuer certificate"
 
 
-def test_a_name_must_be_the_brokers_too(brokers: Brokers) -> None:
+@pytest.mark.asyncio
+async def test_a_name_must_be_the_brokers_too(brokers: Brokers) -> None:
     url = brokers.url("tls", "localhost")
-    assert version_spoken(BrokerAddress.parse(url, access=brokers.access())) == 5
+    assert await version_spoken(BrokerAddress.parse(url, access=brokers.access())) == 5
     url = brokers.url("elsewhere", "localhost")
-    text = refusal(BrokerAddress.parse(url, access=brokers.access()))
+    text = await refusal(BrokerAddress.parse(url, access=brokers.access()))
     assert "Hostname mismatch" in text
 
 
-def test_tls_where_there_is_none_and_none_where_there_is_are_told(brokers: Brokers) -> None:
+@pytest.mark.asyncio
+async def test_tls_where_there_is_none_and_none_where_there_is_are_told(brokers: Brokers) -> None:
     plain = f"mqtt://127.0.0.1:{brokers.ports['tls']}"
-    assert "it may want TLS (mqtts://)" in refusal(BrokerAddress.parse(plain))
+    assert "it may want TLS (mqtts://)" in await refusal(BrokerAddress.parse(plain))
     secured = f"mqtts://127.0.0.1:{brokers.ports['anyone']}"
-    assert refusal(BrokerAddress.parse(secured, access=brokers.access()))
+    assert await refusal(BrokerAddress.parse(secured, access=brokers.access()))
 
 
-def test_a_broker_of_3_1_1_alone_is_spoken_to_in_3_1_1(rumqttds: Brokers) -> None:
+@pytest.mark.asyncio
+async def test_a_broker_of_3_1_1_alone_is_spoken_to_in_3_1_1(rumqttds: Brokers) -> None:
     url = rumqttds.url("mqtt3")
     for version in ("any", "3.1.1"):
-        assert version_spoken(BrokerAddress.parse(url, versions=VERSIONS[version])) == 4
-    text = refusal(BrokerAddress.parse(url, versions=VERSIONS["5"]))
+        assert await version_spoken(BrokerAddress.parse(url, versions=VERSIONS[version])) == 4
+    text = await refusal(BrokerAddress.parse(url, versions=VERSIONS["5"]))
     assert text.endswith("another version of MQTT than 5")
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
-def test_brokers_are_reached_by_ipv6(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_brokers_are_reached_by_ipv6(tmp_path: Path) -> None:
     ports = [free_port(), free_port()]
     with ExitStack() as stack:
         stack.enter_context(rumqttd(tmp_path, {"v5.1": ("::1", ports[0], "")}))
-        assert version_spoken(BrokerAddress.parse(f"mqtt://[::1]:{ports[0]}")) == 5
+        assert await version_spoken(BrokerAddress.parse(f"mqtt://[::1]:{ports[0]}")) == 5
 
 
-def test_a_host_that_is_none_is_told() -> None:
-    assert refusal(BrokerAddress.parse("mqtt://nowhere.invalid"))
-    assert refusal(BrokerAddress.parse(f"mqtt://{'a' * 64}")) == "no host can have this name"
-    refused = refusal(BrokerAddress.parse(f"mqtt://127.0.0.1:{free_port()}"))
+@pytest.mark.asyncio
+async def test_a_host_that_is_none_is_told() -> None:
+    assert await refusal(BrokerAddress.parse("mqtt://nowhere.invalid"))
+    assert await refusal(BrokerAddress.parse(f"mqtt://{'a' * 64}")) == "no host can have this name"
+    refused = await refusal(BrokerAddress.parse(f"mqtt://127.0.0.1:{free_port()}"))
     assert "refused" in refused or "failed" in refused
 
 

@@ -89,7 +89,8 @@ def heard_by(client: Client, *, at_least: int | None = None) -> list[int]:
 
 
 @pytest.mark.parametrize("mid_sentence", [False, True])
-def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_acknowledged(
+@pytest.mark.asyncio
+async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_acknowledged(
     start: Start, mid_sentence: bool, tmp_path: Path
 ) -> None:
     """It is killed at work, or when it has read nothing for a while."""
@@ -115,32 +116,28 @@ def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_acknowle
             await drained(link)
             return await asyncio.to_thread(heard_by, ears, at_least=len(parcels.made) - 1)
 
-    async def check() -> None:
-        nonlocal process
-        port = free_port()
-        async with proxied(port) as proxy, AsyncExitStack() as stack:
-            with start(tmp_path, port) as process:
-                link = await stack.enter_async_context(linked(proxy.port, policy="wait"))
-                before = await with_the_first(port, proxy, link)
-            acknowledged = {*parcels.delivered}
-            await publish(parcels, link, 500)
-            assert link.waiting + len(acknowledged) == len(parcels.made)
-            with start(tmp_path, port) as process:
-                after = await with_the_second(port, proxy, link)
-        every = [p.number for p in parcels.made]
-        assert parcels.delivered == every
-        # What it had acknowledged and not passed on yet died with it, and that alone.
-        assert after == [n for n in every if n not in acknowledged]
-        assert {*every} - {*before} - {*after} <= acknowledged
-        assert link.dropped == 0
-        assert link.repeated > 0 or not mid_sentence
-
     parcels = Parcels()
-    process: subprocess.Popen[bytes]
-    asyncio.run(check())
+    port = free_port()
+    async with proxied(port) as proxy, AsyncExitStack() as stack:
+        with start(tmp_path, port) as process:
+            link = await stack.enter_async_context(linked(proxy.port, policy="wait"))
+            before = await with_the_first(port, proxy, link)
+        acknowledged = {*parcels.delivered}
+        await publish(parcels, link, 500)
+        assert link.waiting + len(acknowledged) == len(parcels.made)
+        with start(tmp_path, port) as process:
+            after = await with_the_second(port, proxy, link)
+    every = [p.number for p in parcels.made]
+    assert parcels.delivered == every
+    # What it had acknowledged and not passed on yet died with it, and that alone.
+    assert after == [n for n in every if n not in acknowledged]
+    assert {*every} - {*before} - {*after} <= acknowledged
+    assert link.dropped == 0
+    assert link.repeated > 0 or not mid_sentence
 
 
-def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_all(
+@pytest.mark.asyncio
+async def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_all(
     tmp_path: Path,
 ) -> None:
     """Each message is retained on a topic of its own, so that the broker can be asked for all."""
@@ -150,106 +147,100 @@ def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_all(
         f"persistence true\npersistence_location {tmp_path}/\n"
     )
 
-    async def check() -> None:
-        parcels = Parcels()
+    parcels = Parcels()
 
-        async def publish_some() -> None:
-            for _ in range(300):
-                parcels.publish(link, 1, topic=f"t/{len(parcels.made)}", retain=True)
-                await asyncio.sleep(0)
+    async def publish_some() -> None:
+        for _ in range(300):
+            parcels.publish(link, 1, topic=f"t/{len(parcels.made)}", retain=True)
+            await asyncio.sleep(0)
 
-        running = AsyncExitStack()
-        with mosquitto(tmp_path, port, settings):
-            link = await running.enter_async_context(linked(port, policy="wait"))
-            await publish_some()
-            publishing = asyncio.create_task(publish_some())
-            await asyncio.sleep(0.01)
-        await publishing
-        with mosquitto(tmp_path, port, settings):
-            await publish_some()
-            await drained(link)
-            await running.aclose()
-            with listening(port, 5, "t/#") as ears:
-                all_came = lambda _: len(ears.heard) == len(parcels.made)  # noqa: E731
-                await asyncio.to_thread(ears.wait_for, all_came)
-        assert link.connections == 2
-        assert sorted(number_of(m.payload) for m in ears.heard) == parcels.delivered
-        assert len(parcels.delivered) == 900
-
-    asyncio.run(check())
+    running = AsyncExitStack()
+    with mosquitto(tmp_path, port, settings):
+        link = await running.enter_async_context(linked(port, policy="wait"))
+        await publish_some()
+        publishing = asyncio.create_task(publish_some())
+        await asyncio.sleep(0.01)
+    await publishing
+    with mosquitto(tmp_path, port, settings):
+        await publish_some()
+        await drained(link)
+        await running.aclose()
+        with listening(port, 5, "t/#") as ears:
+            all_came = lambda _: len(ears.heard) == len(parcels.made)  # noqa: E731
+            await asyncio.to_thread(ears.wait_for, all_came)
+    assert link.connections == 2
+    assert sorted(number_of(m.payload) for m in ears.heard) == parcels.delivered
+    assert len(parcels.delivered) == 900
 
 
 @pytest.mark.parametrize("policy", ["drop-oldest", "drop-newest", "wait"])
-def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory(
+@pytest.mark.asyncio
+async def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory(
     start: Start, policy: str, tmp_path: Path
 ) -> None:
-    async def check() -> None:
-        parcels = Parcels()
-        port = free_port()
-        with start(tmp_path, port) as process, listening(port, 5, "t") as ears:
-            async with linked(port, policy=policy, messages=700) as link:
-                await publish(parcels, link, 200)
-                await drained(link)
-                pause(process)
-                try:
-                    began_s = time.monotonic()
-                    await publish(parcels, link, 3000)
-                    await asyncio.sleep(PAUSE_S[policy] - (time.monotonic() - began_s))
-                    assert link.is_up
-                    assert link.unacknowledged <= MAX_UNACKNOWLEDGED
-                    paused = [*range(200, 3200)]
-                    dropped = {
-                        "drop-oldest": paused[link.unacknowledged : -700],
-                        "drop-newest": paused[link.unacknowledged + 700 :],
-                        "wait": [],
-                    }[policy]
-                    assert parcels.delivered == [*range(200)]
-                    assert parcels.given_up == dropped
-                    assert link.waiting == (700 if policy != "wait" else 3000 - link.unacknowledged)
-                finally:
-                    process.send_signal(signal.SIGCONT)
-                await drained(link)
-                await publish(parcels, link, 20)
-                await drained(link)
-                assert link.connections == 1
-            heard = await asyncio.to_thread(heard_by, ears, at_least=3219)
-        assert heard == parcels.delivered
-        assert sorted(heard + parcels.given_up) == [p.number for p in parcels.made]
-        assert (link.repeated, link.dropped) == (0, len(parcels.given_up))
-
-    asyncio.run(check())
+    parcels = Parcels()
+    port = free_port()
+    with start(tmp_path, port) as process, listening(port, 5, "t") as ears:
+        async with linked(port, policy=policy, messages=700) as link:
+            await publish(parcels, link, 200)
+            await drained(link)
+            pause(process)
+            try:
+                began_s = time.monotonic()
+                await publish(parcels, link, 3000)
+                await asyncio.sleep(PAUSE_S[policy] - (time.monotonic() - began_s))
+                assert link.is_up
+                assert link.unacknowledged <= MAX_UNACKNOWLEDGED
+                paused = [*range(200, 3200)]
+                dropped = {
+                    "drop-oldest": paused[link.unacknowledged : -700],
+                    "drop-newest": paused[link.unacknowledged + 700 :],
+                    "wait": [],
+                }[policy]
+                assert parcels.delivered == [*range(200)]
+                assert parcels.given_up == dropped
+                assert link.waiting == (700 if policy != "wait" else 3000 - link.unacknowledged)
+            finally:
+                process.send_signal(signal.SIGCONT)
+            await drained(link)
+            await publish(parcels, link, 20)
+            await drained(link)
+            assert link.connections == 1
+        heard = await asyncio.to_thread(heard_by, ears, at_least=3219)
+    assert heard == parcels.delivered
+    assert sorted(heard + parcels.given_up) == [p.number for p in parcels.made]
+    assert (link.repeated, link.dropped) == (0, len(parcels.given_up))
 
 
-def test_a_paused_broker_is_given_no_more_plots_of_qos_0_than_may_be_late(
+@pytest.mark.asyncio
+async def test_a_paused_broker_is_given_no_more_plots_of_qos_0_than_may_be_late(
     start: Start, tmp_path: Path
 ) -> None:
-    async def check() -> None:
-        parcels = Parcels()
-        port = free_port()
-        with start(tmp_path, port) as process:
-            async with linked(port) as link:
-                pause(process)
-                try:
-                    await publish(parcels, link, 500, qos=0, octets=1 << 16)
-                    held = sum(len(p.message.payload) for p in parcels.made if not p.said)
-                    assert MAX_UNSENT_OCTETS / 2 < held <= MAX_UNSENT_OCTETS + (1 << 16)
-                    assert link.waiting == 0
-                    assert len(parcels.given_up) == link.dropped > 0
-                finally:
-                    process.send_signal(signal.SIGCONT)
-                await drained(link)
-                assert link.connections == 1
-        assert parcels.unsettled == []
-        assert link.dropped == len(parcels.given_up)
-
-    asyncio.run(check())
+    parcels = Parcels()
+    port = free_port()
+    with start(tmp_path, port) as process:
+        async with linked(port) as link:
+            pause(process)
+            try:
+                await publish(parcels, link, 500, qos=0, octets=1 << 16)
+                held = sum(len(p.message.payload) for p in parcels.made if not p.said)
+                assert MAX_UNSENT_OCTETS / 2 < held <= MAX_UNSENT_OCTETS + (1 << 16)
+                assert link.waiting == 0
+                assert len(parcels.given_up) == link.dropped > 0
+            finally:
+                process.send_signal(signal.SIGCONT)
+            await drained(link)
+            assert link.connections == 1
+    assert parcels.unsettled == []
+    assert link.dropped == len(parcels.given_up)
 
 
 @pytest.mark.parametrize(
     ("silently", "policy"),
     [(False, "drop-oldest"), (False, "drop-newest"), (False, "wait"), (True, "wait")],
 )
-def test_a_cut_network_costs_what_the_policy_gives_up(
+@pytest.mark.asyncio
+async def test_a_cut_network_costs_what_the_policy_gives_up(
     start: Start, silently: bool, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing comes through; then the connection is reset, or nobody says anything at all."""
@@ -258,44 +249,41 @@ def test_a_cut_network_costs_what_the_policy_gives_up(
         monkeypatch.setattr(connection, "KEEP_ALIVE_S", 1)
         monkeypatch.setattr(socket_buffer, "GIVE_UP_S", 0.3)
 
-    async def check() -> None:
-        parcels = Parcels()
-        port = free_port()
-        with start(tmp_path, port), listening(port, 5, "t") as ears:
-            async with (
-                proxied(port) as proxy,
-                linked(proxy.port, policy=policy, messages=50) as link,
-            ):
-                for _ in range(5):
-                    await publish(parcels, link, 20)
-                    await drained(link)
-                proxy.hold()
-                proxy.is_closed = True
-                await publish(parcels, link, 200, octets=1 << 14)
-                assert link.is_up or silently
-                if not silently:
-                    proxy.cut()
-                await until(lambda: not link.is_up)
-                await publish(parcels, link, 100)
-                assert link.waiting <= 300
-                proxy.is_closed = False
-                await until(lambda: link.is_up)
-                await drained(link)
+    parcels = Parcels()
+    port = free_port()
+    with start(tmp_path, port), listening(port, 5, "t") as ears:
+        async with (
+            proxied(port) as proxy,
+            linked(proxy.port, policy=policy, messages=50) as link,
+        ):
+            for _ in range(5):
                 await publish(parcels, link, 20)
                 await drained(link)
-                assert (link.connections, proxy.connections) == (2, 2)
-            heard = await asyncio.to_thread(heard_by, ears, at_least=419)
-        delivered, given_up = {*parcels.delivered}, {*parcels.given_up}
-        assert delivered <= {*heard} <= delivered | given_up
-        assert delivered | given_up == set(range(420))
-        assert link.dropped == len(given_up)
-        assert len(heard) - len({*heard}) <= link.repeated
-        once = list(dict.fromkeys(heard))
-        assert all(a < b for a, b in pairwise(once))
-        if policy == "wait":
-            assert given_up == set()
-        else:
-            assert {*range(100)} | {*range(400, 420)} <= delivered
-            assert (399 in delivered) == (policy == "drop-oldest")
-
-    asyncio.run(check())
+            proxy.hold()
+            proxy.is_closed = True
+            await publish(parcels, link, 200, octets=1 << 14)
+            assert link.is_up or silently
+            if not silently:
+                proxy.cut()
+            await until(lambda: not link.is_up)
+            await publish(parcels, link, 100)
+            assert link.waiting <= 300
+            proxy.is_closed = False
+            await until(lambda: link.is_up)
+            await drained(link)
+            await publish(parcels, link, 20)
+            await drained(link)
+            assert (link.connections, proxy.connections) == (2, 2)
+        heard = await asyncio.to_thread(heard_by, ears, at_least=419)
+    delivered, given_up = {*parcels.delivered}, {*parcels.given_up}
+    assert delivered <= {*heard} <= delivered | given_up
+    assert delivered | given_up == set(range(420))
+    assert link.dropped == len(given_up)
+    assert len(heard) - len({*heard}) <= link.repeated
+    once = list(dict.fromkeys(heard))
+    assert all(a < b for a, b in pairwise(once))
+    if policy == "wait":
+        assert given_up == set()
+    else:
+        assert {*range(100)} | {*range(400, 420)} <= delivered
+        assert (399 in delivered) == (policy == "drop-oldest")

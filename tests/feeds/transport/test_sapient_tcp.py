@@ -4,7 +4,7 @@ import asyncio
 import logging
 import socket
 import tracemalloc
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from itertools import pairwise
 from typing import Any
@@ -45,10 +45,6 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.01, 0.05))
 
 
-def asynchronous(test: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(test)
-
-
 @asynccontextmanager
 async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpLink]:
     link = SapientTcpLink(address, HERALD, WallClock())
@@ -76,33 +72,30 @@ def status(octets: int = 0) -> Message:
     return message
 
 
-def test_a_node_registers_first_and_then_reports() -> None:
-    async def test() -> None:
-        async with listening() as middleware, linked(middleware.address) as link:
-            assert taken(link, status())
-            (peer,) = middleware.peers
-            await middleware.until(lambda: len(peer.heard) == 3)
-            assert peer.kinds() == ["registration", "status_report", "status_report"]
-
-    asynchronous(test())
+@pytest.mark.asyncio
+async def test_a_node_registers_first_and_then_reports() -> None:
+    async with listening() as middleware, linked(middleware.address) as link:
+        assert taken(link, status())
+        (peer,) = middleware.peers
+        await middleware.until(lambda: len(peer.heard) == 3)
+        assert peer.kinds() == ["registration", "status_report", "status_report"]
 
 
-def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
-    async def test() -> None:
-        async with listening() as middleware, linked(middleware.address) as link:
-            other = Message(topic="t", payload=b"x", content_type="text/plain", due_utc_ns=0)
-            assert taken(link, other)
-            assert taken(link, HERALD.opening(WallClock().now_ns())[0])
-            assert taken(link, status())
-            (peer,) = middleware.peers
-            await middleware.until(lambda: len(peer.heard) == 3)
-            assert peer.kinds().count("registration") == 1
-
-    asynchronous(test())
+@pytest.mark.asyncio
+async def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
+    async with listening() as middleware, linked(middleware.address) as link:
+        other = Message(topic="t", payload=b"x", content_type="text/plain", due_utc_ns=0)
+        assert taken(link, other)
+        assert taken(link, HERALD.opening(WallClock().now_ns())[0])
+        assert taken(link, status())
+        (peer,) = middleware.peers
+        await middleware.until(lambda: len(peer.heard) == 3)
+        assert peer.kinds().count("registration") == 1
 
 
 @pytest.mark.parametrize("why", ["silent", "refusing", "garbage", "complaining"])
-def test_a_node_goes_on_whatever_is_said_to_its_registration(
+@pytest.mark.asyncio
+async def test_a_node_goes_on_whatever_is_said_to_its_registration(
     why: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def rude(peer: Peer) -> None:
@@ -118,28 +111,23 @@ def test_a_node_goes_on_whatever_is_said_to_its_registration(
                 peer.send(error.SerializeToString())
         await peer.hear_all()
 
-    async def test() -> None:
+    with caplog.at_level(logging.WARNING):
         async with listening(rude) as middleware, linked(middleware.address) as link:
             assert taken(link, status())
             (peer,) = middleware.peers
             await middleware.until(lambda: len(peer.heard) == 3)
-
-    with caplog.at_level(logging.WARNING):
-        asynchronous(test())
     lines = [record.getMessage() for record in caplog.records]
     expected = {"silent": 1, "refusing": 1, "garbage": 2, "complaining": 2}
     assert len(lines) == expected[why], lines
     assert all(line.isprintable() and len(line) < 400 for line in lines)
 
 
-def test_a_middleware_that_is_not_there_is_one_clear_error() -> None:
-    async def test() -> None:
-        async with linked(f"127.0.0.1:{free_port()}", wait=False) as link:
-            assert not taken(link, status())
-            with pytest.raises(SapientError, match="no SAPIENT middleware answers at 127"):
-                await link.wait_until_up(0.3)
-
-    asynchronous(test())
+@pytest.mark.asyncio
+async def test_a_middleware_that_is_not_there_is_one_clear_error() -> None:
+    async with linked(f"127.0.0.1:{free_port()}", wait=False) as link:
+        assert not taken(link, status())
+        with pytest.raises(SapientError, match="no SAPIENT middleware answers at 127"):
+            await link.wait_until_up(0.3)
 
 
 async def cut_off(peer: Peer) -> None:
@@ -167,36 +155,33 @@ async def boast(peer: Peer) -> None:
 
 
 @pytest.mark.parametrize("behave", [cut_off, reset, hang_up, boast])
-def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -> None:
-    async def test() -> None:
-        async with (
-            listening(behave, behave, polite) as middleware,
-            linked(middleware.address, wait=False) as link,
-        ):
-            await middleware.until(lambda: len(middleware.peers) == 3)
-            await link.wait_until_up(5.0)
-            last = middleware.peers[2]
-            await middleware.until(lambda: taken(link, status()))
-            await middleware.until(lambda: len(last.heard) >= 3)
-            assert last.kinds()[:3] == ["registration", "status_report", "status_report"]
-            assert last.heard[1].status_report.info == StatusReport.INFO_NEW
-
-    asynchronous(test())
+@pytest.mark.asyncio
+async def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -> None:
+    async with (
+        listening(behave, behave, polite) as middleware,
+        linked(middleware.address, wait=False) as link,
+    ):
+        await middleware.until(lambda: len(middleware.peers) == 3)
+        await link.wait_until_up(5.0)
+        last = middleware.peers[2]
+        await middleware.until(lambda: taken(link, status()))
+        await middleware.until(lambda: len(last.heard) >= 3)
+        assert last.kinds()[:3] == ["registration", "status_report", "status_report"]
+        assert last.heard[1].status_report.info == StatusReport.INFO_NEW
 
 
-def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.asyncio
+async def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.05, 0.2))
 
-    async def test() -> None:
-        began_s = asyncio.get_running_loop().time()
-        async with listening(reset) as middleware, linked(middleware.address, wait=False):
-            await middleware.until(lambda: len(middleware.peers) == 5)
-            assert asyncio.get_running_loop().time() - began_s > 0.05 + 3 * 0.2 - 0.01
-
-    asynchronous(test())
+    began_s = asyncio.get_running_loop().time()
+    async with listening(reset) as middleware, linked(middleware.address, wait=False):
+        await middleware.until(lambda: len(middleware.peers) == 5)
+        assert asyncio.get_running_loop().time() - began_s > 0.05 + 3 * 0.2 - 0.01
 
 
-def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
+@pytest.mark.asyncio
+async def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sapient_tcp, "MAX_STALL_S", 0.1)
@@ -208,22 +193,20 @@ def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
         peer.writer.transport.pause_reading()  # type: ignore[attr-defined]
         await asyncio.sleep(5)
 
-    async def test() -> None:
-        async with listening(deaf, polite) as middleware, linked(middleware.address) as link:
-            message = status(100_000)
-            refused = 0
-            for _ in range(400):
-                refused += not taken(link, message)
-                await asyncio.sleep(0.001)
-                wire = link._wire
-                assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
-            assert refused
-            await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
-
-    asynchronous(test())
+    async with listening(deaf, polite) as middleware, linked(middleware.address) as link:
+        message = status(100_000)
+        refused = 0
+        for _ in range(400):
+            refused += not taken(link, message)
+            await asyncio.sleep(0.001)
+            wire = link._wire
+            assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
+        assert refused
+        await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
 
 
-def test_a_slow_middleware_hears_all_in_order() -> None:
+@pytest.mark.asyncio
+async def test_a_slow_middleware_hears_all_in_order() -> None:
     async def slow(peer: Peer) -> None:
         await peer.next()
         peer.acknowledge()
@@ -231,16 +214,13 @@ def test_a_slow_middleware_hears_all_in_order() -> None:
             await peer.next()
             await asyncio.sleep(0.002)
 
-    async def test() -> None:
-        async with listening(slow) as middleware, linked(middleware.address) as link:
-            sent = [status() for _ in range(100)]
-            assert all(taken(link, message) for message in sent)
-            await link.drain()
-            (peer,) = middleware.peers
-            await middleware.until(lambda: len(peer.heard) == 102)
-            assert [m.SerializeToString() for m in peer.heard[2:]] == [m.payload for m in sent]
-
-    asynchronous(test())
+    async with listening(slow) as middleware, linked(middleware.address) as link:
+        sent = [status() for _ in range(100)]
+        assert all(taken(link, message) for message in sent)
+        await link.drain()
+        (peer,) = middleware.peers
+        await middleware.until(lambda: len(peer.heard) == 102)
+        assert [m.SerializeToString() for m in peer.heard[2:]] == [m.payload for m in sent]
 
 
 @given(st.lists(st.binary(max_size=50), max_size=10), st.integers(1, 40))
@@ -287,7 +267,8 @@ def test_what_is_no_address_is_refused(text: str) -> None:
         split_address(text)
 
 
-def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
+@pytest.mark.asyncio
+async def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
     """In real time: stamps as a strict middleware has them, detections in order, 80 ms apart."""
     sensors = [
         radar(id="turning", report=["sapient"], scan=rotating(0.5, 16), pfa=1e-5),
@@ -318,7 +299,7 @@ def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
             await middleware.until(lambda: all(p.reader.at_eof() for p in middleware.peers))
             return middleware
 
-    middleware = asyncio.run(test())
+    middleware = await test()
     assert len(middleware.peers) == 2
     names = {peer.heard[0].registration.name for peer in middleware.peers}
     assert names == {"turning", "staring"}
@@ -332,15 +313,17 @@ def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
     assert all(-0.1 < age_s < PATIENCE_S for age_s in ages_s)
 
 
-def test_a_session_does_not_begin_without_its_middleware() -> None:
+@pytest.mark.asyncio
+async def test_a_session_does_not_begin_without_its_middleware() -> None:
     flown = scene(
         [radar(report=["sapient"])], seed=3, sapient={"middleware": f"127.0.0.1:{free_port()}"}
     )
     with pytest.raises(SapientError, match="no SAPIENT middleware"):
-        asyncio.run(run(flown, broker="none", duration_s=1.0))
+        await run(flown, broker="none", duration_s=1.0)
 
 
-def test_a_socket_that_never_answers_is_given_up() -> None:
+@pytest.mark.asyncio
+async def test_a_socket_that_never_answers_is_given_up() -> None:
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # and does not listen
 
@@ -349,4 +332,4 @@ def test_a_socket_that_never_answers_is_given_up() -> None:
                 with pytest.raises(SapientError):
                     await link.wait_until_up(0.2)
 
-        asynchronous(test())
+        await test()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 import struct
 from pathlib import Path
@@ -175,13 +174,16 @@ def test_what_the_system_does_not_take_is_not_delivered() -> None:
     link.close()
 
 
-def test_an_interface_that_is_not_there_is_an_error_that_names_its_key(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_an_interface_that_is_not_there_is_an_error_that_names_its_key(
+    tmp_path: Path,
+) -> None:
     for group, name in ((GROUP_4, "192.0.2.99"), (GROUP_4, "nowhere0"), (GROUP_6, "nowhere0")):
         to = f"[{group}]:8600" if ":" in group else f"{group}:8600"
         good = destination("127.0.0.1:8600")
         scene = scene_file(tmp_path, scene_with(good + destination(to, interface=name)))
         with pytest.raises(UdpError) as caught:
-            asyncio.run(run(load(scene), broker="none", duration_s=1))
+            await run(load(scene), broker="none", duration_s=1)
         assert str(caught.value).startswith(f"udp[1].interface: '{name}': ")
         assert caught.value.exit_code == 1
     done = plotfeed("run", scene, "--broker", "none")
