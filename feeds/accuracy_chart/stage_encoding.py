@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from datetime import datetime
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, get_args
 
@@ -11,145 +10,17 @@ import numpy as np
 
 from plotfeed.feeds.accuracy_chart.case import Case
 from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage, rms
-from plotfeed.feeds.formats import MAKERS
-from plotfeed.feeds.formats.message_format import MessageFormat
+from plotfeed.feeds.formats import FORMATS, MessageFormat, Seen
+from plotfeed.feeds.formats.plot_readers import HEIGHT, TIME, Columns, PlotReader
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.feeds.sensing.staring import with_heights
 from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.state import Floats, Ints, Plots
-from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.codec.report_profiles import FOOT_M, NM_M
+from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
-
-DAY_S = 86_400
-HEIGHT = "height_m"
-TIME = "t_utc_ns"
-Columns = dict[str, Floats | Ints]
-Reader = Callable[[Sequence[Message], int], Columns]
-
-
-def read_048(messages: Sequence[Message], near_ns: int) -> Columns:
-    """Range, azimuth and, in place of the elevation, the height above mean sea level."""
-    return _read_asterix(
-        messages,
-        near_ns,
-        48,
-        "I048/140",
-        {
-            "range_m": ("I048/040/RHO", NM_M),
-            "azimuth_deg": ("I048/040/THETA", 1.0),
-            HEIGHT: ("I048/110", FOOT_M),
-        },
-    )
-
-
-def read_015(messages: Sequence[Message], near_ns: int) -> Columns:
-    """Range, of a passive radar the bistatic one, azimuth and elevation."""
-    columns = _read_asterix(
-        messages,
-        near_ns,
-        15,
-        "I015/145",
-        {
-            "range_m": ("I015/625/R", 1.0),
-            "azimuth_deg": ("I015/627/AZ", 1.0),
-            "elevation_deg": ("I015/628/EL", 1.0),
-        },
-    )
-    if "range_m" in columns:
-        columns["bistatic_range_m"] = columns["range_m"]  # the caller knows which of them it is
-    return columns
-
-
-def read_205(messages: Sequence[Message], near_ns: int) -> Columns:
-    """Bearings, as of the time at which they were sent."""
-    paths = {"azimuth_deg": ("I205/070", 1.0)}
-    return _read_asterix(messages, near_ns, 205, "I205/030", paths)
-
-
-def read_plots(messages: Sequence[Message], _near_ns: int) -> Columns:
-    """Everything, as floats of 64 bits."""
-    plots = [plot for m in messages for plot in pb.PlotBatch.FromString(m.payload).plots]
-    columns: Columns = {TIME: np.array([plot.time_utc_ns for plot in plots], np.int64)}
-    for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg"):
-        if plots and plots[0].HasField(name):
-            columns[name] = np.array([getattr(plot, name) for plot in plots])
-    return columns
-
-
-def read_sapient(messages: Sequence[Message], _near_ns: int) -> Columns:
-    """Range and bearing; a bistatic range and the age of a plot from what is told beside them."""
-    from plotfeed.proto.sapient.decode_sapient import (
-        decode as decode_sapient,
-    )
-    from plotfeed.proto.sapient.encode_detections import AGE, BISTATIC_RANGE
-
-    found = [decode_sapient(message.payload) for message in messages]
-    reports = [message["detection_report"] for message in found]
-    told = [{i["type"]: i["value"] for i in r.get("object_info", ())} for r in reports]
-    ages_ns = np.array([round(float(info.get(AGE, 0)) * NS) for info in told], np.int64)
-    stamps_ns = np.array([_stamp_ns(message["timestamp"]) for message in found], np.int64)
-    columns: Columns = {TIME: stamps_ns - ages_ns}
-    places = [report.get("range_bearing", {}) for report in reports]
-    for ours, theirs in (
-        ("range_m", "range"),
-        ("azimuth_deg", "azimuth"),
-        ("elevation_deg", "elevation"),
-    ):
-        if places and theirs in places[0]:
-            columns[ours] = np.array([place[theirs] for place in places], np.float64)
-    if told and BISTATIC_RANGE in told[0]:
-        columns["bistatic_range_m"] = np.array([float(info[BISTATIC_RANGE]) for info in told])
-    return columns
-
-
-READERS: dict[str, Reader] = {
-    "asterix-015": read_015,
-    "asterix-048": read_048,
-    "asterix-205": read_205,
-    "plots": read_plots,
-    "sapient": read_sapient,
-}
-
-
-def _read_asterix(
-    messages: Sequence[Message],
-    near_ns: int,
-    category: int,
-    time_path: str,
-    paths: dict[str, tuple[str, float]],
-) -> Columns:
-    """Items of the records of a category, in our units; a time of day is the nearest one."""
-    records = [r for m in messages for r in decode(m.payload) if r.category == category]
-    columns: Columns = {TIME: _nearest_ns(_numbers(records, time_path), near_ns)}
-    for name, (path, unit) in paths.items():
-        if records and records[0].get(path) is not None:
-            columns[name] = _numbers(records, path) * unit
-    return columns
-
-
-def _numbers(records: Sequence[Record], path: str) -> Floats:
-    return np.array([record.get(path) for record in records], dtype=np.float64)
-
-
-def _nearest_ns(time_of_day_s: Floats, near_ns: int) -> Ints:
-    """UTC of times of day, within half a day of one that is known."""
-    day_ns, into_ns = divmod(near_ns, DAY_S * NS)
-    late_s = (time_of_day_s - into_ns / NS + DAY_S / 2) % DAY_S - DAY_S / 2
-    return np.asarray(day_ns * DAY_S * NS + into_ns + np.rint(late_s * NS).astype(np.int64))
-
-
-def _stamp_ns(text: str) -> int:
-    """Of a protobuf timestamp in JSON, with up to nine digits behind the point."""
-    whole, _, rest = text.removesuffix("Z").partition(".")
-    seconds = int(datetime.fromisoformat(f"{whole}+00:00").timestamp())
-    return seconds * NS + int(rest.ljust(9, "0"))
-
 
 STEP_S = 1e-3
 """Over which rates of change are taken."""
@@ -167,14 +38,14 @@ def encoding(case: Case) -> ChartStage | None:
     found = []
     for name in formats_of(case):
         try:
-            maker = MAKERS[name](case.scene, case.sensor)
+            maker = FORMATS[name].make(case.scene, case.sensor)
         except PlotfeedError:  # an extra that is missing
             continue
-        read = READERS[name](_messages(maker, parts), parts[0][0].start_ns)
+        read = _plots_in(_messages(maker, parts), FORMATS[name].plots_in, parts[0][0].start_ns)
         found.append(
             Alternative(
                 name=name,
-                run=partial(_messages, MAKERS[name](case.scene, case.sensor), parts),
+                run=partial(_messages, FORMATS[name].make(case.scene, case.sensor), parts),
                 units=len(sent),
                 errors=_errors(case, sent, read),
                 ours=name in case.sensor.report,
@@ -191,11 +62,18 @@ def formats_of(case: Case) -> list[str]:
     """The formats of plots that the scene could ask of such a sensor."""
     annotation: Any = type(case.sensor).model_fields["report"].annotation
     named = get_args(get_args(annotation)[0])
-    return [name for name in named if name in READERS]
+    return [name for name in named if not FORMATS[name].facts.tells_tracks]
 
 
 def _messages(maker: MessageFormat, parts: Parts) -> list[Message]:
-    return [message for sector, plots in parts for message in maker.messages(sector, plots)]
+    return [message for sector, plots in parts for message in maker.messages(Seen(sector, plots))]
+
+
+def _plots_in(messages: Sequence[Message], read: PlotReader | None, near_ns: int) -> Columns:
+    """The plots in all of them, by column."""
+    found = [read(message.payload, near_ns) for message in messages] if read else []
+    found = [columns for columns in found if len(columns[TIME])]
+    return {name: np.concatenate([columns[name] for columns in found]) for name in found[0]}
 
 
 def _parts(case: Case) -> Parts:

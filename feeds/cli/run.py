@@ -24,6 +24,7 @@ from plotfeed.feeds.console.signals import (
     stopped_by_signals,
 )
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.recording.raw_file import RawFile
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import (
@@ -34,7 +35,6 @@ from plotfeed.feeds.recording.session_record import (
 )
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.schema.flows import ASTERIX
 from plotfeed.feeds.session.observer import Extras
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
@@ -279,10 +279,11 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
 def _topics(sensor: Sensor) -> Iterator[str]:
     """Where a sensor's messages are, a line for each format."""
     for name in dict.fromkeys(sensor.report):
-        if name not in ASTERIX:
+        categories = FORMATS[name].facts.categories
+        if not categories:
             yield "plots (protobuf)" if name == "plots" else name
             continue
-        sent = (c for c in ASTERIX[name] if _sends(sensor, c))
+        sent = (c for c in categories if _sends(sensor, c))
         yield "asterix/" + ", /".join(f"{category:03d}" for category in sent)
 
 

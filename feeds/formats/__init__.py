@@ -1,38 +1,54 @@
-"""From plots to messages: one file for each format that a sensor can report in."""
+"""From plots to messages and back: one file for each format, and `FORMATS`, the one table of them.
+
+A new category of ASTERIX is three new files, its layout and its encoder in `proto.asterix` and its
+format here, and a line in this table; its facts stand in `scene.report_formats`.
+"""
 
 from __future__ import annotations
 
+from plotfeed.feeds.formats import plot_readers as read
 from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
 from plotfeed.feeds.formats.asterix_205 import Asterix205
-from plotfeed.feeds.formats.message_format import FormatMaker, Reporter, TrackFormatMaker
+from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.formats.sapient.extra import reports as sapient_reports
+from plotfeed.feeds.formats.sapient import extra as sapient
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 
-MAKERS: dict[str, FormatMaker] = {
-    "asterix-015": Asterix015,
-    "asterix-048": Asterix048,
-    "asterix-205": Asterix205,
-    "plots": PlotBatches,
-    "sapient": sapient_reports,
+FORMATS: dict[str, Format] = {
+    row.name: row
+    for row in (
+        Format(facts=REPORT_FORMATS["plots"], make=PlotBatches, plots_in=read.read_batch),
+        Format(facts=REPORT_FORMATS["asterix-015"], make=Asterix015, plots_in=read.read_015),
+        Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=read.read_048),
+        Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=read.read_205),
+        Format(facts=REPORT_FORMATS["asterix-062"], make=Asterix062, plots_in=None),
+        sapient.FORMAT,
+    )
 }
-TRACK_MAKERS: dict[str, TrackFormatMaker] = {"asterix-062": Asterix062}
+"""By the name that scenes have for it; the first are those that say most of plots."""
 
 
-def reporters_of(scene: Scene, sensor: Sensor) -> list[Reporter]:
-    """The formats that the scene asks of a sensor, each once."""
-    return [_reporter(name, scene, sensor) for name in dict.fromkeys(sensor.report)]
+def formats_of(scene: Scene, sensor: Sensor) -> list[MessageFormat]:
+    """What makes the messages of a sensor: the formats that the scene asks of it, each once."""
+    return [FORMATS[name].make(scene, sensor) for name in dict.fromkeys(sensor.report)]
 
 
-def _reporter(name: str, scene: Scene, sensor: Sensor) -> Reporter:
-    """A format, told the truth only if it is one of tracks."""
-    if name in TRACK_MAKERS:
-        return TRACK_MAKERS[name](scene, sensor).messages
-    plot_format = MAKERS[name](scene, sensor)
-    return lambda seen: plot_format.messages(seen.sector, seen.plots)
+def announcer_of(scene: Scene, sensor: Sensor) -> Announcer | None:
+    """Whatever announces a sensor in a format that wants that; raises `PlotfeedError`."""
+    makers = (FORMATS[name].announcer for name in sensor.report)
+    return next((maker(scene, sensor) for maker in makers if maker is not None), None)
 
 
-__all__ = ["MAKERS", "TRACK_MAKERS", "reporters_of"]
+__all__ = [
+    "FORMATS",
+    "Announcer",
+    "Format",
+    "MessageFormat",
+    "Seen",
+    "announcer_of",
+    "formats_of",
+]

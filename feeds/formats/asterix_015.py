@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
+    Seen,
     Topics,
     comes_up,
     max_block_octets,
@@ -16,7 +17,6 @@ from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
 from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
@@ -74,10 +74,11 @@ class Asterix015:
         if isinstance(sensor, PassiveRadarKeys):
             self._system = _system(scene, sensor)
 
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+    def messages(self, seen: Seen) -> list[Message]:
         """Blocks of category 015, then those of 016 and 025 if they are due."""
+        sector = seen.sector
         first = sector.scan * OBSERVATIONS_A_SCAN
-        blocks = [(15, block) for block in self._plots.blocks(plots, first_observation=first)]
+        blocks = [(15, block) for block in self._plots.blocks(seen.plots, first_observation=first)]
         if self._system is not None and comes_up(SERVICE_PERIOD_NS, sector):
             blocks.extend((16, block) for block in self._system.blocks(sector.end_ns))
         blocks.extend(self._status.blocks(sector))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import Topics, max_block_octets
+from plotfeed.feeds.formats.message_format import Seen, Topics, max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
-from plotfeed.models.beam.scan import Sector
-from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 
 
@@ -33,9 +31,10 @@ class Asterix048:
                 sensor.sac, sensor.sic, antenna_period_s=sensor.scan.period_s
             )
 
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+    def messages(self, seen: Seen) -> list[Message]:
         """Blocks of category 048, then those of category 034."""
-        blocks = [(48, block) for block in self._plots.blocks(plots)]
+        sector = seen.sector
+        blocks = [(48, block) for block in self._plots.blocks(seen.plots)]
         if self._service is not None:
             if sector.end_deg >= 360.0:
                 blocks.append((34, self._service.north_marker(sector.end_ns)))

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from plotfeed.feeds.formats.asterix_015 import Status025
-from plotfeed.feeds.formats.message_format import Topics
+from plotfeed.feeds.formats.message_format import Seen, Topics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam.scan import Sector
-from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.encode_205 import BearingEncoder205
 
 REPORTS_A_SCAN = 16
@@ -30,9 +28,10 @@ class Asterix205:
         )
         self._status = Status025(scene, sensor)
 
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+    def messages(self, seen: Seen) -> list[Message]:
         """Blocks of category 205, then 025 if it is due."""
+        sector = seen.sector
         first = sector.scan * REPORTS_A_SCAN
-        bearings = self._bearings.blocks(plots, sector.end_ns, first_report=first)
+        bearings = self._bearings.blocks(seen.plots, sector.end_ns, first_report=first)
         blocks = [(205, block) for block in bearings]
         return self._topics.asterix(sector, [*blocks, *self._status.blocks(sector)])

@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from plotfeed.feeds.formats.plot_readers import PlotReader
 from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.scene.report_formats import ReportFormat, asterix_content_type
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
+from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 from plotfeed.proto.utc import NS
 
@@ -19,14 +22,8 @@ SERVICE_PERIOD_NS = 10 * NS
 """How often a sensor says where it stands and that it works."""
 
 
-class MessageFormat(Protocol):
-    """Makes the messages that carry one sector's plots."""
-
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
-        """Due when the sector ends, in the order in which they are to leave."""
-
-
-FormatMaker = Callable[[Scene, Sensor], MessageFormat]
+def _no_truth(t_utc_ns: int, _drones: Ints, /) -> TruthState:
+    raise LookupError(f"nothing is known of the truth at {t_utc_ns}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,21 +31,50 @@ class Seen:
     """What came of one sector, and a way to ask where drones, by index, truly are at a time."""
 
     sector: Sector
-    looks: Looks
     plots: Plots
-    truth_at: Callable[[int, Ints], TruthState]
+    looks: Looks = NO_LOOKS
+    truth_at: Callable[[int, Ints], TruthState] = _no_truth
 
 
-class TrackFormat(Protocol):
-    """Makes the messages of a sensor that tracks, which for us takes the truth."""
+class MessageFormat(Protocol):
+    """Makes the messages that carry what came of one sector."""
 
     def messages(self, seen: Seen) -> list[Message]:
         """Due when the sector ends, in the order in which they are to leave."""
 
 
-TrackFormatMaker = Callable[[Scene, Sensor], TrackFormat]
-Reporter = Callable[[Seen], list[Message]]
-"""The messages of a sector in one format, whatever that needs to know."""
+class Announcer(Protocol):
+    """Makes what a sensor says of itself in a format, stamped when it is asked for."""
+
+    every_ns: int
+    """How often it says that nothing has changed."""
+
+    def opening(self, now_utc_ns: int) -> list[Message]:
+        """Before anything else, on every connection."""
+
+    def regular(self, now_utc_ns: int) -> list[Message]:
+        """That nothing has changed."""
+
+    def closing(self, now_utc_ns: int) -> list[Message]:
+        """Goodbye."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """A row of `FORMATS`: a format's facts, and how its messages are made and read."""
+
+    facts: ReportFormat
+    make: Callable[[Scene, Sensor], MessageFormat]
+    """What makes the messages of a sensor; raises `PlotfeedError` if an extra is missing."""
+    plots_in: PlotReader | None
+    """The plots in a payload, by column; None for a format of tracks."""
+    announcer: Callable[[Scene, Sensor], Announcer] | None = None
+    """What makes the messages of a sensor of itself, if the format has any."""
+
+    @property
+    def name(self) -> str:
+        """As in a sensor's `report`."""
+        return self.facts.name
 
 
 class Topics:
@@ -69,7 +95,7 @@ class Topics:
             messages.append(
                 self.message(
                     f"asterix/{category:03d}",
-                    f"application/x-asterix; cat={category}",
+                    asterix_content_type(category),
                     block,
                     sector,
                     counts[category],

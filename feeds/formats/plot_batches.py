@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import Topics
-from plotfeed.feeds.messages.message import PROTOBUF, Message
+from plotfeed.feeds.formats.message_format import Seen, Topics
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam.scan import Sector
-from plotfeed.models.state import Plots
 from plotfeed.proto.batch import plot_batch
 
-CONTENT_TYPE = f"{PROTOBUF}; messageType=plotfeed.v1.PlotBatch"
+FACTS = REPORT_FORMATS["plots"]
 
 
 class PlotBatches:
@@ -20,7 +19,8 @@ class PlotBatches:
         self._topics = Topics(scene, sensor)
         self._sensor = sensor.id
 
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+    def messages(self, seen: Seen) -> list[Message]:
         """That message."""
-        batch = plot_batch(self._sensor, sector.scan, sector.index, plots)
-        return [self._topics.message("plots", CONTENT_TYPE, batch, sector)]
+        sector = seen.sector
+        batch = plot_batch(self._sensor, sector.scan, sector.index, seen.plots)
+        return [self._topics.message(FACTS.topic, FACTS.content_type, batch, sector)]

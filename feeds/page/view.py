@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.outline import Placements, outline
 from plotfeed.feeds.page.plot_store import PlotStore
@@ -25,7 +26,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
-PLOT_CARRIERS = frozenset({"015", "048", "062", "205", "plots", "sapient"})
+PLOT_CARRIERS = frozenset(row.facts.topic.rpartition("/")[2] for row in FORMATS.values())
 """Last levels of topics whose messages bring a sector's plots."""
 MAX_WATCHED = 16
 """Sensors whose details are worked out for the viewers who look at them."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
-from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.feeds.scene.commands import Command
 from plotfeed.feeds.scene.drones import COOPERATIVE
@@ -15,17 +15,6 @@ from plotfeed.feeds.scene.sensors import Sensor
 OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 OF_SENSOR = ("sensor",)
 OF_SECTOR = ("sensor", "scan", "sector")
-ASTERIX = {
-    "asterix-015": {
-        15: "measurement plots",
-        16: "transmitters, receivers and pairs of a passive radar",
-        25: "that the sensor works, and where it stands",
-    },
-    "asterix-048": {48: "target reports", 34: "north marker and sector crossings"},
-    "asterix-062": {62: "tracks", 63: "that the sensor works"},
-    "asterix-205": {205: "bearings", 25: "that the sensor works, and where it stands"},
-}
-"""What each format brings: its own category and those that go with it."""
 REQUIRED = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference")
 """Without which telemetry is refused."""
 
@@ -62,7 +51,7 @@ class Flow:
 def flows() -> list[Flow]:
     """All of them, those of sensors first."""
     found: dict[str, Flow] = {}
-    for name in sorted({*MAKERS, *TRACK_MAKERS}):
+    for name in sorted(FORMATS):
         for flow in _of_format(name):
             before = found.get(flow.name)
             sensors = {*flow.sensors, *(before.sensors if before else ())}
@@ -88,8 +77,9 @@ def reports_of_types() -> dict[str, tuple[str, ...]]:
 
 def _of_format(name: str) -> Iterator[Flow]:
     sensors = types_that_report(name)
-    if name in ASTERIX:
-        for category, summary in ASTERIX[name].items():
+    facts = FORMATS[name].facts
+    if facts.categories:
+        for category, summary in facts.categories.items():
             passive_alone = category == 16
             yield _asterix(
                 category,

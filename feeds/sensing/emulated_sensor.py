@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from plotfeed.feeds.formats import reporters_of
-from plotfeed.feeds.formats.message_format import Seen
+from plotfeed.feeds.formats import Seen, formats_of
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -36,7 +35,7 @@ class EmulatedSensor:
         self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
         self._site = scene.scene.site
         self._trajectories = trajectories
-        self._reporters = reporters_of(scene, sensor)
+        self._formats = formats_of(scene, sensor)
         self._chance = Chance(scene.scene.seed, sensor.id)
         jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, self._chance)
@@ -69,10 +68,10 @@ class EmulatedSensor:
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
         looks, plots = self.look(sector)
-        seen = Seen(sector, looks, plots, self._trajectories.state_at)
+        seen = Seen(sector, plots, looks, self._trajectories.state_at)
         if self._eye.place.errs:
             seen = self._as_taken(seen)
-        messages = [message for report in self._reporters for message in report(seen)]
+        messages = [message for made in self._formats for message in made.messages(seen)]
         return SectorReport(self.sensor.id, sector, looks, plots, messages)
 
     def _as_taken(self, seen: Seen) -> Seen:

@@ -7,6 +7,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
@@ -26,8 +27,6 @@ TRAVEL_TIME_STEPS = 5
 
 WHILE_IT_TRAVELS = 1.5
 """By which a drone may be further away when its sound arrives: at half the speed of that."""
-TELL_HEIGHTS = frozenset({"asterix-048", "plots"})
-"""Formats that have heights."""
 
 
 class Beam(Protocol):
@@ -75,7 +74,7 @@ class SensorSite:
             reads_bistatic_ranges=isinstance(sensor, PassiveRadarKeys),
             clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
             errs=sensor.bias is not None or sensor.drift is not None,
-            tells_heights=not TELL_HEIGHTS.isdisjoint(sensor.report),
+            tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),
             trajectories=trajectories,
             chance=chance,
         )

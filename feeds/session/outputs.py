@@ -8,13 +8,13 @@ from functools import partial
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
 from plotfeed.feeds.delivery.outbox import Hooks, Outbox
+from plotfeed.feeds.formats import Announcer, announcer_of
 from plotfeed.feeds.formats.sapient import extra as sapient_extra
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.sensor_task import Announcer
 from plotfeed.feeds.session.status import status_message
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
@@ -78,7 +78,7 @@ class Outputs:
         Raises `PlotfeedError`.
         """
         scene = self._scene
-        herald = sapient_extra.herald(scene, sensor)
+        herald = announcer_of(scene, sensor)
         offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
         will = status_message(scene.mqtt.prefix, offline, start_ns)
         links: list[ConnectedTransport] = [
@@ -91,7 +91,10 @@ class Outputs:
             )
             for address in self._addresses
         ]
-        links += sapient_extra.middleware_links(scene, herald, self._clock)
+        if herald is not None and scene.sapient.middleware is not None:
+            from plotfeed.feeds.transport.sapient_tcp import SapientTcpLink  # needs an extra
+
+            links.append(SapientTcpLink(scene.sapient.middleware, sensor.id, herald, self._clock))
         self.links.extend(links)
         return self._outbox(sensor.id, links, sensor.link), herald
 

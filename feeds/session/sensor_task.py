@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.delivery.ledger import LedgerEntry, Settled
 from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import changed
@@ -27,22 +28,6 @@ from plotfeed.proto.utc import NS
 STATUS_EVERY_NS = 5 * NS
 AHEAD_NS = 10_000_000
 """A sector is worked out this long before its messages are due, so that only sending is left."""
-
-
-class Announcer(Protocol):
-    """Says of a sensor, in a format that has words for it, that it comes, is there, and goes."""
-
-    every_ns: int
-    """From one regular message to the next."""
-
-    def opening(self, now_utc_ns: int) -> list[Message]:
-        """Before anything else, on every connection."""
-
-    def regular(self, now_utc_ns: int) -> list[Message]:
-        """As long as it works."""
-
-    def closing(self, now_utc_ns: int) -> list[Message]:
-        """At the end."""
 
 
 class SectorWatcher(Protocol):

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, SapientAnnouncer, is_registration
+from plotfeed.feeds.formats import Announcer
+from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, is_registration
 from plotfeed.feeds.scene.output_keys import split_address
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto.errors import DecodeError, PlotfeedError
@@ -72,9 +73,9 @@ class SapientError(PlotfeedError):
 class SapientTcpLink:
     """One sensor's connection: kept up while `run` runs, publishing once it is registered."""
 
-    def __init__(self, address: str, herald: SapientAnnouncer, clock: Clock) -> None:
+    def __init__(self, address: str, sensor: str, herald: Announcer, clock: Clock) -> None:
         self.address = address
-        self.name = f"sapient-{herald.sensor}"
+        self.name = f"sapient-{sensor}"
         self.connections = 0
         self.last_error = ""
         self._herald = herald

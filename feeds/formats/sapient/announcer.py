@@ -6,7 +6,8 @@ import contextlib
 from dataclasses import replace
 
 from plotfeed.feeds.formats.sapient.sapient_node import node_of
-from plotfeed.feeds.messages.message import PROTOBUF, Message
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import DecodeError
@@ -29,7 +30,7 @@ def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | Non
     return message
 
 
-CONTENT_TYPE = f"{PROTOBUF}; messageType=sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
 REGISTRATION = ("type", "plotfeed.sapient.registration")
 STATUS = ("type", "plotfeed.sapient.status")
 

@@ -1,20 +1,16 @@
-"""The door to SAPIENT: behind it is plotfeed[sapient], which no other scene imports."""
+"""SAPIENT's row of the formats, which loads plotfeed[sapient] when a scene asks for it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
+from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat
+from plotfeed.feeds.formats.plot_readers import read_sapient
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.delivery.outbox import InTime
-    from plotfeed.feeds.formats.sapient.announcer import SapientAnnouncer
-    from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
-    from plotfeed.feeds.messages.message import Message
-    from plotfeed.feeds.scene.scene import Scene
-    from plotfeed.feeds.scene.sensors import Sensor
-    from plotfeed.feeds.timing.clock import Clock
-    from plotfeed.feeds.transport.sapient_tcp import SapientTcpLink
 
 
 def need_sapient() -> None:
@@ -27,26 +23,30 @@ def need_sapient() -> None:
         ) from None
 
 
-def reports(scene: Scene, sensor: Sensor) -> SapientReports:
-    """The format; raises `PlotfeedError`."""
+def _reports(scene: Scene, sensor: Sensor) -> MessageFormat:
     need_sapient()
     from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 
     return SapientReports(scene, sensor)
 
 
-def herald(scene: Scene, sensor: Sensor) -> SapientAnnouncer | None:
-    """Whoever announces the sensor, if it reports in SAPIENT; raises `PlotfeedError`."""
-    if "sapient" not in sensor.report:
-        return None
+def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
     need_sapient()
     from plotfeed.feeds.formats.sapient.announcer import SapientAnnouncer
 
     return SapientAnnouncer(scene, sensor)
 
 
-def in_time(scene: Scene) -> InTime:
-    """The rule for messages of SAPIENT that leave late."""
+FORMAT = Format(
+    facts=REPORT_FORMATS["sapient"],
+    make=_reports,
+    plots_in=read_sapient,
+    announcer=_announcer,
+)
+
+
+def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
+    """The rule for messages of SAPIENT that leave late: as they may leave then, or None."""
 
     def check(message: Message, t_utc_ns: int) -> Message | None:
         if not message.topic.endswith("/sapient"):
@@ -56,14 +56,3 @@ def in_time(scene: Scene) -> InTime:
         return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
 
     return check
-
-
-def middleware_links(
-    scene: Scene, herald: SapientAnnouncer | None, clock: Clock
-) -> list[SapientTcpLink]:
-    """A sensor's own connection to the scene's middleware, if there is one."""
-    if herald is None or scene.sapient.middleware is None:
-        return []
-    from plotfeed.feeds.transport.sapient_tcp import SapientTcpLink
-
-    return [SapientTcpLink(scene.sapient.middleware, herald, clock)]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import Topics
+from plotfeed.feeds.formats.message_format import Seen, Topics
 from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE
 from plotfeed.feeds.formats.sapient.sapient_node import (
     groups_of,
@@ -110,12 +110,13 @@ class SapientReports:
         self._group = -1
         self._waiting: list[Plots] = []
 
-    def messages(self, sector: Sector, plots: Plots) -> list[Message]:
+    def messages(self, seen: Seen) -> list[Message]:
         """Those of the group, if the sector ends it."""
+        sector = seen.sector
         group = self._groups.number(sector)
         if group != self._group:  # of one that was not finished, the time is past
             self._group, self._waiting = group, []
-        self._waiting.append(plots)
+        self._waiting.append(seen.plots)
         if not self._groups.ends_with(sector):
             return []
         together, self._waiting = Plots.joined(self._waiting), []

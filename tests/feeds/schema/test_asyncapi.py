@@ -16,12 +16,12 @@ from support.command import plotfeed
 from support.mqtt_client import Client, Heard, listening
 from support.road import START_NS, held, radar, rotating, staring, waypoint
 
-from plotfeed.feeds.formats import MAKERS, TRACK_MAKERS
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.commands import parsed
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.feeds.schema.flows import ASTERIX, REQUIRED, reports_of_types
+from plotfeed.feeds.schema.flows import REQUIRED, reports_of_types
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused
@@ -254,11 +254,11 @@ def test_every_reference_leads_somewhere(api: dict[str, Any]) -> None:
 def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
     for kind, formats in reports_of_types().items():
         for name in formats:
-            assert name in {*MAKERS, *TRACK_MAKERS}
+            assert name in FORMATS
             category = name.removeprefix("asterix-")
             channel = api["channels"][f"asterix-{category}" if category != name else name]
             assert kind in channel["x-sensor-types"]
-    told = {category for brought in ASTERIX.values() for category in brought}
+    told = {category for row in FORMATS.values() for category in row.facts.categories}
     assert told | {129} == CATEGORIES.keys()
 
 

@@ -47,7 +47,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @asynccontextmanager
 async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpLink]:
-    link = SapientTcpLink(address, HERALD, WallClock())
+    link = SapientTcpLink(address, "radar", HERALD, WallClock())
     running = asyncio.create_task(link.run())
     try:
         if wait:

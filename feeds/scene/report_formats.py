@@ -1,0 +1,116 @@
+"""What there is to know of the formats that a sensor can report in, before any message is made.
+
+How messages are made and read stands with each format, in the table `feeds.formats.FORMATS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from plotfeed.feeds.messages.message import PROTOBUF
+from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
+
+PLOT_BATCH = "plotfeed.v1.PlotBatch"
+SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportFormat:
+    """A format as scenes name it, and what its messages can and cannot say."""
+
+    name: str
+    """As in a sensor's `report`."""
+    topic: str
+    """End of the topic of the messages that hold plots or tracks, behind prefix and sensor."""
+    content_type: str
+    """Of those messages."""
+    summary: str
+    """What they are."""
+    message: str = ""
+    """The protobuf message that they are; empty for ASTERIX."""
+    categories: Mapping[int, str] = field(default_factory=dict)
+    """Of ASTERIX: the format's own category first, then its companions, and what they bring."""
+    tells_tracks: bool = False
+    """It brings tracks, and no plots."""
+    tells_heights: bool = False
+    tells_run_lengths: bool = False
+    """Over how much azimuth the beam saw the target."""
+    needs_azimuth: bool = False
+    range_step_m: float = 0.0
+    """In which it counts ranges; 0 if that is finer than any sensor."""
+
+
+def asterix(
+    categories: Mapping[int, str],
+    *,
+    tells_tracks: bool = False,
+    tells_heights: bool = False,
+    tells_run_lengths: bool = False,
+    needs_azimuth: bool = False,
+    range_step_m: float = 0.0,
+) -> ReportFormat:
+    """A format of ASTERIX: its own category, which names it, and those that come with it."""
+    own = next(iter(categories))
+    return ReportFormat(
+        name=f"asterix-{own:03d}",
+        topic=f"asterix/{own:03d}",
+        content_type=asterix_content_type(own),
+        summary=categories[own],
+        categories=categories,
+        tells_tracks=tells_tracks,
+        tells_heights=tells_heights,
+        tells_run_lengths=tells_run_lengths,
+        needs_azimuth=needs_azimuth,
+        range_step_m=range_step_m,
+    )
+
+
+def asterix_content_type(category: int) -> str:
+    """The content type of a data block."""
+    return f"application/x-asterix; cat={category}"
+
+
+def protobuf_content_type(message: str) -> str:
+    """The content type of a protobuf message of that full name."""
+    return f"{PROTOBUF}; messageType={message}"
+
+
+STATUS = "that the sensor works, and where it stands"
+
+REPORT_FORMATS: dict[str, ReportFormat] = {
+    row.name: row
+    for row in (
+        asterix(
+            {
+                15: "measurement plots",
+                16: "transmitters, receivers and pairs of a passive radar",
+                25: STATUS,
+            }
+        ),
+        asterix(
+            {48: "target reports", 34: "north marker and sector crossings"},
+            tells_heights=True,
+            tells_run_lengths=True,
+            range_step_m=RHO_LSB_M,
+        ),
+        asterix({62: "tracks", 63: "that the sensor works"}, tells_tracks=True),
+        asterix({205: "bearings", 25: STATUS}, needs_azimuth=True),
+        ReportFormat(
+            name="plots",
+            topic="plots",
+            content_type=protobuf_content_type(PLOT_BATCH),
+            summary="Plots of a sector at full precision; an empty batch says that there are none.",
+            message=PLOT_BATCH,
+            tells_heights=True,
+        ),
+        ReportFormat(
+            name="sapient",
+            topic="sapient",
+            content_type=protobuf_content_type(SAPIENT_MESSAGE),
+            summary="SAPIENT, BSI Flex 335 v2: detections.",
+            message=SAPIENT_MESSAGE,
+        ),
+    )
+}
+"""By name. `feeds.formats.register` adds to them."""
