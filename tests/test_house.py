@@ -1,0 +1,117 @@
+"""The house: rooms, names and files as CONTRIBUTING says that they are."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import grimp
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("feeds", "models", "proto", "replay")
+MOST_LINES = 350
+SUBJECTLESS = re.compile(
+    r"(About|After|All that|And|As|At|Before|Beside|Between|But|By|For|From|If|In|Into|It|Its|Of|On|"
+    r"Or|Other|Others|Out|Over|Since|So|That|Their|Them|These|They|This|Those|The same|To|Until|"
+    r"Under|What it|When it|Where it|With|Without)\b"
+)
+"""How a docstring begins that does not name its subject."""
+
+
+def files() -> list[Path]:
+    """All modules that people write."""
+    found = [path for room in PACKAGES for path in (ROOT / room).rglob("*.py")]
+    return [path for path in found if not path.name.startswith("plotfeed_pb2")]
+
+
+def test_no_two_modules_have_one_name() -> None:
+    places = defaultdict(list)
+    for path in files():
+        if path.name not in {"__init__.py", "__main__.py"}:
+            places[path.stem].append(str(path.relative_to(ROOT)))
+    assert {name: at for name, at in places.items() if len(at) > 1} == {}
+
+
+def test_no_two_public_classes_have_one_name() -> None:
+    places = defaultdict(list)
+    for path in files():
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(str(path.relative_to(ROOT)))
+    assert {name: at for name, at in places.items() if len(at) > 1} == {}
+
+
+def test_no_module_is_longer_than_one_story() -> None:
+    lines = {str(path.relative_to(ROOT)): path.read_text().count("\n") for path in files()}
+    assert {path: n for path, n in lines.items() if n > MOST_LINES} == {}
+
+
+def test_every_room_says_what_belongs_there_and_what_does_not() -> None:
+    for room in (path for path in (ROOT / "feeds").iterdir() if (path / "__init__.py").exists()):
+        text = ast.get_docstring(ast.parse((room / "__init__.py").read_text())) or ""
+        assert len(text.splitlines()) > 2, f"{room.name}/__init__.py: {text!r}"
+
+
+def test_feeds_have_no_loose_modules_but_their_face_and_metrics() -> None:
+    loose = {path.name for path in (ROOT / "feeds").glob("*.py")}
+    assert loose == {"__init__.py", "metrics.py"}
+
+
+def test_every_package_is_installed() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    there = {
+        ".".join(("plotfeed", *path.parent.relative_to(ROOT).parts))
+        for room in PACKAGES
+        for path in (ROOT / room).rglob("__init__.py")
+    }
+    assert set(settings["packages"]) == there
+
+
+def test_no_circle_of_imports() -> None:
+    """Between modules, those for type checkers among them."""
+    graph = grimp.build_graph(
+        *(f"plotfeed.{room}" for room in PACKAGES), cache_dir=None, include_external_packages=False
+    )
+    left = {
+        module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules
+    }
+    while free := {module for module, imported in left.items() if not imported}:
+        left = {module: imported - free for module, imported in left.items() if module not in free}
+    # What is left imports, or is in, a circle; whoever is imported by none of it is not in one.
+    while left:
+        imported = set().union(*left.values())
+        if idle := set(left) - imported:
+            left = {module: left[module] for module in left.keys() - idle}
+        else:
+            break
+    assert sorted(left) == []
+
+
+def documented() -> Iterator[tuple[str, str]]:
+    """Every docstring, with where it stands."""
+    for path in files():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(
+                node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+            ) and (text := ast.get_docstring(node)):
+                yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", text
+
+
+def test_docstrings_name_their_subject() -> None:
+    vague = {at: text.splitlines()[0] for at, text in documented() if SUBJECTLESS.match(text)}
+    assert vague == {}
+
+
+PATH = re.compile(r"`((?:feeds|models|proto|replay|tests|docs)/[\w./*-]*)`")
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "README.md"])
+def test_every_path_that_a_page_names_is_there(page: str) -> None:
+    named = PATH.findall((ROOT / page).read_text())
+    assert named
+    assert [path for path in named if not list(ROOT.glob(path.rstrip("/")))] == []
