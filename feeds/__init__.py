@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from plotfeed.feeds.scene.scene import Scene, load
+    from plotfeed.feeds.sensing.simulation import simulate
     from plotfeed.feeds.session.observer import Observer
     from plotfeed.feeds.session.session import run
-    from plotfeed.feeds.simulation import simulate
     from plotfeed.proto.errors import PlotfeedError
 
 __all__ = ["Observer", "PlotfeedError", "Scene", "load", "run", "simulate"]
@@ -22,7 +22,7 @@ _HOMES = {
     "Scene": "plotfeed.feeds.scene.scene",
     "load": "plotfeed.feeds.scene.scene",
     "run": "plotfeed.feeds.session.session",
-    "simulate": "plotfeed.feeds.simulation",
+    "simulate": "plotfeed.feeds.sensing.simulation",
 }
 
 

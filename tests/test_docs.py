@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from plotfeed.feeds.schema.published import text_of
-from plotfeed.feeds.simulation import SimulatedPlots
+from plotfeed.feeds.sensing.simulation import SimulatedPlots
 
 DOCS = Path(__file__).parents[1] / "docs"
 NOT_ON_THE_PAGE = {

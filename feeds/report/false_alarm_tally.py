@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan, in_force, instants_ns
-from plotfeed.feeds.session.sensor_task import AHEAD_NS
+from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 

@@ -13,7 +13,8 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.sensor_task import AHEAD_NS, SessionContext, json_of
+from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
+from plotfeed.feeds.session.sensor_task import SessionContext, json_of
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.chance import Chance, Purpose

@@ -79,3 +79,7 @@ class EmulatedSensor:
         place, plots = self._eye.place, seen.plots
         told = plots.but(t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
         return replace(seen, plots=told, truth_at=place.apparent_at)
+
+
+AHEAD_NS = 10_000_000
+"""A sector is worked out this long before its messages are due, so that only sending is left."""

@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import in_force, instants_ns
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.session.status import settings_message, status_message
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
@@ -26,8 +26,6 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
 STATUS_EVERY_NS = 5 * NS
-AHEAD_NS = 10_000_000
-"""A sector is worked out this long before its messages are due, so that only sending is left."""
 
 
 class SectorWatcher(Protocol):

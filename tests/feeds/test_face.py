@@ -14,8 +14,8 @@ from plotfeed import feeds
 from plotfeed.feeds import Observer, PlotfeedError, Scene, load, run, simulate
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.sensing.simulation import SimulatedSensor
 from plotfeed.feeds.session.observer import Extras
-from plotfeed.feeds.simulation import SimulatedSensor
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import FALSE_ALARM, Columns
 

@@ -15,9 +15,8 @@ from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import in_force
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.feeds.session.sensor_task import AHEAD_NS
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Columns, Ints, Looks, Plots
