@@ -16,9 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("feeds", "models", "proto", "replay")
 MOST_LINES = 350
 SUBJECTLESS = re.compile(
-    r"(About|After|All that|And|As|At|Before|Beside|Between|But|By|For|From|If|In|Into|It|Its|Of|On|"
-    r"Or|Other|Others|Out|Over|Since|So|That|Their|Them|These|They|This|Those|The same|To|Until|"
-    r"Under|What it|When it|Where it|With|Without)\b"
+    r"(About|After|And|As|At|Before|Beside|Between|But|By|For|From|If|In|Into|It|Its|Of|On|Or|Other|"
+    r"Others|Out|Over|Since|So|That|Their|Them|These|They|This|Those|The same|To|Until|Under|"
+    r"What it|When it|Where it|With|Without)\b"
 )
 """How a docstring begins that does not name its subject."""
 
