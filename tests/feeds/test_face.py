@@ -90,10 +90,11 @@ def assert_as_in_a_session(simulated: SimulatedSensor, reports: list[SectorRepor
         assert rows.sector.tolist() == sectors.tolist()
 
 
-def test_columns_are_those_that_a_session_reports(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_columns_are_those_that_a_session_reports(tmp_path: Path) -> None:
     what = scene(tmp_path)
     simulated = simulate(what, DURATION_S)
-    of_session = asyncio.run(observed(what))
+    of_session = await observed(what)
     assert set(simulated) == set(of_session)
     for sensor, reports in of_session.items():
         assert_as_in_a_session(simulated[sensor], reports)
@@ -102,21 +103,21 @@ def test_columns_are_those_that_a_session_reports(tmp_path: Path) -> None:
     assert set(drones) == {FALSE_ALARM, 0, 1}
 
 
-def test_sensors_that_stare_or_only_listen_are_simulated_too() -> None:
-    of_session = asyncio.run(observed(example("section-4"), START_NS))
+@pytest.mark.asyncio
+async def test_sensors_that_stare_or_only_listen_are_simulated_too() -> None:
+    of_session = await observed(example("section-4"), START_NS)
     simulated = simulate("section-4", DURATION_S, start_utc_ns=START_NS)
     assert set(simulated) == {"active", "mimo", "passive", "microphone"}
     for sensor, reports in of_session.items():
         assert_as_in_a_session(simulated[sensor], reports)
 
 
-def test_it_works_where_a_loop_is_running(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_it_works_where_a_loop_is_running(tmp_path: Path) -> None:
     what = scene(tmp_path)
 
-    async def cell() -> int:
-        return len(simulate(what, 1.0)["plain"].plots)
-
-    assert asyncio.run(cell()) == len(simulate(what, 1.0)["plain"].plots) > 0
+    alone = await asyncio.to_thread(simulate, what, 1.0)
+    assert len(simulate(what, 1.0)["plain"].plots) == len(alone["plain"].plots) > 0
 
 
 def test_a_seed_draws_anew_and_a_path_is_a_scene(tmp_path: Path) -> None:

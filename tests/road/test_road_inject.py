@@ -8,10 +8,10 @@ from __future__ import annotations
 import asyncio
 import sys
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import pytest
+import pytest_asyncio
 from support.real_flights import FLIGHTS, RealFlight
 from support.road import Road, Table, staring
 from support.sessions import until
@@ -41,14 +41,10 @@ class Live:
     told: str
 
 
-@cache
-def sessions() -> dict[str, Live]:
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def sessions() -> dict[str, Live]:
     for name in FLIGHTS:
         shared(f"flights/{name}")
-    return asyncio.run(_sessions())
-
-
-async def _sessions() -> dict[str, Live]:
     flown = (_live(flight, 21_883 + 10 * i) for i, flight in enumerate(FLIGHTS.values()))
     return dict(zip(FLIGHTS, await asyncio.gather(*flown), strict=True))
 
@@ -98,14 +94,14 @@ async def _inject(
     return code, told.decode()
 
 
-def detections(name: str) -> Table:
-    plots = sessions()[name].road.plots()
+def detections(sessions: dict[str, Live], name: str) -> Table:
+    plots = sessions[name].road.plots()
     return plots.rows(plots.drone == "d")
 
 
 @EVERY_FLIGHT
-def test_every_report_is_taken(name: str) -> None:
-    live = sessions()[name]
+def test_every_report_is_taken(sessions: dict[str, Live], name: str) -> None:
+    live = sessions[name]
     assert live.totals.refused == 0, live.totals.last_refusal
     assert live.totals.telemetry > 100
     assert live.totals.undelivered == 0
@@ -114,14 +110,14 @@ def test_every_report_is_taken(name: str) -> None:
         assert live.totals.telemetry == len(FLIGHTS[name].flight.reports)
 
 
-def test_a_short_flight_is_injected_to_its_end() -> None:
-    assert sessions()["log171.bin"].injected == 0
+def test_a_short_flight_is_injected_to_its_end(sessions: dict[str, Live]) -> None:
+    assert sessions["log171.bin"].injected == 0
 
 
 @EVERY_FLIGHT
-def test_plots_have_the_errors_that_they_state(name: str) -> None:
+def test_plots_have_the_errors_that_they_state(sessions: dict[str, Live], name: str) -> None:
     """Against where the ledger has the drone; chi-square of range, azimuth and elevation."""
-    plots = detections(name)
+    plots = detections(sessions, name)
     assert len(plots) > 60
     residuals = [
         (plots.range_m - plots.true_range_m) / plots.sigma_range_m,
@@ -134,9 +130,11 @@ def test_plots_have_the_errors_that_they_state(name: str) -> None:
 
 
 @EVERY_FLIGHT
-def test_the_drone_is_taken_to_be_on_the_path_that_was_recorded(name: str) -> None:
+def test_the_drone_is_taken_to_be_on_the_path_that_was_recorded(
+    sessions: dict[str, Live], name: str
+) -> None:
     """In space, whatever the hour: a report that comes late leaves it flying straight on."""
-    flight, plots = FLIGHTS[name], detections(name)
+    flight, plots = FLIGHTS[name], detections(sessions, name)
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     path = flight.path(np.arange(0, flight.flight.duration_s, 0.1))
     apart_m = np.array([np.linalg.norm(path - place, axis=1).min() for place in true])

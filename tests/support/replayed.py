@@ -89,7 +89,7 @@ class Ears:
         return [message.payload for _, message in self.heard]
 
 
-def simulated(
+async def simulated(
     messages: Sequence[Recorded],
     settings: ReplaySettings | None = None,
     *,
@@ -99,12 +99,10 @@ def simulated(
 ) -> tuple[Ears, ReplayTotals]:
     """What leaves in a replay under a clock that jumps from deadline to deadline."""
 
-    async def run() -> tuple[Ears, ReplayTotals]:
-        clock = InstantClock(begin_utc_ns)
-        ears = Ears(clock, on_message=on_message)
+    clock = InstantClock(begin_utc_ns)
+    ears = Ears(clock, on_message=on_message)
+    async with asyncio.timeout(60):
         totals = await replay(
             Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
         )
-        return ears, totals
-
-    return asyncio.run(asyncio.wait_for(run(), 60))
+    return ears, totals

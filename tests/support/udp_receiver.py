@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import socket
 import struct
@@ -87,7 +86,7 @@ def scene_with(udp: str, sensors: str | None = None) -> str:
     return f"{text}\n{udp}"
 
 
-def simulated(
+async def simulated(
     folder: Path, text: str, duration_s: float = 4.0, listener: socket.socket | None = None
 ) -> tuple[SessionCounters, list[Message], list[bytes]]:
     """Totals, what left, and what was heard, which is read on the way so that no buffer fills."""
@@ -101,6 +100,5 @@ def simulated(
             datagrams.extend(heard(listener))
 
     clock = InstantClock(scene.scene.start_utc_ns)
-    running = run(scene, clock=clock, broker="none", duration_s=duration_s, tap=tap)
-    totals = asyncio.run(running)
+    totals = await run(scene, clock=clock, broker="none", duration_s=duration_s, tap=tap)
     return totals, sent, datagrams

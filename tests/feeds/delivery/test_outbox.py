@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -79,12 +78,12 @@ class Case:
             self.outbox.send(one, account)
         account.close()
 
-    def until(self, t_utc_ns: int) -> None:
+    async def until(self, t_utc_ns: int) -> None:
         while (due_ns := self.agenda.next_due_ns()) is not None and due_ns <= t_utc_ns:
-            asyncio.run(self.now.sleep_until(due_ns))
+            await self.now.sleep_until(due_ns)
             for _, action in self.agenda.due_by(due_ns):
                 action()
-        asyncio.run(self.now.sleep_until(t_utc_ns))
+        await self.now.sleep_until(t_utc_ns)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +126,8 @@ def test_an_entry_without_messages_is_complete_at_once() -> None:
     assert case.entries == [[]]
 
 
-def test_taps_see_what_is_handed_over_and_what_leaves_even_when_nobody_takes_it() -> None:
+@pytest.mark.asyncio
+async def test_taps_see_what_is_handed_over_and_what_leaves_even_when_nobody_takes_it() -> None:
     before: list[bytes] = []
     after: list[tuple[bytes, int]] = []
     case = Case(
@@ -138,17 +138,18 @@ def test_taps_see_what_is_handed_over_and_what_leaves_even_when_nobody_takes_it(
     )
     case.send(message(b"1"), message(b"2", due_utc_ns=MS))
     assert (before, after) == ([b"1", b"2"], [])
-    case.until(10 * MS)
+    await case.until(10 * MS)
     assert after == [(b"1", 5 * MS), (b"2", 6 * MS)]
 
 
-def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -> None:
+@pytest.mark.asyncio
+async def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -> None:
     link = Link()
     case = Case([link], {"latency_ms": 120.0})
     case.send(message())
-    case.until(119 * MS)
+    await case.until(119 * MS)
     assert (link.carried, case.outbox.on_the_way, case.entries) == ([], 1, [])
-    case.until(120 * MS)
+    await case.until(120 * MS)
     ((sent,),) = case.entries
     assert (sent.due_utc_ns, sent.link_due_utc_ns, sent.sent_utc_ns) == (0, 120 * MS, 120 * MS)
     assert list(case.totals.lateness_ns) == [0]
@@ -171,21 +172,23 @@ def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fat
     assert case.totals.lost == case.outbox.counts.lost == 1
 
 
-def test_a_full_queue_of_a_slow_link_loses_what_comes_last() -> None:
+@pytest.mark.asyncio
+async def test_a_full_queue_of_a_slow_link_loses_what_comes_last() -> None:
     link = Link()
     case = Case([link], {"rate_kbit_s": 1.0, "queue_messages": 2})
     case.send(*(message(bytes([i]) * 125) for i in range(4)))  # a second each
-    case.until(10_000 * MS)
+    await case.until(10_000 * MS)
     ((*entry,),) = case.entries
     assert [s.fate for s in entry] == [pb.SENT, pb.SENT, pb.QUEUE_FULL, pb.QUEUE_FULL]
     assert [s.sent_utc_ns for s in entry[:2]] == [1000 * MS, 2000 * MS]
 
 
-def test_duplicates_and_flipped_bits_are_told_apart() -> None:
+@pytest.mark.asyncio
+async def test_duplicates_and_flipped_bits_are_told_apart() -> None:
     link = Link()
     case = Case([link], {"duplicate": 1.0, "corrupt": 1.0, "latency_ms": 1.0})
     case.send(message(b"\0\0"))
-    case.until(2 * MS)
+    await case.until(2 * MS)
     ((first, second),) = case.entries
     assert [(s.number, s.copy) for s in (first, second)] == [(0, 0), (0, 1)]
     assert (case.totals.messages, case.totals.duplicated) == (2, 1)
@@ -194,39 +197,42 @@ def test_duplicates_and_flipped_bits_are_told_apart() -> None:
         assert flipped == 1 << (15 - sent.flipped_bit)
 
 
-def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> None:
+@pytest.mark.asyncio
+async def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> None:
     link = Link()
     case = Case([link], {"down": True, "on_loss": "stall", "latency_ms": 10.0})
     case.send(message(b"1"), message(b"2", due_utc_ns=MS))
-    case.until(50 * MS)
+    await case.until(50 * MS)
     assert (link.carried, case.outbox.on_the_way) == ([], 2)
     case.outbox.change(LinkSettings(latency_ms=10.0, on_loss="stall"))
-    case.until(100 * MS)
+    await case.until(100 * MS)
     assert link.carried == [b"1", b"2"]
     ((first, second),) = case.entries
     assert (first.due_utc_ns, second.due_utc_ns) == (0, MS)
     assert first.sent_utc_ns == second.sent_utc_ns == 60 * MS
 
 
-def test_a_client_without_a_link_gets_one_while_it_runs() -> None:
+@pytest.mark.asyncio
+async def test_a_client_without_a_link_gets_one_while_it_runs() -> None:
     link = Link()
     case = Case([link])
     case.send(message(b"1"))
     case.outbox.change(LinkSettings(latency_ms=7.0))
     case.send(message(b"2"))
     assert link.carried == [b"1"]
-    case.until(7 * MS)
+    await case.until(7 * MS)
     assert link.carried == [b"1", b"2"]
 
 
-def test_what_is_on_the_way_when_all_is_over_is_in_the_ledger() -> None:
+@pytest.mark.asyncio
+async def test_what_is_on_the_way_when_all_is_over_is_in_the_ledger() -> None:
     link = Link()
     case = Case([link], {"latency_ms": 1000.0})
     case.send(message())
     case.outbox.end()
     ((sent,),) = case.entries
     assert (sent.fate, case.totals.ended, case.outbox.on_the_way) == (pb.ENDED, 1, 0)
-    case.until(2000 * MS)
+    await case.until(2000 * MS)
     assert (link.carried, len(case.entries)) == ([], 1)
 
 

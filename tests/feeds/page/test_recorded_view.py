@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import os
 from collections.abc import Iterable, Sequence
@@ -77,12 +76,8 @@ class Shown:
         self.view = View()
         self.frames: list[Frame] = []
 
-    def at(self, *steps: tuple[float, bool]) -> Shown:
+    async def at(self, *steps: tuple[float, bool]) -> Shown:
         """Seconds since the beginning, and whether a leap leads there."""
-        asyncio.run(self._go(steps))
-        return self
-
-    async def _go(self, steps: Sequence[tuple[float, bool]]) -> None:
         self.view.scene(self.recording.scene)
         shown = RecordedView(self.recording, self.view)
         self.view.watch([s.id for s in self.recording.scene.sensor])
@@ -93,6 +88,7 @@ class Shown:
                 await shown.go_to(t_ns, thread, leap=leap)
                 update = self.view.update(t_ns, float(number))
                 self.frames.append(read_frame(update.public + update.truth))
+        return self
 
     def column(self, kind: SectionKind, name: str) -> Any:
         return np.concatenate([frame.column(kind, name) for frame in self.frames])
@@ -162,10 +158,11 @@ def compare(shown: Shown, kind: SectionKind, rows: Sequence[Any]) -> None:
         assert late_ms is None or plot[3] == pytest.approx(late_ms, rel=1e-5, abs=1e-3)
 
 
-def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_delivered(
+@pytest.mark.asyncio
+async def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_delivered(
     session: Path,
 ) -> None:
-    shown, wanted = Shown(session).at(*straight(WHOLE_S)), expected(session)
+    shown, wanted = await Shown(session).at(*straight(WHOLE_S)), expected(session)
     assert len(wanted["shown"]) > 100
     assert len(wanted["lost"]) > 3
     compare(shown, SectionKind.PLOTS, wanted["shown"])
@@ -179,10 +176,13 @@ def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_delive
 
 
 @pytest.mark.parametrize("steps", [[5.0, 25.0], [25.0, 5.0], [12.0, 12.5, 11.0]])
-def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
+@pytest.mark.asyncio
+async def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
     session: Path, steps: list[float]
 ) -> None:
-    shown = Shown(session).at(*straight(3.0), *((s, True) for s in steps), (steps[-1] + 1.0, False))
+    shown = await Shown(session).at(
+        *straight(3.0), *((s, True) for s in steps), (steps[-1] + 1.0, False)
+    )
     at_ns = shown.recording.start_ns + round(steps[-1] * NS)
     leapt, after = shown.frames[-2:]
     assert leapt.is_snapshot
@@ -197,17 +197,22 @@ def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
     assert after.news["totals"]["plots"] == len(wanted["shown"]) + len(wanted["lost"])
 
 
-def test_what_leads_somewhere_makes_no_difference_to_what_is_counted_from_there(
+@pytest.mark.asyncio
+async def test_what_leads_somewhere_makes_no_difference_to_what_is_counted_from_there(
     session: Path,
 ) -> None:
-    once = Shown(session).at((10.0, True), *((s, False) for s in (12.0, 14.0)))
-    often = Shown(session).at(*straight(2.0), (25.0, True), (10.0, True), (14.0, False))
+    once = await Shown(session).at((10.0, True), *((s, False) for s in (12.0, 14.0)))
+    often = await Shown(session).at(*straight(2.0), (25.0, True), (10.0, True), (14.0, False))
     for key in ("totals", "settings", "details"):
         assert once.news[key] == often.news[key]
 
 
-def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path) -> None:
-    shown, entries = Shown(session).at(*straight(WHOLE_S, 0.5)), [e for _, e in ledger(session)]
+@pytest.mark.asyncio
+async def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path) -> None:
+    shown, entries = (
+        await Shown(session).at(*straight(WHOLE_S, 0.5)),
+        [e for _, e in ledger(session)],
+    )
     looks = [look for entry in entries if entry.sensor == "near" for look in entry.looks]
     near = shown.news["details"]["near"]["detections"]
     assert sum(near["looks"]) == len(looks) > 0
@@ -220,17 +225,19 @@ def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path) -> No
 
 @pytest.mark.parametrize(("second", "latency_ms"), [(5.0, 300), (25.0, 700), (16.5, 700)])
 @pytest.mark.parametrize("leap", [False, True])
-def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
+@pytest.mark.asyncio
+async def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
     session: Path, second: float, latency_ms: int, leap: bool
 ) -> None:
     steps = [(second, True), (second + 3.0, False)] if leap else straight(second, 0.5)
-    shown = Shown(session).at(*steps)
+    shown = await Shown(session).at(*steps)
     assert shown.news["settings"]["far"]["link"]["latency_ms"] == latency_ms
     assert shown.news["settings"]["near"].get("link") is None
 
 
-def test_drones_are_where_they_were(session: Path) -> None:
-    shown = Shown(session).at(*straight(20.0))
+@pytest.mark.asyncio
+async def test_drones_are_where_they_were(session: Path) -> None:
+    shown = await Shown(session).at(*straight(20.0))
     scene = shown.recording.scene
     frame = site_frame(scene.scene.site)
     compared = 0
@@ -248,9 +255,10 @@ def test_drones_are_where_they_were(session: Path) -> None:
     assert compared > 200
 
 
-def test_plots_are_read_from_asterix_where_there_is_nothing_better(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_plots_are_read_from_asterix_where_there_is_nothing_better(tmp_path: Path) -> None:
     path = recorded(tmp_path, sensors=radar(more='report = ["asterix-048"]'))
-    shown = Shown(path).at(*straight(10.0))
+    shown = await Shown(path).at(*straight(10.0))
     entries = [e for at_ns, e in ledger(path) if at_ns <= shown.recording.start_ns + 10 * NS]
     truths = [plot for entry in entries for plot in entry.plots if plot.drone]
     assert len(shown.column(SectionKind.PLOTS, "range_m")) == sum(len(e.plots) for e in entries)
@@ -261,13 +269,14 @@ def test_plots_are_read_from_asterix_where_there_is_nothing_better(tmp_path: Pat
     assert not shown.recording.notes
 
 
-def test_without_a_ledger_plots_are_shown_as_they_left_and_nobody_s(
+@pytest.mark.asyncio
+async def test_without_a_ledger_plots_are_shown_as_they_left_and_nobody_s(
     session: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "public.mcap"
     done = plotfeed("convert", session, path, "--topic", "plotfeed/+/plots", "--stage", "after")
     assert done.returncode == 0, done.stderr
-    shown = Shown(path).at(*straight(29.0, 0.5))
+    shown = await Shown(path).at(*straight(29.0, 0.5))
     left = [m for m in messages(path) if m.log_time_ns <= shown.recording.start_ns + 29 * NS]
     batches = [(m, pb.PlotBatch.FromString(m.payload)) for m in left]
     wanted = [
@@ -292,10 +301,11 @@ def written(path: Path, recorded: Iterable[Recorded], scene: bytes | None) -> Pa
     return path
 
 
-def test_a_sensor_whose_plots_cannot_be_read_is_named(session: Path, tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_sensor_whose_plots_cannot_be_read_is_named(session: Path, tmp_path: Path) -> None:
     kept = [m for m in messages(session) if not m.topic.startswith("plotfeed/far/")]
     path = written(tmp_path / "half.mcap", kept, scene_of(session))
-    shown = Shown(path).at(*straight(5.0))
+    shown = await Shown(path).at(*straight(5.0))
     assert set(shown.column(SectionKind.PLOTS, "sensor")) == {0}
     assert any("far" in note for note in shown.recording.notes)
 
@@ -334,21 +344,23 @@ def test_what_cannot_be_shown_is_refused_in_a_line(
     assert "\n" not in str(error.value)
 
 
-def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path: Path) -> None:
     data, path = session.read_bytes(), tmp_path / "damaged.mcap"
     shown = 0
     for at in range(0, len(data), len(data) // 16):
         for damaged in (data[:at], data[:at] + bytes(64) + data[at + 64 :]):
             path.write_bytes(damaged)
             try:
-                Shown(path).at((20.0, True), (21.0, False))
+                await Shown(path).at((20.0, True), (21.0, False))
                 shown += 1
             except PlotfeedError as error:
                 assert "\n" not in str(error)
     assert shown > 8
 
 
-def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: Path) -> None:
     nan, far = float("nan"), 1 << 62
     bad = [
         pb.Ledger(sensor="near", looks=[pb.Look(time_utc_ns=far)]),
@@ -365,7 +377,7 @@ def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: 
         replace(first, payload=pb.Ledger(sensor="near", looks=[looks]).SerializeToString())
     )
     path = written(tmp_path / "hostile.mcap", [*hostile, *good], scene_of(session))
-    shown = Shown(path).at(*straight(WHOLE_S, 0.5))
+    shown = await Shown(path).at(*straight(WHOLE_S, 0.5))
     compare(shown, SectionKind.PLOTS, expected(session)["shown"])
 
 

@@ -135,7 +135,7 @@ def play(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cal
             await asyncio.to_thread(client.close)
 
     with mosquitto(tmp_path_factory.mktemp("broker"), port):
-        yield lambda act: asyncio.run(run(act))
+        yield run
 
 
 def of_lab(client: Client, since: int = 0) -> list[Heard]:
@@ -166,7 +166,8 @@ def shifts_ns(heard: list[Heard], sent: list[Recorded]) -> list[tuple[int, int]]
     return found
 
 
-def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
+@pytest.mark.asyncio
+async def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
     async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
@@ -194,10 +195,11 @@ def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
         assert before_ns - NS < batch.plots[0].time_utc_ns < WallClock().now_ns()
         await viewer.until(lambda: any(len(f.of(SectionKind.PLOTS)) for f in viewer.frames))
 
-    play(checked)
+    await play(checked)
 
 
-def test_twice_the_speed_is_twice_the_recorded_time(
+@pytest.mark.asyncio
+async def test_twice_the_speed_is_twice_the_recorded_time(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
     async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
@@ -211,10 +213,11 @@ def test_twice_the_speed_is_twice_the_recorded_time(
             assert abs((shift_b - shift_a) + (was_b - was_a) / 2) < 1000
         assert viewer.session["clock"] == {"kind": "replay", "paused": False, "speed": 2.0}
 
-    play(act)
+    await play(act)
 
 
-def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
+@pytest.mark.asyncio
+async def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
     async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
@@ -241,10 +244,11 @@ def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
         await viewer.until(lambda: [t for t in times_ns() if t > 11 * NS])
         assert not [t for t in times_ns() if 5 * NS < t < 11 * NS]
 
-    play(act)
+    await play(act)
 
 
-def test_a_pause_holds_everything_until_it_goes_on(
+@pytest.mark.asyncio
+async def test_a_pause_holds_everything_until_it_goes_on(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
     async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
@@ -273,10 +277,11 @@ def test_a_pause_holds_everything_until_it_goes_on(
     def has_id_of(message: Heard) -> bool:
         return message.topic.startswith("lab/") and "id" in message.user_properties
 
-    play(act)
+    await play(act)
 
 
-def test_a_recording_lasts_as_long_as_anything_in_it(
+@pytest.mark.asyncio
+async def test_a_recording_lasts_as_long_as_anything_in_it(
     play: Callable[[Act], Any], folder: Path, record: Path
 ) -> None:
     """Its last message need not be one that is sent again, as the ledger is not."""
@@ -299,10 +304,11 @@ def test_a_recording_lasts_as_long_as_anything_in_it(
         await viewer.done(replay={"paused": False})
         await viewer.until(lambda: 0 < viewer.replay["position_s"] < 0.9)
 
-    play(act)
+    await play(act)
 
 
-def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
+@pytest.mark.asyncio
+async def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
     play: Callable[[Act], Any],
 ) -> None:
     async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
@@ -320,13 +326,16 @@ def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
         await viewer.done(replay={"paused": False})  # once more from the beginning
         await viewer.until(lambda: 0 < viewer.replay["position_s"] < 5)
 
-    play(act)
+    await play(act)
 
 
 @pytest.mark.parametrize(
     "leave", [{"session": {"restart": True}}, {"replay": {"stop": True}}], ids=str
 )
-def test_leaving_goes_back_to_a_session(play: Callable[[Act], Any], leave: dict[str, Any]) -> None:
+@pytest.mark.asyncio
+async def test_leaving_goes_back_to_a_session(
+    play: Callable[[Act], Any], leave: dict[str, Any]
+) -> None:
     async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
         await viewer.load()
         begun.waiting.clear()
@@ -340,10 +349,11 @@ def test_leaving_goes_back_to_a_session(play: Callable[[Act], Any], leave: dict[
         await asyncio.to_thread(client.wait_for, lambda m: m.topic == topic, since)
         assert not [m for m in of_lab(client, since) if not m.retained]
 
-    assert play(act) == ["test", "test"]
+    assert await play(act) == ["test", "test"]
 
 
-def test_another_scene_or_recording_takes_the_place_of_a_replay(
+@pytest.mark.asyncio
+async def test_another_scene_or_recording_takes_the_place_of_a_replay(
     play: Callable[[Act], Any], folder: Path
 ) -> None:
     async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
@@ -356,10 +366,11 @@ def test_another_scene_or_recording_takes_the_place_of_a_replay(
         await begun.wait()
         await viewer.until(lambda: viewer.scene == "section-4")
 
-    assert play(act) == ["test", "section-4"]
+    assert await play(act) == ["test", "section-4"]
 
 
-def test_what_the_page_itself_recorded_is_replayed_with_the_settings_of_then(
+@pytest.mark.asyncio
+async def test_what_the_page_itself_recorded_is_replayed_with_the_settings_of_then(
     play: Callable[[Act], Any],
 ) -> None:
     async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
@@ -376,10 +387,11 @@ def test_what_the_page_itself_recorded_is_replayed_with_the_settings_of_then(
         assert told["settings"]["radar"]["pfa"] == 1e-4
         assert begun.names == ["test"]
 
-    play(act)
+    await play(act)
 
 
-def test_what_makes_no_sense_in_a_replay_is_refused(play: Callable[[Act], Any]) -> None:
+@pytest.mark.asyncio
+async def test_what_makes_no_sense_in_a_replay_is_refused(play: Callable[[Act], Any]) -> None:
     async def act(viewer: Viewer, _client: Client, _begun: Begun) -> None:
         await viewer.load()
         for command in (
@@ -408,10 +420,11 @@ def test_what_makes_no_sense_in_a_replay_is_refused(play: Callable[[Act], Any]) 
             assert words in answer["error"]
         assert not viewer.replay["paused"]
 
-    play(act)
+    await play(act)
 
 
-def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
+@pytest.mark.asyncio
+async def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
     play: Callable[[Act], Any], folder: Path
 ) -> None:
     whole = (folder / "session.mcap").read_bytes()
@@ -446,10 +459,11 @@ def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
         await viewer.until(lambda: len(viewer.frames) > 5)
         assert not viewer.replay
 
-    assert play(act) == ["test"]
+    assert await play(act) == ["test"]
 
 
-def test_after_a_replay_that_fails_a_session_says_so(
+@pytest.mark.asyncio
+async def test_after_a_replay_that_fails_a_session_says_so(
     play: Callable[[Act], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def torn(_path: Path) -> LogReader:
@@ -465,10 +479,11 @@ def test_after_a_replay_that_fails_a_session_says_so(
         assert viewer.session["notes"] == ["The replay has ended: Input/output error"]
         assert viewer.session["replay"] == {}
 
-    assert play(act) == ["test", "test"]
+    assert await play(act) == ["test", "test"]
 
 
-def test_tracks_that_are_published_now_are_shown_in_recorded_time(
+@pytest.mark.asyncio
+async def test_tracks_that_are_published_now_are_shown_in_recorded_time(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
     async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
@@ -483,4 +498,4 @@ def test_tracks_that_are_published_now_are_shown_in_recorded_time(
         t_ms = shown()[-1].column(SectionKind.TRACKS, "t_utc_ms")[0] - sent[0].log_time_ns / 1e6
         assert 0 <= t_ms <= SESSION_S * 1e3
 
-    play(act)
+    await play(act)

@@ -1,9 +1,9 @@
 from __future__ import annotations
 
-import asyncio
 import json
 
 import pytest
+import pytest_asyncio
 from hypothesis import given
 from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
@@ -86,8 +86,8 @@ def test_awkward_json_is_a_line(payload: bytes, as_json: bool) -> None:
         json.loads(lines[0])
 
 
-@pytest.fixture(scope="module")
-def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     text = scene_text(
         start_utc="2026-01-01T12:00:00Z", port=1883, sensors=radar(period_s=0.2, sectors=8)
     )
@@ -95,7 +95,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     seen: list[Message] = []
     clock = InstantClock(scene.scene.start_utc_ns)
     tap = lambda message, _t: seen.append(message)  # noqa: E731
-    asyncio.run(run(scene, clock=clock, broker="none", duration_s=3.0, tap=tap))
+    await run(scene, clock=clock, broker="none", duration_s=3.0, tap=tap)
     return seen
 
 

@@ -72,7 +72,9 @@ def sender(to: str, interface: str | None = None) -> Iterator[socket.socket]:
         yield out
 
 
-def heard_over_udp(source: UdpSource, to: str, port: int, interface: str | None) -> list[Recorded]:
+async def heard_over_udp(
+    source: UdpSource, to: str, port: int, interface: str | None
+) -> list[Recorded]:
     payloads = [BLOCK, b"", b"?" * 1400, BLOCK * 3]
 
     async def listen() -> list[Recorded]:
@@ -89,7 +91,7 @@ def heard_over_udp(source: UdpSource, to: str, port: int, interface: str | None)
             assert all(m.properties[0][1].endswith(f"/{came_from}") for m in found)
             return found
 
-    found = asyncio.run(listen())
+    found = await listen()
     assert [m.payload for m in found] == payloads
     assert [m.content_type for m in found] == [
         "application/x-asterix; cat=48",
@@ -104,31 +106,34 @@ def heard_over_udp(source: UdpSource, to: str, port: int, interface: str | None)
 
 
 @pytest.mark.parametrize("bound", ["127.0.0.1", "0.0.0.0", "::1", "::"])  # noqa: S104
-def test_datagrams_to_one_host_come_with_their_destination(bound: str) -> None:
+@pytest.mark.asyncio
+async def test_datagrams_to_one_host_come_with_their_destination(bound: str) -> None:
     if ":" in bound and not has_ipv6():
         pytest.skip("this machine has no IPv6 loopback")
     to, port = "::1" if ":" in bound else "127.0.0.1", free_port()
     place = f"[{bound}]:{port}" if ":" in bound else f"{bound}:{port}"
     source = UdpSource(Endpoint.parse(place))
     assert source.shown == f"udp://{place}"
-    found = heard_over_udp(source, to, port, None)
+    found = await heard_over_udp(source, to, port, None)
     if sys.platform == "linux":
         assert {m.topic for m in found} == {f"udp/{to}/{port}"}
 
 
 @pytest.mark.parametrize("interface", ["127.0.0.1", LOOPBACK_INTERFACE])
-def test_a_group_is_joined_where_it_is_said(interface: str) -> None:
+@pytest.mark.asyncio
+async def test_a_group_is_joined_where_it_is_said(interface: str) -> None:
     port = free_port()
     source = UdpSource(Endpoint.parse(f"{GROUP_4}:{port}"), interface)
-    found = heard_over_udp(source, GROUP_4, port, interface)
+    found = await heard_over_udp(source, GROUP_4, port, interface)
     assert {m.topic for m in found} == {f"udp/{GROUP_4}/{port}"}
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
-def test_a_group_of_ipv6_is_joined() -> None:
+@pytest.mark.asyncio
+async def test_a_group_of_ipv6_is_joined() -> None:
     port, interface = free_port(), interface_of(GROUP_6)
     source = UdpSource(Endpoint.parse(f"[{GROUP_6}]:{port}"), interface)
-    found = heard_over_udp(source, GROUP_6, port, interface)
+    found = await heard_over_udp(source, GROUP_6, port, interface)
     assert {m.topic for m in found} == {f"udp/{GROUP_6}/{port}"}
 
 
@@ -232,7 +237,7 @@ MESSAGES = [
 ]
 
 
-def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded]:
+async def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded]:
     address = BrokerAddress("127.0.0.1", port, versions)
 
     async def listen() -> list[Recorded]:
@@ -249,15 +254,16 @@ def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded]:
                 await asyncio.gather(running, return_exceptions=True)
 
     began_ns = time.time_ns()
-    found = asyncio.run(listen())
+    found = await listen()
     assert all(began_ns <= m.log_time_ns <= time.time_ns() for m in found)
     return sorted(found, key=lambda m: m.topic)
 
 
-def test_a_message_is_recorded_with_all_that_came_with_it(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_message_is_recorded_with_all_that_came_with_it(tmp_path: Path) -> None:
     port = free_port()
     with mosquitto(tmp_path, port):
-        found = heard_over_mqtt(port, (5,))
+        found = await heard_over_mqtt(port, (5,))
     for recorded, message in zip(found, MESSAGES, strict=True):
         for name in ("topic", "payload", "content_type", "properties", "retain", "qos"):
             assert getattr(recorded, name) == getattr(message, name)
@@ -266,11 +272,12 @@ def test_a_message_is_recorded_with_all_that_came_with_it(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("version", [4, 5])
-def test_the_embedded_broker_is_heard_too(tmp_path: Path, version: int) -> None:
+@pytest.mark.asyncio
+async def test_the_embedded_broker_is_heard_too(tmp_path: Path, version: int) -> None:
     port = free_port()
     listener = {4: "v4.1", 5: "v5.1"}[version]
     with rumqttd(tmp_path, {listener: ("127.0.0.1", port, "")}):
-        found = heard_over_mqtt(port, (version,))
+        found = await heard_over_mqtt(port, (version,))
     assert [(m.topic, m.payload) for m in found] == [(m.topic, m.payload) for m in MESSAGES]
     if version == 5:
         assert [m.content_type for m in found] == [m.content_type for m in MESSAGES]

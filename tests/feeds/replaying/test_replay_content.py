@@ -56,33 +56,42 @@ HEARD = [
         (Selection(stage="telemetry"), [4], [0]),
     ],
 )
-def test_what_is_replayed_is_what_was_asked_for(
+@pytest.mark.asyncio
+async def test_what_is_replayed_is_what_was_asked_for(
     selection: Selection, of_a_session: list[int], heard: list[int]
 ) -> None:
     for recorded, wanted in ((OF_A_SESSION, of_a_session), (HEARD, heard)):
-        ears, _ = simulated(recorded, ReplaySettings(selection=selection))
+        ears, _ = await simulated(recorded, ReplaySettings(selection=selection))
         topics = [m.topic for _, m in ears.heard]
         assert topics == [recorded[i].topic for i in wanted]
 
 
-def topics_by(recorded: list[Recorded], *rules: str) -> tuple[list[str], Counter[str]]:
+async def topics_by(recorded: list[Recorded], *rules: str) -> tuple[list[str], Counter[str]]:
     settings = ReplaySettings(topics=tuple(TopicRule.parse(rule) for rule in rules))
-    ears, totals = simulated(recorded, settings)
+    ears, totals = await simulated(recorded, settings)
     return [m.topic for _, m in ears.heard], totals.skipped
 
 
-def test_topics_are_renamed_by_the_first_rule_and_by_whole_levels() -> None:
+@pytest.mark.asyncio
+async def test_topics_are_renamed_by_the_first_rule_and_by_whole_levels() -> None:
     recorded = [message(i, t) for i, t in enumerate(["a/b/c", "a/b", "a/bc", "a", "z/a/b"])]
-    assert topics_by(recorded, "a/b=n", "a=m/k")[0] == ["n/c", "n", "m/k/bc", "m/k", "z/a/b"]
-    assert topics_by(recorded, "a=b", "b=c")[0] == ["b/b/c", "b/b", "b/bc", "b", "z/a/b"]
+    assert (await topics_by(recorded, "a/b=n", "a=m/k"))[0] == [
+        "n/c",
+        "n",
+        "m/k/bc",
+        "m/k",
+        "z/a/b",
+    ]
+    assert (await topics_by(recorded, "a=b", "b=c"))[0] == ["b/b/c", "b/b", "b/bc", "b", "z/a/b"]
 
 
-def test_a_topic_that_no_broker_takes_is_skipped_and_counted() -> None:
+@pytest.mark.asyncio
+async def test_a_topic_that_no_broker_takes_is_skipped_and_counted() -> None:
     recorded = [message(0, "a/+"), message(1, "a#"), message(2, ""), message(3, "a")]
-    topics, skipped = topics_by(recorded)
+    topics, skipped = await topics_by(recorded)
     assert topics == ["a"]
     assert sum(skipped.values()) == 3
-    assert topics_by(recorded[:1], "a=n")[0] == []
+    assert (await topics_by(recorded[:1], "a=n"))[0] == []
 
 
 @pytest.mark.parametrize("text", ["a", "=b", "a=", "a=b+", "a=#", "a=\0", "a=" + "x" * 70_000])
@@ -132,7 +141,8 @@ KINDS = {
 
 @pytest.mark.parametrize("topic", [*KINDS, "udp/239.1.2.3/8600"])
 @pytest.mark.parametrize("told", [True, False], ids=["content type", "3.1.1"])
-def test_times_in_messages_are_as_late_as_the_replay(topic: str, told: bool) -> None:
+@pytest.mark.asyncio
+async def test_times_in_messages_are_as_late_as_the_replay(topic: str, told: bool) -> None:
     make, content_type = KINDS.get(topic, (plot_048, "application/x-asterix"))
     recorded = [
         message(
@@ -144,7 +154,7 @@ def test_times_in_messages_are_as_late_as_the_replay(topic: str, told: bool) -> 
         )
         for i in range(4)
     ]
-    ears, totals = simulated(recorded, ReplaySettings(stamps=Stamps(to_now=True)))
+    ears, totals = await simulated(recorded, ReplaySettings(stamps=Stamps(to_now=True)))
     assert len(ears.heard) == 4
     for i, (now_ns, got) in enumerate(ears.heard):
         time_ns = now_ns - 40 * MS
@@ -160,17 +170,19 @@ def test_times_in_messages_are_as_late_as_the_replay(topic: str, told: bool) -> 
     assert not totals.left
 
 
-def test_times_in_messages_are_left_alone_unless_asked() -> None:
+@pytest.mark.asyncio
+async def test_times_in_messages_are_left_alone_unless_asked() -> None:
     recorded = [message(0, topic, make(RECORDED), content_type=t) for topic, (make, t) in
                 KINDS.items()]  # fmt: skip
-    ears, _ = simulated(recorded)
+    ears, _ = await simulated(recorded)
     assert ears.payloads() == [r.payload for r in recorded]
-    shifted, _ = simulated(recorded, ReplaySettings(stamps=Stamps.parse("+3600.25")))
+    shifted, _ = await simulated(recorded, ReplaySettings(stamps=Stamps.parse("+3600.25")))
     makes = [make for make, _ in KINDS.values()]
     assert shifted.payloads() == [make(RECORDED + 3600 * S + S // 4) for make in makes]
 
 
-def test_telemetry_of_every_kind_is_as_late_as_its_replay() -> None:
+@pytest.mark.asyncio
+async def test_telemetry_of_every_kind_is_as_late_as_its_replay() -> None:
     as_json = f'{{"time_utc": "{iso_utc(RECORDED)}", "latitude_deg": 1, "longitude_deg": 2, ' \
               '"altitude_m": 3, "altitude_reference": "ELLIPSOID"}'  # fmt: skip
     recorded = [
@@ -178,13 +190,14 @@ def test_telemetry_of_every_kind_is_as_late_as_its_replay() -> None:
         message(S, "p/telemetry/b", as_json.encode(), stage=Stage.TELEMETRY),
     ]
     settings = ReplaySettings(selection=Selection(stage="telemetry"), stamps=Stamps(to_now=True))
-    ears, totals = simulated(recorded, settings)
+    ears, totals = await simulated(recorded, settings)
     for (now_ns, got), was in zip(ears.heard, recorded, strict=True):
         assert decode(got.payload).t_utc_ns == RECORDED + now_ns - was.log_time_ns
     assert not totals.left
 
 
-def test_what_cannot_be_moved_is_left_alone_counted_and_said_once(
+@pytest.mark.asyncio
+async def test_what_cannot_be_moved_is_left_alone_counted_and_said_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     odd = bytes([247, 0, 4, 1])
@@ -196,7 +209,7 @@ def test_what_cannot_be_moved_is_left_alone_counted_and_said_once(
         message(4, "p/radar/status", b"gone"),
         message(5, "p/radar/plots", plots(RECORDED), properties=(("time", "tomorrow"),)),
     ]
-    ears, totals = simulated(recorded, ReplaySettings(stamps=Stamps(by_ns=S)))
+    ears, totals = await simulated(recorded, ReplaySettings(stamps=Stamps(by_ns=S)))
     assert ears.payloads()[:5] == [r.payload for r in recorded[:5]]
     assert ears.heard[5][1].properties == (("time", "tomorrow"),)
     assert sorted(totals.left.values()) == [1, 1, 1, 1, 2]
@@ -272,10 +285,11 @@ LOSSY = LinkSettings.model_validate(
 )
 
 
-def test_each_sensor_has_the_link_that_it_would_have_live() -> None:
+@pytest.mark.asyncio
+async def test_each_sensor_has_the_link_that_it_would_have_live() -> None:
     recorded = [message(i * MS, f"p/{name}/plots", bytes(20)) for i in range(200) for name in "ab"]
     settings = ReplaySettings(links=(LinkRule("", LOSSY),), seed=5)
-    ears, totals = simulated(recorded, settings)
+    ears, totals = await simulated(recorded, settings)
     left = {name: [t for t, m in ears.heard if m.topic == f"p/{name}/plots"] for name in "ab"}
     assert left["a"] != left["b"]
     for name in "ab":
@@ -287,35 +301,39 @@ def test_each_sensor_has_the_link_that_it_would_have_live() -> None:
     assert totals.messages == len(ears.heard)
 
 
-def test_the_same_seed_gives_the_same_losses_and_another_seed_others() -> None:
+@pytest.mark.asyncio
+async def test_the_same_seed_gives_the_same_losses_and_another_seed_others() -> None:
     recorded = [message(i * MS, "p/radar/plots") for i in range(300)]
 
-    def sent(seed: int, begin_utc_ns: int = REPLAYED) -> list[bytes]:
+    async def sent(seed: int, begin_utc_ns: int = REPLAYED) -> list[bytes]:
         settings = ReplaySettings(links=(LinkRule("", LOSSY),), seed=seed)
-        return simulated(recorded, settings, begin_utc_ns=begin_utc_ns)[0].payloads()
+        return (await simulated(recorded, settings, begin_utc_ns=begin_utc_ns))[0].payloads()
 
-    assert sent(1) == sent(1, REPLAYED + 123_456_789)
-    assert set(sent(1)) != set(sent(2))
+    assert await sent(1) == await sent(1, REPLAYED + 123_456_789)
+    assert set(await sent(1)) != set(await sent(2))
 
 
-def test_links_are_for_the_topics_that_they_are_told() -> None:
+@pytest.mark.asyncio
+async def test_links_are_for_the_topics_that_they_are_told() -> None:
     recorded = [message(i, t) for i, t in enumerate(["p/a/plots", "p/b/plots", "p/ab/plots"])]
     slow = LinkRule("p/a", LinkSettings(latency_ms=50.0))
-    ears, _ = simulated(recorded, ReplaySettings(links=(slow,)))
+    ears, _ = await simulated(recorded, ReplaySettings(links=(slow,)))
     assert [m.topic for _, m in ears.heard] == ["p/b/plots", "p/ab/plots", "p/a/plots"]
     assert ears.times() == [0, 1, 50 * MS - 1]
 
 
-def test_what_a_session_says_of_itself_goes_over_no_link() -> None:
+@pytest.mark.asyncio
+async def test_what_a_session_says_of_itself_goes_over_no_link() -> None:
     recorded = [message(i, f"p/radar/{k}") for i, k in enumerate(["status", "settings", "plots"])]
     down = ReplaySettings(links=(LinkRule("", LinkSettings(down=True)),))
-    ears, totals = simulated(recorded, down)
+    ears, totals = await simulated(recorded, down)
     assert [m.topic for _, m in ears.heard] == ["p/radar/status", "p/radar/settings"]
     assert totals.lost == 1
 
 
-def test_what_a_link_holds_arrives_in_a_pause_and_after_the_last_message() -> None:
+@pytest.mark.asyncio
+async def test_what_a_link_holds_arrives_in_a_pause_and_after_the_last_message() -> None:
     recorded = [message(i * 10 * MS, "p/radar/plots") for i in range(5)]
     settings = ReplaySettings(links=(LinkRule("", LinkSettings(latency_ms=1000.0)),))
-    ears, _ = simulated(recorded, settings)
+    ears, _ = await simulated(recorded, settings)
     assert ears.times() == [i * 10 * MS for i in range(5)]

@@ -44,12 +44,13 @@ def is_truth(recorded: Recorded) -> bool:
     return recorded.topic.endswith("/truth")
 
 
-def test_the_same_octets_leave_on_the_same_topics_with_the_same_spacing(
+@pytest.mark.asyncio
+async def test_the_same_octets_leave_on_the_same_topics_with_the_same_spacing(
     session: tuple[Path, list[Recorded]],
 ) -> None:
     _, recorded = session
     after = [r for r in recorded if r.stage is Stage.AFTER and not is_truth(r)]
-    ears, _ = simulated(recorded)
+    ears, _ = await simulated(recorded)
     assert [(m.topic, m.payload) for _, m in ears.heard] == [(r.topic, r.payload) for r in after]
     assert ears.times() == [r.log_time_ns - after[0].log_time_ns for r in after]
     for (_, got), was in zip(ears.heard, after, strict=True):
@@ -57,14 +58,15 @@ def test_the_same_octets_leave_on_the_same_topics_with_the_same_spacing(
             was.content_type, was.properties, was.retain)  # fmt: skip
 
 
-def test_what_was_handed_to_a_link_meets_the_same_fate_on_the_same_link(
+@pytest.mark.asyncio
+async def test_what_was_handed_to_a_link_meets_the_same_fate_on_the_same_link(
     session: tuple[Path, list[Recorded]],
 ) -> None:
     scene_path, recorded = session
     scene = load(scene_path)
     links = tuple(LinkRule(f"plotfeed/{s.id}", s.link) for s in scene.sensor if s.link)
     before = [r for r in recorded if r.stage is Stage.BEFORE]
-    ears, totals = simulated(
+    ears, totals = await simulated(
         recorded,
         ReplaySettings(selection=Selection(stage="before"), links=links, seed=scene.scene.seed),
     )
@@ -79,12 +81,13 @@ def test_what_was_handed_to_a_link_meets_the_same_fate_on_the_same_link(
     assert sorted(replayed) == sorted(left)
 
 
-def test_times_of_day_are_as_old_as_they_were_when_they_left(
+@pytest.mark.asyncio
+async def test_times_of_day_are_as_old_as_they_were_when_they_left(
     session: tuple[Path, list[Recorded]],
 ) -> None:
     _, recorded = session
     after = [r for r in recorded if r.stage is Stage.AFTER and not is_truth(r)]
-    ears, totals = simulated(recorded, ReplaySettings(stamps=Stamps(to_now=True)))
+    ears, totals = await simulated(recorded, ReplaySettings(stamps=Stamps(to_now=True)))
     assert not totals.left
     plots = 0
     for (now_ns, got), was in zip(ears.heard, after, strict=True):

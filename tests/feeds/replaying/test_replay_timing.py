@@ -30,10 +30,11 @@ def since(*steps_ms: float) -> list[int]:
 
 @settings(max_examples=30, deadline=None)
 @given(GAPS)
-def test_messages_leave_spaced_as_they_were_to_the_nanosecond(gaps_ns: list[int]) -> None:
+@pytest.mark.asyncio
+async def test_messages_leave_spaced_as_they_were_to_the_nanosecond(gaps_ns: list[int]) -> None:
     times = [sum(gaps_ns[:i]) for i in range(len(gaps_ns))]
     recorded = [message(t, payload=bytes([i])) for i, t in enumerate(times)]
-    ears, totals = simulated(recorded)
+    ears, totals = await simulated(recorded)
     assert ears.times() == times
     assert ears.payloads() == [r.payload for r in recorded]
     assert (totals.messages, totals.worst_ns) == (len(times), 0)
@@ -41,20 +42,22 @@ def test_messages_leave_spaced_as_they_were_to_the_nanosecond(gaps_ns: list[int]
 
 @settings(max_examples=20, deadline=None)
 @given(GAPS, st.sampled_from([Fraction(1, 10), Fraction(2), Fraction(7, 3), Fraction(1000)]))
-def test_at_another_speed_nothing_drifts(gaps_ns: list[int], speed: Fraction) -> None:
+@pytest.mark.asyncio
+async def test_at_another_speed_nothing_drifts(gaps_ns: list[int], speed: Fraction) -> None:
     times = [sum(gaps_ns[:i]) for i in range(len(gaps_ns))]
-    ears, _ = simulated([message(t) for t in times], ReplaySettings(speed=speed))
+    ears, _ = await simulated([message(t) for t in times], ReplaySettings(speed=speed))
     for found, t in zip(ears.times(), times, strict=True):
         assert 0 <= t / speed - found < 1
 
 
-def test_every_message_is_as_it_was() -> None:
+@pytest.mark.asyncio
+async def test_every_message_is_as_it_was() -> None:
     recorded = [
         message(0, "a/status", b"x", content_type="application/json", retain=True, qos=1),
         message(1, "b", b"y", properties=(("time", "2026-01-01T00:00:00Z"), ("k", "v"))),
         message(2, "c", b"z", qos=2),
     ]
-    ears, _ = simulated(recorded)
+    ears, _ = await simulated(recorded)
     for (_, got), was in zip(ears.heard, recorded, strict=True):
         assert got.topic == was.topic
         assert got.payload == was.payload
@@ -64,23 +67,26 @@ def test_every_message_is_as_it_was() -> None:
         assert got.qos == min(was.qos, 1)
 
 
-def test_what_was_recorded_out_of_order_leaves_in_order_where_it_is_read_in_time() -> None:
-    ears, _ = simulated([message(0), message(10 * MS), message(5 * MS), message(12 * MS)])
+@pytest.mark.asyncio
+async def test_what_was_recorded_out_of_order_leaves_in_order_where_it_is_read_in_time() -> None:
+    ears, _ = await simulated([message(0), message(10 * MS), message(5 * MS), message(12 * MS)])
     assert ears.times() == since(0, 5, 10, 12)
 
 
-def test_before_a_link_the_time_counts_at_which_a_message_was_due() -> None:
+@pytest.mark.asyncio
+async def test_before_a_link_the_time_counts_at_which_a_message_was_due() -> None:
     recorded = [
         message(20_000, stage=Stage.BEFORE, publish_since_ns=0),
         message(50 * MS + 90_000, stage=Stage.BEFORE, publish_since_ns=50 * MS),
         message(60 * MS),
     ]
-    ears, _ = simulated(recorded, ReplaySettings(selection=Selection(stage="before")))
+    ears, _ = await simulated(recorded, ReplaySettings(selection=Selection(stage="before")))
     assert ears.times() == since(0, 50)
 
 
-def test_laps_follow_each_other_without_a_seam() -> None:
-    ears, totals = simulated(REGULAR, ReplaySettings(laps=3))
+@pytest.mark.asyncio
+async def test_laps_follow_each_other_without_a_seam() -> None:
+    ears, totals = await simulated(REGULAR, ReplaySettings(laps=3))
     assert ears.times() == [i * 100 * MS for i in range(30)]
     assert ears.payloads() == [r.payload for r in REGULAR] * 3
     assert totals.laps == 3
@@ -98,37 +104,40 @@ def test_laps_follow_each_other_without_a_seam() -> None:
         ("0.5", "0.2", []),
     ],
 )
-def test_a_part_begins_and_ends_at_its_times(
+@pytest.mark.asyncio
+async def test_a_part_begins_and_ends_at_its_times(
     start: str | None, end: str | None, left_ms: list[int]
 ) -> None:
     part = ReplaySettings(
         start=None if start is None else Moment.parse(start),
         end=None if end is None else Moment.parse(end),
     )
-    ears, _ = simulated(REGULAR, part)
+    ears, _ = await simulated(REGULAR, part)
     begun_ns = REPLAYED + READY_NS
     assert [t - begun_ns for t, _ in ears.heard] == since(*left_ms)
 
 
-def test_a_part_is_repeated_as_long_as_it_is() -> None:
+@pytest.mark.asyncio
+async def test_a_part_is_repeated_as_long_as_it_is() -> None:
     part = ReplaySettings(start=Moment.parse("0.25"), end=Moment.parse("0.45"), laps=3)
-    ears, _ = simulated(REGULAR, part)
+    ears, _ = await simulated(REGULAR, part)
     assert ears.times() == since(0, 100, 200, 300, 400, 500)
     longer = ReplaySettings(end=Moment.parse("3600"), laps=2)
-    assert simulated(REGULAR, longer)[0].times() == [i * 100 * MS for i in range(20)]
+    assert (await simulated(REGULAR, longer))[0].times() == [i * 100 * MS for i in range(20)]
 
 
 @pytest.mark.parametrize("laps", [1, 5, None])
-def test_a_recording_without_messages_is_over_at_once(laps: int | None) -> None:
+@pytest.mark.asyncio
+async def test_a_recording_without_messages_is_over_at_once(laps: int | None) -> None:
     for fastest in (False, True):
-        ears, totals = simulated([], ReplaySettings(laps=laps, fastest=fastest))
+        ears, totals = await simulated([], ReplaySettings(laps=laps, fastest=fastest))
         assert ears.heard == []
         assert totals.laps == 0
     truth = [message(0, "plotfeed/truth")]
-    assert simulated(truth, ReplaySettings(laps=laps))[0].heard == []
+    assert (await simulated(truth, ReplaySettings(laps=laps)))[0].heard == []
 
 
-def steered(
+async def steered(
     steps: dict[int, Callable[[ReplayControl], object]],
     recorded: list[Recorded] = REGULAR,
     settings: ReplaySettings | None = None,
@@ -141,10 +150,11 @@ def steered(
         if step is not None:
             step(control)
 
-    return simulated(recorded, settings, control=control, on_message=left)[0], control
+    return (await simulated(recorded, settings, control=control, on_message=left))[0], control
 
 
-def test_nothing_leaves_in_a_pause_and_all_of_it_afterwards() -> None:
+@pytest.mark.asyncio
+async def test_nothing_leaves_in_a_pause_and_all_of_it_afterwards() -> None:
     def pause(control: ReplayControl) -> None:
         control.pause()
         assert control.is_paused
@@ -155,24 +165,26 @@ def test_nothing_leaves_in_a_pause_and_all_of_it_afterwards() -> None:
         assert control.position == (0, RECORDED + 300 * MS)
         control.resume()
 
-    ears, _ = steered({4: pause})
+    ears, _ = await steered({4: pause})
     assert ears.times() == [i * 100 * MS for i in range(10)]  # that clock stands still meanwhile
 
 
-def test_what_was_made_ready_is_taken_back_by_a_pause() -> None:
+@pytest.mark.asyncio
+async def test_what_was_made_ready_is_taken_back_by_a_pause() -> None:
     crowded = [message(i * MS) for i in range(40)]
 
     def pause(control: ReplayControl) -> None:
         control.pause()
         asyncio.get_running_loop().call_soon(control.resume)
 
-    ears, _ = steered({4: pause, 20: pause}, crowded)
+    ears, _ = await steered({4: pause, 20: pause}, crowded)
     assert ears.times() == [i * MS for i in range(40)]
     assert ears.payloads() == [r.payload for r in crowded]
 
 
-def test_another_speed_counts_from_then_on() -> None:
-    ears, control = steered({3: lambda c: c.set_speed(Fraction(2)),
+@pytest.mark.asyncio
+async def test_another_speed_counts_from_then_on() -> None:
+    ears, control = await steered({3: lambda c: c.set_speed(Fraction(2)),
                              6: lambda c: c.set_speed(Fraction(1, 2))})  # fmt: skip
     wanted = since(0, 100, 200, 250, 300, 350, 550, 750, 950, 1150)
     # A change of speed falls on a whole nanosecond of either time.
@@ -180,49 +192,55 @@ def test_another_speed_counts_from_then_on() -> None:
     assert control.speed == 1  # after the end there is none
 
 
-def test_a_seek_goes_on_elsewhere() -> None:
-    ears, _ = steered({3: lambda c: c.seek(RECORDED + 700 * MS)})
+@pytest.mark.asyncio
+async def test_a_seek_goes_on_elsewhere() -> None:
+    ears, _ = await steered({3: lambda c: c.seek(RECORDED + 700 * MS)})
     assert ears.payloads() == [r.payload for r in [*REGULAR[:3], *REGULAR[7:]]]
     jump_ms = 200 + SEEK_NS // MS
     assert ears.times() == since(0, 100, 200, jump_ms, jump_ms + 100, jump_ms + 200)
 
 
-def test_a_seek_goes_back_too_and_not_before_the_beginning() -> None:
-    ears, _ = steered({5: lambda c: c.skip(-0.2), 9: lambda c: c.seek(0)})
+@pytest.mark.asyncio
+async def test_a_seek_goes_back_too_and_not_before_the_beginning() -> None:
+    ears, _ = await steered({5: lambda c: c.skip(-0.2), 9: lambda c: c.seek(0)})
     order = [0, 1, 2, 3, 4, 2, 3, 4, 5, *range(10)]
     assert ears.payloads() == [REGULAR[i].payload for i in order]
 
 
-def test_a_seek_stays_in_its_lap() -> None:
+@pytest.mark.asyncio
+async def test_a_seek_stays_in_its_lap() -> None:
     laps: list[tuple[int, int]] = []
 
     def seek(control: ReplayControl) -> None:
         laps.append(control.position)
         control.seek(RECORDED + 800 * MS)
 
-    ears, _ = steered({13: seek}, settings=ReplaySettings(laps=3))
+    ears, _ = await steered({13: seek}, settings=ReplaySettings(laps=3))
     assert laps == [(1, RECORDED + 200 * MS)]
     assert ears.payloads() == [REGULAR[i].payload for i in [*range(10), 0, 1, 2, 8, 9, *range(10)]]
 
 
-def test_a_seek_beyond_the_end_ends_it() -> None:
-    ears, control = steered({3: lambda c: c.skip(3600)})
+@pytest.mark.asyncio
+async def test_a_seek_beyond_the_end_ends_it() -> None:
+    ears, control = await steered({3: lambda c: c.skip(3600)})
     assert len(ears.heard) == 3
     assert control.pace is None
 
 
-def test_a_pause_before_a_seek_lasts() -> None:
+@pytest.mark.asyncio
+async def test_a_pause_before_a_seek_lasts() -> None:
     def pause(control: ReplayControl) -> None:
         control.pause()
         control.seek(RECORDED + 500 * MS)
         asyncio.get_running_loop().call_later(0.01, control.toggle)
 
-    ears, _ = steered({2: pause})
+    ears, _ = await steered({2: pause})
     assert ears.payloads() == [r.payload for r in [*REGULAR[:2], *REGULAR[5:]]]
 
 
 @pytest.mark.parametrize("silence_ms", [0, 20, 5000])
-def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: int) -> None:
+@pytest.mark.asyncio
+async def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: int) -> None:
     control, end_ns = ReplayControl(), RECORDED + (900 + silence_ms) * MS
     stood: list[tuple[int, int]] = []
 
@@ -237,14 +255,15 @@ def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: int) ->
 
     control.on_change = changed
     settings = ReplaySettings(stands_at_ns=end_ns)
-    ears, totals = simulated(REGULAR, settings, control=control)
+    ears, totals = await simulated(REGULAR, settings, control=control)
     assert ears.payloads() == [r.payload for r in [*REGULAR, *REGULAR[7:], *REGULAR[7:]]]
     assert stood == [(0, end_ns)] * 4
     assert totals.laps == 1
 
 
-def test_it_stops_when_it_is_asked_to() -> None:
-    ears, _ = steered({4: lambda c: c.stop()}, settings=ReplaySettings(laps=None))
+@pytest.mark.asyncio
+async def test_it_stops_when_it_is_asked_to() -> None:
+    ears, _ = await steered({4: lambda c: c.stop()}, settings=ReplaySettings(laps=None))
     assert len(ears.heard) == 4
 
 

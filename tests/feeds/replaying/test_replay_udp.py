@@ -23,11 +23,11 @@ from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded
 
 
-def sent_over(
+async def sent_over(
     outs: Sequence[WayOut], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
 ) -> ReplayTotals:
     running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
-    return asyncio.run(asyncio.wait_for(running, 30))
+    return await asyncio.wait_for(running, 30)
 
 
 def opened(to: str, **keys: object) -> ReplayUdp:
@@ -37,11 +37,12 @@ def opened(to: str, **keys: object) -> ReplayUdp:
 
 
 @pytest.mark.parametrize("fastest", [False, True])
-def test_the_same_octets_come_in_the_same_order(fastest: bool) -> None:
+@pytest.mark.asyncio
+async def test_the_same_octets_come_in_the_same_order(fastest: bool) -> None:
     recorded = plots(300, step_ns=MS)
     with receiver() as ears:
         link = opened(place(ears))
-        totals = sent_over([link], recorded, ReplaySettings(fastest=fastest))
+        totals = await sent_over([link], recorded, ReplaySettings(fastest=fastest))
         link.close()
         assert heard(ears) == [r.payload for r in recorded]
     assert totals.messages == 300
@@ -49,23 +50,25 @@ def test_the_same_octets_come_in_the_same_order(fastest: bool) -> None:
     assert not totals.undelivered
 
 
-def test_what_is_no_datagram_is_not_sent_and_counted() -> None:
+@pytest.mark.asyncio
+async def test_what_is_no_datagram_is_not_sent_and_counted() -> None:
     recorded = [message(0, "p/radar/plots"), *plots(2), message(MS, "p/radar/status")]
     with receiver() as ears:
         link = opened(place(ears))
-        totals = sent_over([link], recorded)
+        totals = await sent_over([link], recorded)
         link.close()
         assert heard(ears) == [r.payload for r in plots(2)]
     assert totals.messages == 2
     assert sum(totals.skipped.values()) == 2
 
 
-def test_datagrams_go_where_they_once_went() -> None:
+@pytest.mark.asyncio
+async def test_datagrams_go_where_they_once_went() -> None:
     with receiver() as first, receiver() as second:
         topics = [f"udp/127.0.0.1/{ears.getsockname()[1]}" for ears in (first, second)]
         recorded = [message(i * MS, topics[i % 2], bytes([i])) for i in range(10)]
         out = RecordedUdp()
-        totals = sent_over([out], [*recorded, message(0, "p/radar/asterix/048")])
+        totals = await sent_over([out], [*recorded, message(0, "p/radar/asterix/048")])
         out.close()
         assert heard(first) == [bytes([i]) for i in range(0, 10, 2)]
         assert heard(second) == [bytes([i]) for i in range(1, 10, 2)]
@@ -73,20 +76,24 @@ def test_datagrams_go_where_they_once_went() -> None:
     assert totals.skipped.total() == 1
 
 
-def test_a_rule_sends_datagrams_elsewhere() -> None:
+@pytest.mark.asyncio
+async def test_a_rule_sends_datagrams_elsewhere() -> None:
     with receiver() as ears:
         rule = TopicRule.parse(f"udp/239.1.2.3/8600=udp/127.0.0.1/{ears.getsockname()[1]}")
         out = RecordedUdp()
-        sent_over([out], [message(0, "udp/239.1.2.3/8600", b"x")], ReplaySettings(topics=(rule,)))
+        await sent_over(
+            [out], [message(0, "udp/239.1.2.3/8600", b"x")], ReplaySettings(topics=(rule,))
+        )
         out.close()
         assert heard(ears) == [b"x"]
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6")
-def test_ipv6_is_written_without_brackets_in_topics() -> None:
+@pytest.mark.asyncio
+async def test_ipv6_is_written_without_brackets_in_topics() -> None:
     with receiver("::1") as ears:
         out = RecordedUdp()
-        sent_over([out], [message(0, f"udp/::1/{ears.getsockname()[1]}", b"x")])
+        await sent_over([out], [message(0, f"udp/::1/{ears.getsockname()[1]}", b"x")])
         out.close()
         assert heard(ears) == [b"x"]
 
@@ -95,28 +102,31 @@ def test_ipv6_is_written_without_brackets_in_topics() -> None:
     "topic",
     ["udp/", "udp/127.0.0.1", "udp/127.0.0.1/0", "udp/host/1", "udp/0.0.0.0/1", "udp/a/b/c"],
 )
-def test_a_destination_that_is_none_is_skipped(topic: str) -> None:
+@pytest.mark.asyncio
+async def test_a_destination_that_is_none_is_skipped(topic: str) -> None:
     out = RecordedUdp()
-    totals = sent_over([out], [message(0, topic, b"x"), message(1, topic, b"y")])
+    totals = await sent_over([out], [message(0, topic, b"x"), message(1, topic, b"y")])
     assert totals.messages == 0
     assert totals.skipped.total() == 2
     out.close()
 
 
-def test_many_destinations_do_not_take_all_sockets() -> None:
+@pytest.mark.asyncio
+async def test_many_destinations_do_not_take_all_sockets() -> None:
     out = RecordedUdp()
     recorded = [message(i, f"udp/127.0.0.1/{1024 + i}", b"x") for i in range(400)]
-    totals = sent_over([out], recorded)
+    totals = await sent_over([out], recorded)
     out.close()
     assert totals.skipped.total() == 400 - 256
 
 
-def test_nobody_who_listens_is_counted_and_no_obstacle() -> None:
+@pytest.mark.asyncio
+async def test_nobody_who_listens_is_counted_and_no_obstacle() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as once:
         once.bind(("127.0.0.1", 0))
         port = once.getsockname()[1]
     link = opened(f"127.0.0.1:{port}")
-    totals = sent_over([link], plots(20))
+    totals = await sent_over([link], plots(20))
     link.close()
     assert link.refused > 0
     assert totals.messages == 20
@@ -137,18 +147,20 @@ def test_whoever_comes_after_a_refusal_misses_nothing() -> None:
     link.close()
 
 
-def test_multicast_goes_to_its_group() -> None:
+@pytest.mark.asyncio
+async def test_multicast_goes_to_its_group() -> None:
     with receiver(group="239.255.77.78") as ears:
         link = opened(place(ears), interface=LOOPBACK_INTERFACE, ttl=0)
-        sent_over([link], plots(3))
+        await sent_over([link], plots(3))
         link.close()
         assert heard(ears) == [r.payload for r in plots(3)]
 
 
-def test_a_datagram_that_is_too_large_is_undelivered() -> None:
+@pytest.mark.asyncio
+async def test_a_datagram_that_is_too_large_is_undelivered() -> None:
     with receiver() as ears:
         link = opened(place(ears))
-        totals = sent_over([link], [message(0, "udp/10.0.0.1/1", bytes(70_000)), *plots(1)])
+        totals = await sent_over([link], [message(0, "udp/10.0.0.1/1", bytes(70_000)), *plots(1)])
         link.close()
         assert len(heard(ears)) == 1
     assert (totals.messages, totals.undelivered) == (1, 1)

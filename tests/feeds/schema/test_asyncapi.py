@@ -115,7 +115,7 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, int]]:
+async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, int]]:
     """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
 
     QoS is that with which messages left, by their sources and ids: iotcore delivers with the QoS
@@ -163,7 +163,7 @@ def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, 
             late.wait_for(lambda m: not m.retained)
             return {m.topic for m in late.heard if m.retained}
 
-    asyncio.run(asyncio.wait_for(session(), 120))
+    await asyncio.wait_for(session(), 120)
     return [m for m in heard if "/telemetry/" not in m.topic], retained, qos
 
 
@@ -262,12 +262,13 @@ def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
     assert told | {129} == CATEGORIES.keys()
 
 
-def test_what_a_session_publishes_is_what_the_document_says(
+@pytest.mark.asyncio
+async def test_what_a_session_publishes_is_what_the_document_says(
     api: dict[str, Any], tmp_path: Path
 ) -> None:
     port = free_port()
     with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
-        heard, retained, qos = published(scene(), port)
+        heard, retained, qos = await published(scene(), port)
     seen: set[str] = set()
     events: set[str] = set()
     for message in heard:
@@ -302,14 +303,15 @@ def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:
         jsonschema.validate({"clock": {"sped": 10}}, schema)
 
 
-def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
+@pytest.mark.asyncio
+async def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
     api: dict[str, Any], tmp_path: Path
 ) -> None:
     port = free_port()
     with mosquitto(
         tmp_path, port, f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     ):
-        heard, _, _ = published(scene(qos=1, truth=False), port)
+        heard, _, _ = await published(scene(qos=1, truth=False), port)
     assert heard
     for message in heard:
         (name,) = matching(api, message)

@@ -43,9 +43,12 @@ def asterix(sent: list[Message], *sensors: str) -> list[bytes]:
     ]
 
 
-def test_what_is_asterix_goes_out_in_the_order_in_which_it_left(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_what_is_asterix_goes_out_in_the_order_in_which_it_left(tmp_path: Path) -> None:
     with receiver() as ears:
-        totals, sent, got = simulated(tmp_path, scene_with(destination(place(ears))), listener=ears)
+        totals, sent, got = await simulated(
+            tmp_path, scene_with(destination(place(ears))), listener=ears
+        )
     assert got == asterix(sent)
     assert totals.undelivered == 0
     categories = [datagram[0] for datagram in got]
@@ -68,13 +71,14 @@ def test_what_is_asterix_goes_out_in_the_order_in_which_it_left(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("max_octets", [64, 200, 1400])
-def test_every_datagram_is_whole_blocks_and_no_larger_than_asked(
+@pytest.mark.asyncio
+async def test_every_datagram_is_whole_blocks_and_no_larger_than_asked(
     tmp_path: Path, max_octets: int
 ) -> None:
     crowded = radar(period_s=0.5, sectors=4, more="doppler_cells = 200")
     with receiver() as ears:
         text = scene_with(destination(place(ears), max_octets=max_octets), crowded)
-        totals, sent, got = simulated(tmp_path, text, 2.0, ears)
+        totals, sent, got = await simulated(tmp_path, text, 2.0, ears)
     assert got == asterix(sent)
     assert max(map(len, got)) <= max_octets
     assert max(map(len, got)) > max_octets * 0.7
@@ -87,44 +91,53 @@ def test_every_datagram_is_whole_blocks_and_no_larger_than_asked(
     assert found == totals.plots
 
 
-def test_each_destination_gets_its_own_sensors(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_each_destination_gets_its_own_sensors(tmp_path: Path) -> None:
     sensors = radar("one", period_s=0.5) + radar("two", period_s=0.5)
     with receiver() as all_ears, receiver() as ears:
         udp = destination(place(all_ears)) + destination(place(ears), sensors=["two"])
-        _, sent, got = simulated(tmp_path, scene_with(udp, sensors), 2.0, all_ears)
+        _, sent, got = await simulated(tmp_path, scene_with(udp, sensors), 2.0, all_ears)
         assert got == asterix(sent)
         assert heard(ears) == asterix(sent, "two")
     assert asterix(sent, "one")
 
 
-def test_nobody_listening_is_nobodys_trouble(tmp_path: Path) -> None:
-    totals, _, _ = simulated(tmp_path, scene_with(destination(f"127.0.0.1:{free_port()}")))
+@pytest.mark.asyncio
+async def test_nobody_listening_is_nobodys_trouble(tmp_path: Path) -> None:
+    totals, _, _ = await simulated(tmp_path, scene_with(destination(f"127.0.0.1:{free_port()}")))
     assert totals.messages > 50
     assert totals.undelivered == 0
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
-def test_ipv6_carries_it_too(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_ipv6_carries_it_too(tmp_path: Path) -> None:
     with receiver("::1") as ears:
-        _, sent, got = simulated(tmp_path, scene_with(destination(place(ears))), listener=ears)
+        _, sent, got = await simulated(
+            tmp_path, scene_with(destination(place(ears))), listener=ears
+        )
     assert got == asterix(sent) != []
 
 
 @pytest.mark.parametrize("interface", ["127.0.0.1", LOOPBACK_INTERFACE])
-def test_a_group_is_reached_by_the_interface_of_the_scene(tmp_path: Path, interface: str) -> None:
+@pytest.mark.asyncio
+async def test_a_group_is_reached_by_the_interface_of_the_scene(
+    tmp_path: Path, interface: str
+) -> None:
     with receiver("127.0.0.1", GROUP_4) as one, receiver("127.0.0.1", GROUP_4) as other:
         udp = destination(place(one), interface=interface, ttl=0)
         udp += destination(place(other), interface=interface, ttl=0)
-        _, sent, got = simulated(tmp_path, scene_with(udp), listener=one)
+        _, sent, got = await simulated(tmp_path, scene_with(udp), listener=one)
         assert got == asterix(sent) != []
         assert heard(other) == got
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
-def test_a_group_of_ipv6_is_reached(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_a_group_of_ipv6_is_reached(tmp_path: Path) -> None:
     with receiver("::1", GROUP_6) as ears:
         udp = destination(place(ears), interface=interface_of(GROUP_6), ttl=0)
-        _, sent, got = simulated(tmp_path, scene_with(udp), listener=ears)
+        _, sent, got = await simulated(tmp_path, scene_with(udp), listener=ears)
     assert got == asterix(sent) != []
 
 

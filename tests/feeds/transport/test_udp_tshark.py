@@ -58,10 +58,11 @@ def dissected(folder: Path, datagrams: list[bytes], *fields: str) -> list[list[s
     return [line.split("\t") for line in done.stdout.splitlines()]
 
 
-def test_wireshark_reads_every_datagram_of_a_run(tmp_path: Path) -> None:
+@pytest.mark.asyncio
+async def test_wireshark_reads_every_datagram_of_a_run(tmp_path: Path) -> None:
     with receiver() as ears:
         text = scene_with(destination(place(ears), max_octets=200), radar(more="sac = 25\nsic = 3"))
-        totals, _, got = simulated(tmp_path, text, 10.0, ears)
+        totals, _, got = await simulated(tmp_path, text, 10.0, ears)
     read = dissected(
         tmp_path,
         got,
