@@ -9,7 +9,9 @@ from plotfeed.models.state import NS
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
-__all__ = ["NS", "iso_utc"]
+DAY_NS = 86_400 * NS
+
+__all__ = ["DAY_NS", "NS", "iso_utc", "nearest_utc_ns"]
 
 
 def iso_utc(t_utc_ns: int) -> str:
@@ -24,3 +26,9 @@ def iso_utc(t_utc_ns: int) -> str:
 @lru_cache(maxsize=16)  # a session writes the same second again and again
 def _to_the_second(seconds: int) -> str:
     return f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}"
+
+
+def nearest_utc_ns(time_of_day_ns: int, t_utc_ns: int) -> int:
+    """The time with that time of day which is nearest to `t_utc_ns`."""
+    half = DAY_NS // 2
+    return t_utc_ns + (time_of_day_ns - t_utc_ns + half) % DAY_NS - half

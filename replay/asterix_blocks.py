@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from plotfeed.replay.times import DAY_NS
+from plotfeed.proto.utc import DAY_NS
 
 HEADER_OCTETS = 3
 MAX_TRAILER_OCTETS = 16

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, pairwise
 from typing import BinaryIO
 
+from plotfeed.proto.utc import DAY_NS
 from plotfeed.replay.asterix_blocks import (
     CONTENT_TYPE,
     HEADER_OCTETS,
@@ -17,7 +18,7 @@ from plotfeed.replay.asterix_blocks import (
 )
 from plotfeed.replay.octets import Octets
 from plotfeed.replay.recorded import Damages, Recorded
-from plotfeed.replay.times import BEHIND_NS, DAY_NS, DayClock, ahead_ns
+from plotfeed.replay.times import BEHIND_NS, DayClock, ahead_ns
 
 Timed = tuple[bytes, int | None]
 """A data block, and the time of day of its first record if that has one."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import DAY_NS, NS
 
-DAY_NS = 86_400 * NS
 LATEST_NS = (1 << 64) - 1
 """In the year 2554; all that the native log can hold."""
 
@@ -37,9 +36,3 @@ def ahead_ns(one_ns: int, other_ns: int) -> int:
     """How far the second of two times of day is ahead of the first: from -1 h to 23 h."""
     ahead = (other_ns - one_ns) % DAY_NS
     return ahead - DAY_NS if ahead >= DAY_NS - BEHIND_NS else ahead
-
-
-def near(time_of_day_ns: int, t_utc_ns: int) -> int:
-    """The time with that time of day which is nearest to `t_utc_ns`."""
-    half = DAY_NS // 2
-    return t_utc_ns + (time_of_day_ns - t_utc_ns + half) % DAY_NS - half

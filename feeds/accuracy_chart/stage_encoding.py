@@ -10,8 +10,7 @@ import numpy as np
 
 from plotfeed.feeds.accuracy_chart.case import Case
 from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage, rms
-from plotfeed.feeds.formats import FORMATS, MessageFormat, Seen
-from plotfeed.feeds.formats.plot_readers import HEIGHT, TIME, Columns, PlotReader
+from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
@@ -20,6 +19,7 @@ from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
 STEP_S = 1e-3
@@ -41,7 +41,7 @@ def encoding(case: Case) -> ChartStage | None:
             maker = FORMATS[name].make(case.scene, case.sensor)
         except PlotfeedError:  # an extra that is missing
             continue
-        read = _plots_in(_messages(maker, parts), FORMATS[name].plots_in, parts[0][0].start_ns)
+        read = _read_back(FORMATS[name], _messages(maker, parts), parts[0][0].start_ns)
         found.append(
             Alternative(
                 name=name,
@@ -69,11 +69,11 @@ def _messages(maker: MessageFormat, parts: Parts) -> list[Message]:
     return [message for sector, plots in parts for message in maker.messages(Seen(sector, plots))]
 
 
-def _plots_in(messages: Sequence[Message], read: PlotReader | None, near_ns: int) -> Columns:
-    """The plots in all of them, by column."""
-    found = [read(message.payload, near_ns) for message in messages] if read else []
-    found = [columns for columns in found if len(columns[TIME])]
-    return {name: np.concatenate([columns[name] for columns in found]) for name in found[0]}
+def _read_back(row: Format, messages: Sequence[Message], near_ns: int) -> MeasuredPlots:
+    """The plots in all of those messages."""
+    if row.plots_in is None:
+        return MeasuredPlots.of(())
+    return MeasuredPlots.joined([row.plots_in(message.payload, near_ns) for message in messages])
 
 
 def _parts(case: Case) -> Parts:
@@ -103,9 +103,9 @@ def _group(case: Case) -> list[Sector]:
     return sectors
 
 
-def _errors(case: Case, sent: Plots, read: Columns) -> dict[str, float]:
+def _errors(case: Case, sent: Plots, read: MeasuredPlots) -> dict[str, float]:
     """Of what is read, for where the target was at the time that is read beside it."""
-    late_s = (read[TIME] - sent.t_utc_ns) / NS
+    late_s = (read.t_utc_ns - sent.t_utc_ns).astype(np.float64) / NS
     rates = _rates(case, sent)
     errors = {}
     for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg"):
@@ -118,14 +118,15 @@ def _errors(case: Case, sent: Plots, read: Columns) -> dict[str, float]:
     return errors
 
 
-def _read(case: Case, name: str, sent: Plots, read: Columns) -> Floats | None:
+def _read(case: Case, name: str, sent: Plots, read: MeasuredPlots) -> Floats | None:
     """What is read of a quantity; None if the format has nothing to read it from."""
-    if name == "elevation_deg" and name not in read and HEIGHT in read:
+    found: Floats = getattr(read, name)
+    if name == "elevation_deg" and np.isnan(found).all() and not np.isnan(read.altitude_m).all():
         undulation_m = case.scene.telemetry.geoid_undulation_m or 0.0
-        higher_m = read[HEIGHT] + undulation_m - sent.height_m
+        higher_m = read.altitude_m + undulation_m - sent.height_m
         level_m = sent.range_m * np.cos(np.radians(sent.elevation_deg))
         return np.asarray(sent.elevation_deg + np.degrees(higher_m / level_m))
-    return np.asarray(read[name]) if name in read else None
+    return None if np.isnan(found).all() else found
 
 
 def _rates(case: Case, sent: Plots) -> dict[str, Floats]:

@@ -1,12 +1,12 @@
 """From plots to messages and back: one file for each format, and `FORMATS`, the one table of them.
 
 A new category of ASTERIX is three new files, its layout and its encoder in `proto.asterix` and its
-format here, and a line in this table; its facts stand in `scene.report_formats`.
+format here, and a line in this table; its facts stand in `scene.report_formats`, where its records
+tell of plots in `proto.asterix.decode_plots`.
 """
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import plot_readers as read
 from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
@@ -17,14 +17,16 @@ from plotfeed.feeds.formats.sapient import extra as sapient
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.proto.asterix.decode_plots import plots_in_asterix
+from plotfeed.proto.measured_plots import plots_in_batch
 
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
-        Format(facts=REPORT_FORMATS["plots"], make=PlotBatches, plots_in=read.read_batch),
-        Format(facts=REPORT_FORMATS["asterix-015"], make=Asterix015, plots_in=read.read_015),
-        Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=read.read_048),
-        Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=read.read_205),
+        Format(facts=REPORT_FORMATS["plots"], make=PlotBatches, plots_in=plots_in_batch),
+        Format(facts=REPORT_FORMATS["asterix-015"], make=Asterix015, plots_in=plots_in_asterix),
+        Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=plots_in_asterix),
+        Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-062"], make=Asterix062, plots_in=None),
         sapient.FORMAT,
     )

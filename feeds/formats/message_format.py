@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from plotfeed.feeds.formats.plot_readers import PlotReader
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.report_formats import ReportFormat, asterix_content_type
 from plotfeed.feeds.scene.scene import Scene
@@ -14,6 +13,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
 MAX_BLOCK_OCTETS = 65535
@@ -66,8 +66,11 @@ class Format:
     facts: ReportFormat
     make: Callable[[Scene, Sensor], MessageFormat]
     """What makes the messages of a sensor; raises `PlotfeedError` if an extra is missing."""
-    plots_in: PlotReader | None
-    """The plots in a payload, by column; None for a format of tracks."""
+    plots_in: Callable[[bytes, int], MeasuredPlots] | None
+    """The plots in a payload, given a UTC time near its own; raises `DecodeError`.
+
+    None for a format of tracks.
+    """
     announcer: Callable[[Scene, Sensor], Announcer] | None = None
     """What makes the messages of a sensor of itself, if the format has any."""
 

@@ -6,35 +6,25 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, chain
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.page.page_recording import LEFT, PageRecording
-from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.measured_plots import MeasuredPlots, plots_in_batch
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.plots_csv import rows_of
+from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import Recorded
 
 UNKNOWN_DRONE = -2
 """Of a plot of which nothing says whose it is; pages know it."""
 MOST_M, MOST_DEG, MOST_DB = 1e7, 360.0, 300.0
 NAN = float("nan")
-
-
-class PlotRow(NamedTuple):
-    """A plot as it was measured; NaN for what was not."""
-
-    t_utc_ns: int
-    range_m: float
-    azimuth_deg: float
-    elevation_deg: float
-    height_m: float
-    snr_db: float
 
 
 class DroneNumbers:
@@ -53,38 +43,50 @@ class DroneNumbers:
         return number
 
 
-def rows_in(message: Recorded) -> list[PlotRow]:
-    """The plots in a message; heights are told by protobuf alone, above the ellipsoid."""
-    if message.topic.endswith("/plots"):
-        try:
-            batch = pb.PlotBatch.FromString(message.payload)
-        except DecodeError:
-            return []
-        return [_of_protobuf(plot) for plot in batch.plots]
-    return [_of_asterix(row, message) for row in rows_of(message) or []]
+NO_PLOTS = MeasuredPlots.of(())
+
+
+def measured_in(message: Recorded) -> MeasuredPlots:
+    """The plots in a message, as of the time that they say, or else at which it was due."""
+    try:
+        is_batch = message.topic.endswith("/plots")
+        found = plots_in_batch(message.payload) if is_batch else plots_in(message)
+    except DecodeError:
+        return NO_PLOTS
+    if found is None:
+        return NO_PLOTS
+    due_ns = message.publish_time_ns
+    times_ns = [due_ns if t_ns is None else t_ns for t_ns in found.t_utc_ns]
+    return found.but(t_utc_ns=np.array(times_ns, np.int64))
 
 
 def plots_of(
-    rows: Sequence[PlotRow], truths: Sequence[pb.PlotTruth], drones: DroneNumbers
+    measured: MeasuredPlots, truths: Sequence[pb.PlotTruth], drones: DroneNumbers
 ) -> Plots:
-    """Rows as columns, and whose they are as the ledger says in the same order."""
+    """Plots, and whose they are as the ledger says in the same order."""
     merged = np.empty(len(truths), np.object_)
     merged[:] = [tuple(map(drones.of, truth.merged_drones)) for truth in truths]
-    return Plots.of(
+    return nobody_s(measured).but(
         t_utc_ns=_ints(truth.time_utc_ns for truth in truths),
         drone=_ints(drones.of(t.drone) if t.drone else FALSE_ALARM for t in truths),
         merged_drones=merged,
         true_range_m=_within(MOST_M, (t.range_m if t.drone else NAN for t in truths)),
         true_azimuth_deg=_within(MOST_DEG, (t.azimuth_deg if t.drone else NAN for t in truths)),
         true_elevation_deg=_within(MOST_DEG, (t.elevation_deg if t.drone else NAN for t in truths)),
-        **_measured(rows),
     )
 
 
-def nobody_s(rows: Sequence[PlotRow]) -> Plots:
-    """Rows as columns, where nothing says whose they are."""
-    drone = np.full(len(rows), UNKNOWN_DRONE)
-    return Plots.of(t_utc_ns=_ints(row.t_utc_ns for row in rows), drone=drone, **_measured(rows))
+def nobody_s(measured: MeasuredPlots) -> Plots:
+    """Plots of which nothing says whose they are."""
+    return Plots.of(
+        t_utc_ns=measured.t_utc_ns.astype(np.int64),
+        drone=np.full(len(measured), UNKNOWN_DRONE),
+        range_m=_within(MOST_M, measured.range_m),
+        azimuth_deg=_within(MOST_DEG, measured.azimuth_deg),
+        elevation_deg=_within(MOST_DEG, measured.elevation_deg),
+        height_m=_within(MOST_M, measured.height_m),
+        snr=_ratio(measured.snr_db),
+    )
 
 
 def looks_of(looks: Sequence[pb.Look], drones: DroneNumbers) -> Looks:
@@ -102,47 +104,12 @@ def looks_of(looks: Sequence[pb.Look], drones: DroneNumbers) -> Looks:
     )
 
 
-def _of_protobuf(plot: pb.Plot) -> PlotRow:
-    has = plot.HasField
-    return PlotRow(
-        plot.time_utc_ns,
-        plot.range_m if has("range_m") else NAN,
-        plot.azimuth_deg if has("azimuth_deg") else NAN,
-        plot.elevation_deg if has("elevation_deg") else NAN,
-        plot.height_m if has("height_m") else NAN,
-        plot.snr_db if has("snr_db") else NAN,
-    )
-
-
-def _of_asterix(row: dict[str, Any], message: Recorded) -> PlotRow:
-    """Of the time that its record says, or at which the message was due."""
-    utc_ns = Moment.parse(row["time_utc"]).utc_ns if row.get("time_utc") else None
-    return PlotRow(
-        message.publish_time_ns if utc_ns is None else utc_ns,
-        row.get("range_m", NAN),
-        row.get("azimuth_deg", NAN),
-        row.get("elevation_deg", NAN),
-        NAN,
-        row.get("snr_db", NAN),
-    )
-
-
-def _measured(rows: Sequence[PlotRow]) -> dict[str, Floats]:
-    return {
-        "range_m": _within(MOST_M, (row.range_m for row in rows)),
-        "azimuth_deg": _within(MOST_DEG, (row.azimuth_deg for row in rows)),
-        "elevation_deg": _within(MOST_DEG, (row.elevation_deg for row in rows)),
-        "height_m": _within(MOST_M, (row.height_m for row in rows)),
-        "snr": _ratio(row.snr_db for row in rows),
-    }
-
-
 def _ints(values: Iterable[int]) -> Ints:
     return np.fromiter(values, np.int64)
 
 
 def _within(most: float, values: Iterable[float]) -> Floats:
-    column = np.fromiter(values, np.float64)
+    column = values if isinstance(values, np.ndarray) else np.fromiter(values, np.float64)
     return np.where(np.abs(column) <= most, column, np.nan)
 
 
@@ -179,7 +146,7 @@ class _Entry(NamedTuple):
     at_ns: int
     told: pb.Ledger
     """Without plots where those that were measured are not known."""
-    rows: Sequence[PlotRow]
+    measured: MeasuredPlots
 
 
 class RecordedSectors:
@@ -192,7 +159,7 @@ class RecordedSectors:
         """Log time as far as which it has read."""
         self._recording = recording
         self._drones = drones
-        self._waiting: OrderedDict[_Key, list[PlotRow]] = OrderedDict()
+        self._waiting: OrderedDict[_Key, list[MeasuredPlots]] = OrderedDict()
         topics = {*recording.carriers, *([recording.ledger] if recording.ledger else [])}
         stages = {*recording.carried, *LEFT}
         self._messages = log.messages(from_ns, None, topics, stages)
@@ -223,7 +190,7 @@ class RecordedSectors:
         named = dict(message.properties)
         sensor = self._recording.carriers[message.topic]
         key = (sensor, named.get("scan", ""), named.get("sector", ""))
-        self._waiting.setdefault(key, []).extend(rows_in(message))
+        self._waiting.setdefault(key, []).append(measured_in(message))
         while len(self._waiting) > MAX_WAITING:
             self._waiting.popitem(last=False)
 
@@ -231,15 +198,16 @@ class RecordedSectors:
         """Of the ledger; one that is none, or of another time, is passed over."""
         try:
             told = pb.Ledger.FromString(message.payload)
-        except DecodeError:
+        except ProtobufDecodeError:
             return
         if not self._is_plausible(told):
             return
-        rows = self._waiting.pop((told.sensor, str(told.scan), str(told.sector)), [])
-        if len(rows) != len(told.plots):
-            rows = []
+        parts = self._waiting.pop((told.sensor, str(told.scan), str(told.sector)), [])
+        measured = MeasuredPlots.joined([NO_PLOTS, *parts])
+        if len(measured) != len(told.plots):
+            measured = NO_PLOTS
             del told.plots[:]
-        yield _Entry(message.log_time_ns, told, rows)
+        yield _Entry(message.log_time_ns, told, measured)
 
     def _alone(self, message: Recorded) -> _Entry:
         """Plots as they were delivered, and nothing besides."""
@@ -252,24 +220,24 @@ class RecordedSectors:
             delivered=True,
             fate=pb.SENT,
         )
-        return _Entry(message.log_time_ns, told, rows_in(message))
+        return _Entry(message.log_time_ns, told, measured_in(message))
 
     def _sectors(self, entries: Sequence[_Entry]) -> Iterator[RecordedSector]:
         """Their columns are made at once, and cut."""
         has_ledger = self._recording.ledger is not None
-        rows = list(chain.from_iterable(entry.rows for entry in entries))
+        measured = MeasuredPlots.joined([NO_PLOTS, *(entry.measured for entry in entries)])
         truths = list(chain.from_iterable(entry.told.plots for entry in entries))
-        plots = plots_of(rows, truths, self._drones) if has_ledger else nobody_s(rows)
+        plots = plots_of(measured, truths, self._drones) if has_ledger else nobody_s(measured)
         told_looks = chain.from_iterable(entry.told.looks for entry in entries)
         looks = looks_of(list(told_looks), self._drones)
-        plot_ends = accumulate(len(entry.rows) for entry in entries)
+        plot_ends = accumulate(len(entry.measured) for entry in entries)
         look_ends = accumulate(len(entry.told.looks) for entry in entries)
         for entry, plot_end, look_end in zip(entries, plot_ends, look_ends, strict=True):
             yield RecordedSector(
                 at_ns=entry.at_ns,
                 sensor=entry.told.sensor,
                 looks=looks.between(look_end - len(entry.told.looks), look_end),
-                plots=plots.between(plot_end - len(entry.rows), plot_end),
+                plots=plots.between(plot_end - len(entry.measured), plot_end),
                 sent=entry.told.messages,
                 link=entry.told.link if has_ledger else None,
             )

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from google.protobuf.message import DecodeError
 
-from plotfeed.feeds.report.error_tally import QUANTITIES, ErrorsTally
+from plotfeed.feeds.report.error_tally import ErrorsTally
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.plots_csv import rows_of
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.measured_plots import MeasuredPlots, batch_in, plots_of_batch
+from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import Recorded
 
 KINDS = ("plots", "asterix/015", "asterix/048", "asterix/205")
@@ -55,47 +56,30 @@ def measured(message: Recorded, prefix: str, sensor: str) -> tuple[SectorKey, Re
 
 def _of_batch(payload: bytes, prefix: str, sensor: str) -> tuple[SectorKey, RecordedPlots] | None:
     try:
-        batch = pb.PlotBatch.FromString(payload)
+        batch = batch_in(payload)
     except DecodeError:
         return None
-    plots = batch.plots
-    values = [[_known(plot, name) for name in VALUES] for plot in plots]
-    sigmas = [[_known(plot, name) for name in SIGMAS] for plot in plots]
-    t_utc_ns = np.array([plot.time_utc_ns for plot in plots], np.int64)
-    found = RecordedPlots(0, _table(values), _table(sigmas), t_utc_ns)
-    return SectorKey(prefix, sensor, batch.scan, batch.sector), found
-
-
-def _known(plot: pb.Plot, name: str) -> float:
-    return getattr(plot, name) if plot.HasField(name) else math.nan
+    plots = plots_of_batch(batch)
+    sector = SectorKey(prefix, sensor, batch.scan, batch.sector)
+    return sector, _recorded(0, plots, plots.t_utc_ns.astype(np.int64))
 
 
 def _of_asterix(
     message: Recorded, prefix: str, sensor: str
 ) -> tuple[SectorKey, RecordedPlots] | None:
     properties = dict(message.properties)
-    rows = rows_of(message)
+    plots = plots_in(message)
     try:
         sector = SectorKey(prefix, sensor, int(properties["scan"]), int(properties["sector"]))
         block = int(properties["id"].rpartition("-")[2])
     except (KeyError, ValueError):
         return None
-    if rows is None:
-        return None
-    values, sigmas = _columns(rows, VALUES), _columns(rows, SIGMAS)
-    return sector, RecordedPlots(block, values, sigmas, NO_TIMES)
+    return None if plots is None else (sector, _recorded(block, plots, NO_TIMES))
 
 
-def _columns(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> Floats:
-    return _table([[_number(row.get(name)) for name in names] for row in rows])
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _table(rows: Sequence[Sequence[float]]) -> Floats:
-    return np.array(rows, np.float64).reshape(-1, len(QUANTITIES))
+def _recorded(block: int, plots: MeasuredPlots, t_utc_ns: Ints) -> RecordedPlots:
+    values, sigmas = ([getattr(plots, name) for name in names] for names in (VALUES, SIGMAS))
+    return RecordedPlots(block, np.stack(values, axis=1), np.stack(sigmas, axis=1), t_utc_ns)
 
 
 MAX_WAITING_PLOTS = 200_000

@@ -11,8 +11,11 @@ from google.protobuf.message import DecodeError as ProtobufError
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.retime import retime_protobuf
+from plotfeed.proto.sapient.encode_detections import AGE, BISTATIC_RANGE
 from plotfeed.proto.sapient.envelope import stamp_ns
+from plotfeed.proto.utc import NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,40 @@ def decode_answer(data: bytes) -> Answer:
         ack = message.registration_ack
         return Answer(ack.acceptance, tuple(ack.ack_response_reason))
     return Answer(None, tuple(message.error.error_message))
+
+
+def plots_in_sapient(data: bytes) -> MeasuredPlots:
+    """The detection of a message, if it tells of one; raises `DecodeError`.
+
+    Its time is that of the message, less the age that a plot is told to have.
+    """
+    message = _parsed(data)
+    if not message.HasField("detection_report"):
+        return MeasuredPlots.of(())
+    report = message.detection_report
+    infos = {info.type: info.value for info in report.object_info}
+    try:
+        age_s, bistatic_m = float(infos.get(AGE, 0)), float(infos.get(BISTATIC_RANGE, "nan"))
+        t_utc_ns = message.timestamp.ToNanoseconds() - round(age_s * NS)
+    except (ValueError, OverflowError) as error:
+        raise DecodeError(f"not a number in object_info: {error}") from None
+    told = {"t_utc_ns": t_utc_ns, "bistatic_range_m": bistatic_m}
+    place = report.range_bearing
+    for name, ours in _PLACES.items():
+        if place.HasField(name):
+            told[ours] = getattr(place, name)
+    return MeasuredPlots.of([told])
+
+
+_PLACES = {
+    "range": "range_m",
+    "azimuth": "azimuth_deg",
+    "elevation": "elevation_deg",
+    "range_error": "sigma_range_m",
+    "azimuth_error": "sigma_azimuth_deg",
+    "elevation_error": "sigma_elevation_deg",
+}
+"""Columns of plots, by what SAPIENT calls them."""
 
 
 def _parsed(data: bytes) -> SapientMessage:

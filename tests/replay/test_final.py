@@ -21,10 +21,9 @@ from support.recordings import (
 from support.shared_files import shared
 
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.recorded import Recorded
-from plotfeed.replay.times import DAY_NS
 
 DAY = START_NS // DAY_NS * DAY_NS
 PLOT = block_048(43_200)

@@ -17,7 +17,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.encode_048 import PlotEncoder048
 from plotfeed.proto.asterix.encode_205 import BearingEncoder205
-from plotfeed.replay.plots_csv import COLUMNS, PlotsCsvWriter, rows_of
+from plotfeed.replay.plots_csv import COLUMNS, PlotsCsvWriter, plots_in
 from plotfeed.replay.recorded import Recorded
 
 BATCH = "application/x-protobuf; messageType=plotfeed.v1.PlotBatch"
@@ -142,8 +142,8 @@ def test_what_holds_no_plots_is_told(other: Recorded) -> None:
 
 def test_records_that_are_no_plots_are_no_rows() -> None:
     summary = block(15, "c0", "190d", "04")
-    assert rows_of(asterix(summary, 15)) == []
-    assert rows_of(asterix(block(205, "a0", "190d", "01"), 205)) == []
+    assert table(asterix(summary, 15)) == []
+    assert table(asterix(block(205, "a0", "190d", "01"), 205)) == []
 
 
 @given(
@@ -156,5 +156,5 @@ def test_any_octets_are_rows_or_none(
     payload: bytes, content_type: str, topic: str, t_ns: int
 ) -> None:
     one = message(payload, t_ns, content_type=content_type, topic=topic)
-    rows = table(one) if rows_of(one) is not None else []
+    rows = table(one) if plots_in(one) is not None else []
     assert all(set(row) == set(COLUMNS) for row in rows)

@@ -22,11 +22,10 @@ from support.shared_files import shared
 
 from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
 from plotfeed.proto.asterix.codec.layout import Extended, Fixed
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_blocks import ITEMS, SPARE, TIME, time_of_day_ns
 from plotfeed.replay.asterix_files import RawReader, RawWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
-from plotfeed.replay.times import DAY_NS
 
 DAY = START_NS // DAY_NS * DAY_NS
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat
-from plotfeed.feeds.formats.plot_readers import read_sapient
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.measured_plots import MeasuredPlots
 
 
 def need_sapient() -> None:
@@ -37,10 +37,17 @@ def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
     return SapientAnnouncer(scene, sensor)
 
 
+def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
+    need_sapient()
+    from plotfeed.proto.sapient.decode_sapient import plots_in_sapient
+
+    return plots_in_sapient(payload)
+
+
 FORMAT = Format(
     facts=REPORT_FORMATS["sapient"],
     make=_reports,
-    plots_in=read_sapient,
+    plots_in=_plots_in,
     announcer=_announcer,
 )
 

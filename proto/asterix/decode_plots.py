@@ -1,0 +1,116 @@
+"""Plots from octets of ASTERIX: where the records of each category tell of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from plotfeed.proto.asterix.codec.decode import Record, decode, decode_lenient
+from plotfeed.proto.asterix.codec.report_profiles import FOOT_M, NM_M
+from plotfeed.proto.asterix.encode_015 import MEASUREMENT_PLOT, Geometry
+from plotfeed.proto.asterix.encode_205 import Message205
+from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.utc import NS, nearest_utc_ns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlotItems:
+    """Where records of a category tell of plots, by paths into them."""
+
+    time: str
+    """Of the time of day, in seconds."""
+    columns: Mapping[str, str]
+    """The path of each column of plots."""
+    units: Mapping[str, float] = field(default_factory=dict)
+    """What one is of a column, in the column's own unit, where that is not the layout's."""
+    plots_alone: tuple[str, tuple[int, ...]] = ("", ())
+    """A part, and the values by which it says that a record is a plot; all are, without one."""
+
+
+PLOT_ITEMS: Mapping[int, PlotItems] = {
+    15: PlotItems(
+        time="I015/145",
+        columns={
+            "range_m": "I015/625/R",
+            "sigma_range_m": "I015/625/SDR",
+            "azimuth_deg": "I015/627/AZ",
+            "sigma_azimuth_deg": "I015/627/SDASZ",
+            "elevation_deg": "I015/628/EL",
+            "sigma_elevation_deg": "I015/628/SDEL",
+            "height_m": "I015/601/GH",
+            "range_rate_m_s": "I015/626/DV",
+            "amplitude_dbm": "I015/630/RPP",
+            "snr_db": "I015/630/RPS",
+            "channel": "I015/400/PID",
+        },
+        plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,)),
+    ),
+    48: PlotItems(
+        time="I048/140",
+        columns={
+            "range_m": "I048/040/RHO",
+            "azimuth_deg": "I048/040/THETA",
+            "altitude_m": "I048/110",
+            "range_rate_m_s": "I048/120/CAL/CAL",
+            "amplitude_dbm": "I048/130/PAM",
+            "identity": "I048/240",
+        },
+        units={"range_m": NM_M, "altitude_m": FOOT_M},
+    ),
+    205: PlotItems(
+        time="I205/030",
+        columns={
+            "azimuth_deg": "I205/070",
+            "elevation_deg": "I205/200",
+            "identity": "I205/090",
+        },
+        plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
+    ),
+}
+"""By category. The time of 205 is that of sending."""
+MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
+"""Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
+
+
+def plots_in_asterix(payload: bytes, near_utc_ns: int) -> MeasuredPlots:
+    """Plots of all records of categories that have any; raises `DecodeError`.
+
+    A time of day is of the day that brings it nearest to `near_utc_ns`.
+    """
+    records = [record for record in decode(payload) if record.category in PLOT_ITEMS]
+    return _plots_of(records, near_utc_ns)
+
+
+def plots_readable_in(payload: bytes, near_utc_ns: int) -> MeasuredPlots | None:
+    """Plots of the records that are whole; None without one of a category that has plots."""
+    records = [r for r in decode_lenient(payload)[0] if r.category in PLOT_ITEMS]
+    return _plots_of(records, near_utc_ns) if records else None
+
+
+def _plots_of(records: list[Record], near_utc_ns: int) -> MeasuredPlots:
+    return MeasuredPlots.of(_told(record, near_utc_ns) for record in records if _is_plot(record))
+
+
+def _is_plot(record: Record) -> bool:
+    part, values = PLOT_ITEMS[record.category].plots_alone
+    return not part or record.get(part) in values
+
+
+def _told(record: Record, near_utc_ns: int) -> dict[str, Any]:
+    items = PLOT_ITEMS[record.category]
+    place = f"I{record.category:03d}/010"
+    told: dict[str, Any] = {"category": record.category}
+    time_s = record.get(items.time)
+    if isinstance(time_s, float):
+        told["t_utc_ns"] = nearest_utc_ns(round(time_s * NS), near_utc_ns)
+    is_multistatic = record.get("I015/020/MOMU") == Geometry.MULTISTATIC
+    columns = {"sac": f"{place}/SAC", "sic": f"{place}/SIC", **items.columns}
+    for name, path in columns.items():
+        value = record.get(path)
+        if value is None:
+            continue
+        if isinstance(value, float):
+            value *= items.units.get(name, 1.0)
+        told[MULTISTATIC.get(name, name) if is_multistatic else name] = value
+    return told

@@ -1,0 +1,103 @@
+"""Plots as a message tells of them: structures of arrays, with what it does not say left open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+from numpy.typing import NDArray
+
+from plotfeed.models.state import Columns, Floats, Ints, Texts
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import DecodeError
+
+NOT_TOLD = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredPlots(Columns):
+    """Plots of a message in their order; columns (n,): NaN, "" and -1 are for what it leaves out.
+
+    They are those of `Plots` with ratios in decibels. Heights are above the WGS-84 ellipsoid,
+    altitudes above mean sea level. A category is that of ASTERIX, 0 for other formats. Times are
+    whole numbers of any size, for files say what they like, or None.
+    """
+
+    t_utc_ns: Texts
+    sensor: Texts
+    """Its id; "" but in batches of ours."""
+    kind: Texts
+    identity: Texts
+    category: Ints
+    sac: Ints
+    sic: Ints
+    channel: Ints
+    range_m: Floats
+    bistatic_range_m: Floats
+    azimuth_deg: Floats
+    elevation_deg: Floats
+    height_m: Floats
+    altitude_m: Floats
+    range_rate_m_s: Floats
+    snr_db: Floats
+    amplitude_dbm: Floats
+    sigma_range_m: Floats
+    sigma_bistatic_range_m: Floats
+    sigma_azimuth_deg: Floats
+    sigma_elevation_deg: Floats
+
+    @classmethod
+    def of(cls, plots: Iterable[Mapping[str, Any]]) -> Self:
+        """Plots from what is told of each, by the names of the columns; other names are ignored."""
+        rows = list(plots)
+        columns = {}
+        for field in fields(cls):
+            absent, dtype = _ABSENT.get(field.name, _NUMBER)
+            column: NDArray[Any] = np.empty(len(rows), dtype)
+            column[:] = [row.get(field.name, absent) for row in rows]
+            columns[field.name] = column
+        return cls.holding(columns)
+
+
+_NUMBER = (math.nan, np.float64)
+_ABSENT: Mapping[str, tuple[Any, type]] = {
+    "t_utc_ns": (None, np.object_),
+    "sensor": ("", np.object_),
+    "kind": ("", np.object_),
+    "identity": ("", np.object_),
+    "category": (0, np.int64),
+    "sac": (NOT_TOLD, np.int64),
+    "sic": (NOT_TOLD, np.int64),
+    "channel": (NOT_TOLD, np.int64),
+}
+"""What stands for what is not told, and the type of the column, where that is not NaN."""
+
+
+def batch_in(payload: bytes) -> pb.PlotBatch:
+    """One of our own batches of plots; raises `DecodeError`."""
+    try:
+        return pb.PlotBatch.FromString(payload)
+    except ProtobufDecodeError:
+        raise DecodeError(f"{len(payload)} octets that are not a PlotBatch") from None
+
+
+def plots_in_batch(payload: bytes, _near_utc_ns: int = 0) -> MeasuredPlots:
+    """All plots of a batch, whose times need none that is near; raises `DecodeError`."""
+    return plots_of_batch(batch_in(payload))
+
+
+def plots_of_batch(batch: pb.PlotBatch) -> MeasuredPlots:
+    """All of its plots."""
+    return MeasuredPlots.of(
+        {
+            "t_utc_ns": plot.time_utc_ns,
+            "sensor": batch.sensor,
+            "channel": plot.channel,
+            **{field.name: value for field, value in plot.ListFields()},
+        }
+        for plot in batch.plots
+    )
