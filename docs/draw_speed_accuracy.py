@@ -12,10 +12,10 @@ from typing import Any
 
 from marks import between
 
+from plotfeed.feeds.accuracy_chart.chart import charted
+from plotfeed.feeds.accuracy_chart.chart_command import as_values, verdict
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
-from plotfeed.feeds.accuracy_chart.chart_text import errors_text, ns_text, share_text, verdict
-from plotfeed.feeds.accuracy_chart.charted import as_values, charted
-from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.accuracy_chart.stage import Effort, errors_text, ns_text, share_text
 from plotfeed.feeds.console.signals import keep_freed
 from plotfeed.feeds.scene.scene import example
 

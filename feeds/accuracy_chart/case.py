@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from decimal import Decimal
+from functools import singledispatch
+from typing import Any
 
 import numpy as np
 
 from plotfeed.feeds.accuracy_chart import precise
-from plotfeed.feeds.accuracy_chart.laws import error_law
 from plotfeed.feeds.accuracy_chart.sample import Flown, Places, Viewpoint, places, targets_at
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, PD, Effort, rms
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models import detection, energy
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
+from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats, Ints
 
 FEWEST_SEEN = 1e-6
 """Of a sensor that detects less than this share of its looks, there is nothing to chart."""
+Rng = np.random.Generator
+Sigmas = Callable[[Floats], Mapping[str, Floats]]
+"""From signal-to-noise ratios of detections, linear, (n,): standard deviations by quantity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,38 +54,41 @@ class Case:
 
     def seen_targets(self, n: int | None = None) -> Targets:
         """The first of the places that are detected, or all of them."""
-        return targets_at(_first(self.seen, n), self.frame, self.flown.signatures)
+        return targets_at(self.seen.first(n), self.frame, self.flown.signatures)
 
     def anywhere_targets(self, n: int | None = None) -> Targets:
         """The first of the places that are looked at, or all of them."""
-        return targets_at(_first(self.anywhere, n), self.frame, self.flown.signatures)
+        return targets_at(self.anywhere.first(n), self.frame, self.flown.signatures)
 
     @property
-    def rng(self) -> np.random.Generator:
-        """The same at every call."""
+    def rng(self) -> Rng:
+        """A generator that draws the same whenever it is asked for."""
         return np.random.default_rng(self.seed)
+
+    @property
+    def velocity_enu_m_s(self) -> Floats:
+        """Velocities of the seen targets; (n, 3)."""
+        return self.frame.rotate_from_ecef(self.seen.velocity_ecef_m_s)
 
     def measured(self, enu_m: Floats, rows: Ints | None = None) -> dict[str, Floats]:
         """What the sensor measures of those places, (n, 3), without its errors; by quantity.
 
         `rows` are theirs among `seen`, if they are not all of them.
         """
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(enu_m)
-        found = {
-            "range_m": range_m,
-            "azimuth_deg": azimuth_deg,
-            "elevation_deg": elevation_deg,
-        }
+        names = ("azimuth_deg", "elevation_deg", "range_m")
+        found = dict(zip(names, enu_to_aer(enu_m), strict=True))
         if isinstance(self.model, PassiveRadar):
             channel = self.best_channel if rows is None else self.best_channel[rows]
-            transmitters_enu_m = self.model.positions_enu_m[channel]
-            found["bistatic_range_m"] = bistatic_range(enu_m, transmitters_enu_m)
+            found["bistatic_range_m"] = bistatic_range(enu_m, self.model.positions_enu_m[channel])
         return {name: value for name, value in found.items() if name in self.own}
 
-    def precisely(self, row: int) -> dict[str, Decimal]:
-        """The same of one of the seen places, in 50 digits, from its latitude and longitude."""
-        here = (self.frame.latitude_deg, self.frame.longitude_deg, self.frame.height_m)
-        enu = precise.enu_m(here, self.seen.geodetic(row))
+    def measured_precisely(self, row: int) -> dict[str, Any]:
+        """What it measures of one of the seen places, in 50 digits; from latitude and longitude."""
+        site, place = self.frame, self.seen
+        enu = precise.enu_m(
+            (site.latitude_deg, site.longitude_deg, site.height_m),
+            [float(x[row]) for x in (place.latitude_deg, place.longitude_deg, place.height_m)],
+        )
         names = ("azimuth_deg", "elevation_deg", "range_m")
         found = dict(zip(names, precise.azimuth_elevation_range(enu), strict=True))
         if isinstance(self.model, PassiveRadar):
@@ -86,44 +96,27 @@ class Case:
             found["bistatic_range_m"] = precise.bistatic_range_m(enu, transmitter_enu_m)
         return {name: value for name, value in found.items() if name in self.own}
 
-    def errors(
-        self, enu_m: Floats, true_enu_m: Floats, rows: Ints | None = None
-    ) -> dict[str, float]:
-        """Rms errors of what is measured of places, (n, 3), that truly are elsewhere."""
-        return errors_between(self.measured(enu_m, rows), self.measured(true_enu_m, rows))
 
-    @property
-    def velocity_enu_m_s(self) -> Floats:
-        """Of the seen targets; (n, 3)."""
-        return self.frame.rotate_from_ecef(self.seen.velocity_ecef_m_s)
+def wrapped(name: str, difference: Floats) -> Floats:
+    """Differences of a quantity, angles the short way round."""
+    return wrap_180(difference) if name.endswith("_deg") else difference
 
 
-def _first(found: Places, n: int | None) -> Places:
-    return found if n is None else found.drawn(np.arange(min(n, len(found))))
-
-
-def errors_between(measured: Mapping[str, Floats], true: Mapping[str, Floats]) -> dict[str, float]:
-    """Rms differences by quantity, angles the short way round."""
-    return {
-        name: rms(
-            wrap_180(measured[name] - value) if name.endswith("_deg") else measured[name] - value
-        )
-        for name, value in true.items()
-    }
-
-
-def case_of(
-    scene: Scene, sensor: Sensor, flown: Flown, effort: Effort, rng: np.random.Generator
-) -> Case | None:
+def case_of(scene: Scene, sensor: Sensor, flown: Flown, effort: Effort, rng: Rng) -> Case | None:
     """What there is to measure of a sensor; None if it hardly ever detects any of the drones."""
-    watcher = Viewpoint.of(scene, sensor)
-    model, frame = watcher.model, watcher.frame
-    found, pd = places(scene, watcher, flown, effort.pool, rng)
+    viewpoint = Viewpoint.of(scene, sensor)
+    model, frame = viewpoint.model, viewpoint.frame
+    found, pd = places(scene, viewpoint, flown, effort.pool, rng)
     if not len(found) or pd.mean() < FEWEST_SEEN:
         return None
     seen = found.drawn(rng.choice(len(found), effort.targets, p=pd / pd.sum()))
     some = rng.permutation(len(found))[: max(effort.targets, effort.references)]
     targets = targets_at(seen, frame, flown.signatures)
+    own = _own_sigmas(model, targets)
+    own[PD] = float(np.sqrt(np.mean(pd[some] * (1 - pd[some]))))
+    mean, variance = alarm_moments(model)
+    if mean > 0:
+        own[FALSE_ALARMS] = float(np.sqrt(variance))
     return Case(
         scene=scene,
         sensor=sensor,
@@ -132,31 +125,30 @@ def case_of(
         effort=effort,
         flown=flown,
         seen=seen,
-        anywhere=found.rows(some),
+        anywhere=found.drawn(some),
         pd_anywhere=pd[some],
         best_channel=_best_channel(model, targets),
-        own=_own(model, targets, pd[some]),
+        own=own,
     )
+
+
+def alarm_moments(model: SensorModel) -> tuple[float, float]:
+    """Mean and variance of the number of false alarms a scan: binomial where cells are known."""
+    cells, pfa = getattr(model, "resolution_cells", None), getattr(model, "pfa", None)
+    if cells is None or pfa is None:
+        return model.false_alarms_per_scan, model.false_alarms_per_scan
+    mean = float(np.sum(cells) * pfa)
+    return mean, mean * (1 - pfa)
 
 
 def _best_channel(model: SensorModel, targets: Targets) -> Ints:
     if not isinstance(model, PassiveRadar):
         return np.zeros(len(targets), np.int64)
-    power_w = model.target_power_w(targets.position_enu_m, targets.rcs_m2())
-    return np.asarray(model.mean_snr(power_w).argmax(axis=1))
-
-
-def _own(model: SensorModel, targets: Targets, pd: Floats) -> dict[str, float]:
-    own = _own_sigmas(model, targets)
-    own[PD] = float(np.sqrt(np.mean(pd * (1 - pd))))
-    cells, pfa = getattr(model, "resolution_cells", None), getattr(model, "pfa", 0.0)
-    if cells is not None:
-        own[FALSE_ALARMS] = float(np.sqrt(np.sum(cells) * pfa * (1 - pfa)))
-    return own
+    return np.asarray(passive_snrs(model, targets).argmax(axis=1))
 
 
 def _own_sigmas(model: SensorModel, targets: Targets) -> dict[str, float]:
-    """Of what it measures: by the law of its errors, or else by what it predicts."""
+    """Errors of what it measures: by their law, or else by what it predicts."""
     law = error_law(model, targets)
     if law is not None:
         return {name: rms(sigma) for name, sigma in law.sigmas(1 / law.inverse).items()}
@@ -167,3 +159,132 @@ def _own_sigmas(model: SensorModel, targets: Targets) -> dict[str, float]:
         "elevation_deg": predicted.sigma_elevation_deg,
     }
     return {name: rms(sigma) for name, sigma in sigmas.items() if np.isfinite(sigma).any()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorLaw:
+    """How the errors of a sensor's plots of targets are distributed.
+
+    `draw` gives ratios of detections, None where they do not fluctuate; `inverse` is the mean of
+    one over them. `printed` has the paper's own constants.
+    """
+
+    mean_snr: Floats
+    sigmas: Sigmas
+    printed: Sigmas | None
+    draw: Callable[[Rng], Floats] | None
+    inverse: Floats
+
+
+@singledispatch
+def error_law(_model: SensorModel, _targets: Targets) -> ErrorLaw | None:
+    """The law of a kind of sensor; None if it is not known, and the stage of errors left out."""
+    return None
+
+
+@error_law.register
+def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
+    snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
+    names = ("range_m", "azimuth_deg", "elevation_deg")[: 3 if model.measures_elevation else 2]
+
+    def sigmas(snr: Floats) -> dict[str, Floats]:
+        return dict(zip(names, model.sigmas(snr), strict=False))
+
+    beams = {
+        "azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg),
+        "elevation_deg": (model.elevation_beamwidth_deg, model.elevation_floor_deg),
+    }
+    return ErrorLaw(
+        mean_snr=snrs.mean(axis=1),
+        sigmas=sigmas,
+        printed=_printed(sigmas, beams),
+        draw=lambda rng: model.draw_detected(snrs, rng)[0],
+        inverse=model.inverse_detected(snrs),
+    )
+
+
+@error_law.register
+def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
+    snrs = passive_snrs(model, targets)
+    snr, resolution_m = snrs.max(axis=1), model.range_resolution_m[snrs.argmax(axis=1)]
+
+    def sigmas(ratio: Floats) -> dict[str, Floats]:
+        names = ("bistatic_range_m", "azimuth_deg")
+        return dict(zip(names, model.sigmas(ratio, resolution_m), strict=True))
+
+    beams = {"azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg)}
+    look = (snr, model.pfa, model.n_reference)
+    return ErrorLaw(
+        mean_snr=snr,
+        sigmas=sigmas,
+        printed=_printed(sigmas, beams),
+        draw=lambda rng: detection.draw_detected_snr_swerling1(*look, rng)[0],
+        inverse=detection.inverse_detected_snr(*look),
+    )
+
+
+@error_law.register
+def _(model: MicrophoneArray, targets: Targets) -> ErrorLaw:
+    snr = 10 ** (model.snr_db(targets.sound_power_db(), targets.position_enu_m) / 10)
+    laws = {"azimuth_deg": model.sigma_azimuth_deg}
+    beams = {"azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg)}
+    if model.elevation_beamwidth_deg is not None:
+        laws["elevation_deg"] = model.sigma_elevation_deg
+        beams["elevation_deg"] = (model.elevation_beamwidth_deg, model.elevation_floor_deg)
+
+    def sigmas(ratio: Floats) -> dict[str, Floats]:
+        return {name: law(ratio) for name, law in laws.items()}
+
+    return ErrorLaw(
+        mean_snr=snr, sigmas=sigmas, printed=_printed(sigmas, beams), draw=None, inverse=1 / snr
+    )
+
+
+@error_law.register
+def _(model: RfDirectionFinder, targets: Targets) -> ErrorLaw | None:
+    if not model.measures_azimuth:
+        return None
+    emissions, snr = strongest_emissions(model, targets)
+
+    def draw(rng: Rng) -> Floats:
+        detected = energy.draw_detected_energy(snr, model.pfa, model.samples, rng)
+        return energy.estimated_snr(detected, model.samples)
+
+    def sigmas(ratio: Floats) -> dict[str, Floats]:
+        return {"azimuth_deg": model.sigma_azimuth_deg(emissions.frequency_hz, ratio)}
+
+    return ErrorLaw(
+        mean_snr=snr,
+        sigmas=sigmas,
+        printed=None,
+        draw=draw,
+        inverse=energy.inverse_estimated_snr(snr, model.pfa, model.samples),
+    )
+
+
+def _printed(sigmas: Sigmas, beams: Mapping[str, tuple[float, float]]) -> Sigmas:
+    """Equations 14 and 15 as printed, beamwidth over 2 sqrt(S), for angles; range as it is."""
+
+    def found(snr: Floats) -> dict[str, Floats]:
+        angles = {
+            name: np.hypot(width_deg / (2 * np.sqrt(snr)), floor_deg)
+            for name, (width_deg, floor_deg) in beams.items()
+        }
+        return {name: angles.get(name, sigma) for name, sigma in sigmas(snr).items()}
+
+    return found
+
+
+def passive_snrs(model: PassiveRadar, targets: Targets) -> Floats:
+    """Mean ratios by channel; (n, channels)."""
+    return model.mean_snr(model.target_power_w(targets.position_enu_m, targets.rcs_m2()))
+
+
+def strongest_emissions(model: RfDirectionFinder, targets: Targets) -> tuple[Emissions, Floats]:
+    """Of each target the emission with the highest ratio, and that; one row a target."""
+    emissions = Emissions.of(targets)
+    snr = model.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
+    order = np.lexsort((-snr, emissions.target))
+    _, first = np.unique(emissions.target[order], return_index=True)
+    rows = order[first]
+    return emissions.rows(rows), snr[rows]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,10 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.accuracy_chart.chart_text import errors_text, ns_text
-from plotfeed.feeds.accuracy_chart.charted import Charted, ChartedSensor
-from plotfeed.feeds.accuracy_chart.labels import Label, place_labels
-from plotfeed.feeds.accuracy_chart.whole import LITTLE, Configuration, MeasuredStage
+from plotfeed.feeds.accuracy_chart.chart import (
+    LITTLE,
+    Chart,
+    ChartedSensor,
+    Configuration,
+    MeasuredStage,
+)
+from plotfeed.feeds.accuracy_chart.stage import errors_text, ns_text
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 
@@ -29,6 +33,25 @@ INK = "#1e293b"
 COST_LABEL = "ns a target-scan"
 SHARE_LABEL = "error added, beside the sensor's own"
 
+LABEL_STYLE = {"fontsize": 7.5, "linespacing": 1.2, "va": "bottom", "ha": "left"}
+MARKER_PIXELS = 8.0
+GAP_PIXELS = 10.0
+REACHES = (1.0, 2.0, 3.5, 5.5, 8.0, 11.0, 15.0)
+"""How far labels may move away, in gaps."""
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top; pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """What is written beside a point; data coordinates."""
+
+    x: float
+    y: float
+    text: str
+    color: str
+
+
 Panel = Callable[[Any], list[Label]]
 
 
@@ -40,7 +63,7 @@ def need_matplotlib() -> None:
         raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
 
 
-def draw(chart: Charted, folder: Path, picture: str) -> list[Path]:
+def draw(chart: Chart, folder: Path, picture: str) -> list[Path]:
     """Draw all figures into a folder, as .png or .svg; their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -51,7 +74,7 @@ def draw(chart: Charted, folder: Path, picture: str) -> list[Path]:
     return paths
 
 
-def _figures(chart: Charted) -> list[tuple[str, str, Mapping[str, Panel]]]:
+def _figures(chart: Chart) -> list[tuple[str, str, Mapping[str, Panel]]]:
     """File name, title, and a panel for each sensor that has something to show."""
     stages: dict[str, tuple[str, dict[str, Panel]]] = {}
     for sensor in chart.sensors:
@@ -112,23 +135,23 @@ def _legend(figure: Any, columns: int) -> None:
 
 
 def _stage_panel(sensor: ChartedSensor, stage: MeasuredStage, axes: Any) -> list[Label]:
-    ns = np.array([way.time.median_ns for way in stage.ways])
-    scale = _Shares.of([way.share for way in stage.ways])
-    shares = scale.drawn([way.share for way in stage.ways])
-    for i, way in enumerate(stage.ways):
-        span_ns = ([ns[i] - way.time.low_ns], [way.time.high_ns - ns[i]])
+    ns = np.array([m.time.median_ns for m in stage.methods])
+    scale = _Shares.of([m.share for m in stage.methods])
+    shares = scale.drawn([m.share for m in stage.methods])
+    for i, m in enumerate(stage.methods):
+        span_ns = ([ns[i] - m.time.low_ns], [m.time.high_ns - ns[i]])
         axes.errorbar([ns[i]], [shares[i]], xerr=span_ns, color=QUIET, lw=1, zorder=1)
-    _scatter(axes, ns, shares, [way.alternative.ours for way in stage.ways], stage.front)
+    _scatter(axes, ns, shares, [m.method.ours for m in stage.methods], stage.front)
     front = list(stage.front)
     _finish(axes, sensor, scale, ns, (ns[front], shares[front]))
     return [
         Label(
             x=float(x),
             y=float(y),
-            text=f"{way.alternative.name}\n{errors_text(way.alternative.errors)}",
-            color=SCENE if way.alternative.ours else INK,
+            text=f"{m.method.name}\n{errors_text(m.method.errors)}",
+            color=SCENE if m.method.ours else INK,
         )
-        for x, y, way in zip(ns, shares, stage.ways, strict=True)
+        for x, y, m in zip(ns, shares, stage.methods, strict=True)
     ]
 
 
@@ -256,3 +279,71 @@ def _number(value: float) -> str:
     if 1e-3 <= value < 1e6:
         return f"{value:,.0f}" if value >= 1 else f"{value:g}"
     return f"$10^{{{round(np.log10(value))}}}$"
+
+
+def place_labels(axes: Any, labels: Sequence[Label], renderer: Any) -> None:
+    """Write them, each where it first finds room, with a line to its point if that is not near."""
+    points = [tuple(axes.transData.transform((label.x, label.y))) for label in labels]
+    taken: list[Box] = [_around(x, y, MARKER_PIXELS, MARKER_PIXELS) for x, y in points]
+    within = axes.get_window_extent(renderer)
+    frame = (within.x0, within.y0, within.x1, within.y1)
+    for label, (x, y) in zip(labels, points, strict=True):
+        text = axes.annotate(label.text, (label.x, label.y), **LABEL_STYLE)
+        extent = text.get_window_extent(renderer)
+        text.remove()
+        best = min(
+            _boxes(x, y, extent.width, extent.height),
+            key=lambda found: _cost(found, frame, taken),
+        )
+        taken.append(best)
+        _write(axes, label, (x, y), best)
+
+
+def _write(axes: Any, label: Label, point: tuple[float, float], box: Box) -> None:
+    """At the place found, in pixels from the point."""
+    pixels_a_point = axes.figure.dpi / 72
+    offset = ((box[0] - point[0]) / pixels_a_point, (box[1] - point[1]) / pixels_a_point)
+    near_x = min(max(point[0], box[0]), box[2])
+    near_y = min(max(point[1], box[1]), box[3])
+    far = max(abs(near_x - point[0]), abs(near_y - point[1])) > 2.5 * GAP_PIXELS
+    axes.annotate(
+        label.text,
+        (label.x, label.y),
+        xytext=offset,
+        textcoords="offset points",
+        **LABEL_STYLE,
+        color=label.color,
+        zorder=6,
+        annotation_clip=False,
+        arrowprops={"arrowstyle": "-", "lw": 0.5, "color": label.color, "alpha": 0.6, "shrinkA": 0}
+        if far
+        else None,
+        bbox={"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.6},
+    )
+
+
+def _boxes(x: float, y: float, width: float, height: float) -> Iterator[Box]:
+    """Places for a label, the better ones first: to the right, to the left, above, below."""
+    for reach in REACHES:
+        away = reach * GAP_PIXELS
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+            middle_x = x + dx * (away + width / 2)
+            middle_y = y + dy * (away + height / 2)
+            yield _around(middle_x, middle_y, width / 2, height / 2)
+
+
+def _cost(box: Box, frame: Box, taken: Sequence[Box]) -> float:
+    """Area that is covered twice or lies outside."""
+    inside = _overlap(box, frame)
+    area = (box[2] - box[0]) * (box[3] - box[1])
+    return (area - inside) + sum(_overlap(box, other) for other in taken)
+
+
+def _overlap(a: Box, b: Box) -> float:
+    width = min(a[2], b[2]) - max(a[0], b[0])
+    height = min(a[3], b[3]) - max(a[1], b[1])
+    return max(width, 0.0) * max(height, 0.0)
+
+
+def _around(x: float, y: float, half_width: float, half_height: float) -> Box:
+    return x - half_width, y - half_height, x + half_width, y + half_height

@@ -5,7 +5,7 @@ Places are drawn from the volume that the scene's own drones fly through, in the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.state import Columns, Floats, Ints, Signature, Signatures
+from plotfeed.models.state import Columns, Floats, Ints, Signatures
 from plotfeed.models.truth import FOREVER_NS, Trajectories
 
 USUAL_SPEED_M_S = 20.0
@@ -42,25 +42,21 @@ class Places(Columns):
 
     @property
     def ecef_m(self) -> Floats:
-        """The same places; (n, 3)."""
+        """The places in ECEF; (n, 3)."""
         return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
 
     def drawn(self, which: Ints) -> Places:
         """Those rows, of which some may be there more than once."""
         return self.holding({name: column[which] for name, column in vars(self).items()})
 
-    def geodetic(self, row: int) -> tuple[float, float, float]:
-        """Latitude, longitude and height of one of them."""
-        return (
-            float(self.latitude_deg[row]),
-            float(self.longitude_deg[row]),
-            float(self.height_m[row]),
-        )
+    def first(self, n: int | None) -> Places:
+        """So many, or all."""
+        return self if n is None else self.between(0, min(n, len(self)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flown:
-    """What the scene's drones do: some of their states, ECEF, and what of them can be sensed."""
+    """Some states of the scene's drones, ECEF, and what of them can be sensed."""
 
     drone: Ints
     position_ecef_m: Floats
@@ -117,7 +113,7 @@ class Viewpoint:
 
     @classmethod
     def of(cls, scene: Scene, sensor: Sensor) -> Viewpoint:
-        """That sensor."""
+        """Model and frame at the scene's site."""
         site = scene.scene.site
         model: Any = sensor.model(site)
         if getattr(model, "merging", None) is not None:
@@ -127,18 +123,19 @@ class Viewpoint:
 
 
 def places(
-    scene: Scene, watcher: Viewpoint, states: Flown, n: int, rng: np.random.Generator
+    scene: Scene, viewpoint: Viewpoint, states: Flown, n: int, rng: np.random.Generator
 ) -> tuple[Places, Floats]:
     """Up to `n` places at which a sensor looks, with the Pd there; uniform in a volume.
 
     That of the drones, or, where the sensor covers hardly any of it, of the sensor itself.
     """
-    drone, velocity_m_s = _movers(scene, states, n, rng)
-    for volume in (_within_flights, _within_cover):
-        place_ecef_m = volume(scene, watcher, states, n, rng)
-        if place_ecef_m is None:
-            continue
-        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(place_ecef_m)
+    site = site_frame(scene.scene.site)
+    drone, velocity_m_s = _movers(site, states, n, rng)
+    volumes: list[Callable[[], Floats]] = [lambda: _within_cover(viewpoint, n, rng)]
+    if len(states.drone):
+        volumes.insert(0, lambda: _within_flights(site, states, n, rng))
+    for volume in volumes:
+        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(volume())
         found = Places(
             drone=drone,
             latitude_deg=latitude_deg,
@@ -146,7 +143,8 @@ def places(
             height_m=height_m,
             velocity_ecef_m_s=velocity_m_s,
         )
-        pd = looked_at(watcher.model, targets_at(found, watcher.frame, states.signatures), rng)
+        targets = targets_at(found, viewpoint.frame, states.signatures)
+        pd = looked_at(viewpoint.model, targets, rng)
         covered = ~np.isnan(pd)
         if covered.sum() >= FEWEST_IN_COVER:
             break
@@ -183,39 +181,34 @@ def looked_at(model: SensorModel, targets: Targets, rng: np.random.Generator) ->
 
 def _unknown(scene: Scene) -> Signatures:
     """A drone that tells nothing of itself."""
-    plain = Signature(rcs_m2=scene.telemetry.rcs_m2, sound_power_db=scene.telemetry.sound_power_db)
+    telemetry = scene.telemetry
     return Signatures(
-        rcs_m2=np.array([plain.rcs_m2]),
-        sound_power_db=np.array([plain.sound_power_db]),
-        emitters=[plain.emitters],
+        rcs_m2=np.array([telemetry.rcs_m2]),
+        sound_power_db=np.array([telemetry.sound_power_db]),
+        emitters=[()],
     )
 
 
-def _movers(scene: Scene, states: Flown, n: int, rng: np.random.Generator) -> tuple[Ints, Floats]:
+def _movers(
+    site: LocalFrame, states: Flown, n: int, rng: np.random.Generator
+) -> tuple[Ints, Floats]:
     """Drones, and velocities that they have at some time."""
     if len(states.drone):
         row = rng.integers(0, len(states.drone), n)
         return states.drone[row], states.velocity_ecef_m_s[row]
     level = aer_to_enu(rng.uniform(0, 360, n), 0.0, USUAL_SPEED_M_S)
-    return np.zeros(n, np.int64), site_frame(scene.scene.site).rotate_to_ecef(level)
+    return np.zeros(n, np.int64), site.rotate_to_ecef(level)
 
 
-def _within_flights(
-    scene: Scene, _watcher: Viewpoint, states: Flown, n: int, rng: np.random.Generator
-) -> Floats | None:
-    """In the box around all that is flown, along the axes of the site; None if nothing is."""
-    if not len(states.drone):
-        return None
-    site = site_frame(scene.scene.site)
+def _within_flights(site: LocalFrame, states: Flown, n: int, rng: np.random.Generator) -> Floats:
+    """In the box around all that is flown, along the axes of the site."""
     enu_m = site.from_ecef(states.position_ecef_m)
     return site.to_ecef(rng.uniform(enu_m.min(axis=0), enu_m.max(axis=0), (n, 3)))
 
 
-def _within_cover(
-    _scene: Scene, watcher: Viewpoint, _states: Flown, n: int, rng: np.random.Generator
-) -> Floats | None:
+def _within_cover(viewpoint: Viewpoint, n: int, rng: np.random.Generator) -> Floats:
     """Uniform in range and in the angles that the sensor covers; up to 60 degrees without such."""
-    sensor = watcher.sensor
+    sensor = viewpoint.sensor
     low_deg = max(getattr(sensor, "elevation_min_deg", 0.0), -5.0)
     high_deg = getattr(sensor, "elevation_max_deg", 60.0)
     enu_m = aer_to_enu(
@@ -225,4 +218,4 @@ def _within_cover(
         rng.uniform(min(low_deg, high_deg), high_deg, n),
         rng.uniform(getattr(sensor, "range_min_m", 0.0), sensor.range_max_m, n),
     )
-    return watcher.frame.to_ecef(enu_m)
+    return viewpoint.frame.to_ecef(enu_m)

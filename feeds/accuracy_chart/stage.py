@@ -1,4 +1,4 @@
-"""A stage of the work, the ways in which it can be done, what was measured of them."""
+"""A stage of the work, the methods by which it can be done, and what each of them costs."""
 
 from __future__ import annotations
 
@@ -13,15 +13,26 @@ from plotfeed.models.state import Floats
 
 PD = "pd"
 FALSE_ALARMS = "false_alarms"
-UNITS = {
-    "range_m": "m",
-    "bistatic_range_m": "m",
-    "azimuth_deg": "deg",
-    "elevation_deg": "deg",
-    PD: "",
-    FALSE_ALARMS: "a scan",
+MEASURED = ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg")
+"""Of everything in which a tracker can see an error, what is measured of a target."""
+WORDS = {
+    "range_m": "{} m",
+    "bistatic_range_m": "{} m of path",
+    "azimuth_deg": "{}° az",
+    "elevation_deg": "{}° el",
+    "pd": "Pd {}",
+    "false_alarms": "{} alarms",
 }
-"""Of everything in which a tracker can see an error, by its name."""
+NEGLIGIBLE = 1e-12
+"""Less than that is rounding."""
+Call = Callable[[], object]
+MOST_CALLS = 100_000
+FINE_S = 1e-6
+now_ns = (
+    time.thread_time_ns
+    if time.get_clock_info("thread_time").resolution <= FINE_S
+    else time.perf_counter_ns
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +69,7 @@ class Effort:
 
     @classmethod
     def quick(cls, targets: int) -> Effort:
-        """Of a second or so: that everything works."""
+        """A second or so: that everything works."""
         return cls(
             targets=min(targets, 200),
             pool=3000,
@@ -71,15 +82,15 @@ class Effort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Alternative:
-    """One way: a call that does `units` target-scans, and the errors that it makes.
+class Method:
+    """A call that does `units` target-scans, and the errors that it makes.
 
     `errors` are rms over the scene's places, by quantity; zero for what is right by definition or
     in law. `ours` is what the engine does for this scene.
     """
 
     name: str
-    run: Callable[[], object]
+    run: Call
     units: int
     errors: Mapping[str, float]
     ours: bool = False
@@ -91,11 +102,11 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartStage:
-    """Alternatives that do the same work."""
+    """Methods that do the same work."""
 
     name: str
     question: str
-    alternatives: tuple[Alternative, ...]
+    methods: tuple[Method, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +119,7 @@ class Time:
 
     @classmethod
     def of(cls, turns_ns: Floats) -> Time:
-        """Of the mean of each turn."""
+        """Quantiles of the means of the turns."""
         low_ns, median_ns, high_ns = np.quantile(turns_ns, (0.25, 0.5, 0.75)).tolist()
         return cls(median_ns, low_ns, high_ns)
 
@@ -121,8 +132,7 @@ def rms(values: Floats) -> float:
 
 def share_of_own(errors: Mapping[str, float], own: Mapping[str, float]) -> float:
     """The largest error beside the sensor's own in that quantity."""
-    shares = [_share(error, own.get(name, 0.0)) for name, error in errors.items()]
-    return max(shares, default=0.0)
+    return max((_share(error, own.get(name, 0.0)) for name, error in errors.items()), default=0.0)
 
 
 def _share(error: float, own: float) -> float:
@@ -131,14 +141,27 @@ def _share(error: float, own: float) -> float:
     return 0.0 if error == 0 else float("inf")
 
 
-Call = Callable[[], object]
-MOST_CALLS = 100_000
-FINE_S = 1e-6
-now_ns = (
-    time.thread_time_ns
-    if time.get_clock_info("thread_time").resolution <= FINE_S
-    else time.perf_counter_ns
-)
+def errors_text(errors: Mapping[str, float]) -> str:
+    """Such as: 16 m, 0.15° az, Pd 0.008; what is only rounding is not told."""
+    told = {name: error for name, error in errors.items() if error > NEGLIGIBLE}
+    return (
+        ", ".join(WORDS.get(name, "{}").format(f"{e:.2g}") for name, e in told.items())
+        or "no error"
+    )
+
+
+def share_text(share: float | None) -> str:
+    """Of the sensor's own error."""
+    if share is None:
+        return "all"
+    if share >= 100:
+        return f"{share:,.0f}"
+    return f"{share:.2g}" if share > NEGLIGIBLE else "0"
+
+
+def ns_text(ns: float) -> str:
+    """Three figures."""
+    return f"{ns:,.0f}" if ns >= 100 else f"{ns:.3g}"
 
 
 def in_turns(calls: Sequence[Call], *, rounds: int, seconds: float) -> Floats:

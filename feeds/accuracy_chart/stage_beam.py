@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage
+from plotfeed.feeds.accuracy_chart.case import Case, wrapped
+from plotfeed.feeds.accuracy_chart.stage import ChartStage, Method, rms
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector, nth_sector
 from plotfeed.models.beam.sweep import meetings
@@ -22,10 +22,12 @@ OURS = "beam passage, a turn at once"
 SOME_SCAN = 1000
 BISECTIONS = 70
 """They halve a scan down to the last bit of a float."""
+Found = tuple[Ints, Floats]
+"""Which drones the beam meets, and where they are then, (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Flights:
+class ScannedFlights:
     """The seen drones flying straight on through one scan, so that they are there in its middle."""
 
     case: Case
@@ -34,36 +36,38 @@ class Flights:
 
     @property
     def start_ns(self) -> int:
-        """Of the scan, when its beam is at north."""
+        """When the beam is at north."""
         return self.sectors[0].start_ns
 
     @property
     def period_ns(self) -> int:
-        """Of a turn."""
+        """How long a turn lasts."""
         return self.sectors[-1].end_ns - self.start_ns
 
-    def enu_m(self, t_ns: Ints) -> Floats:
-        """Where each is at a time of its own; (n,) in, (n, 3) out."""
-        return self.case.frame.from_ecef(self.trajectories.state_at(t_ns, self.all).position_ecef_m)
-
-    def azimuths_deg(self, t_ns: Ints) -> Floats:
-        """The same as azimuths; (n,)."""
-        return enu_to_aer(self.enu_m(t_ns))[0]
-
     @property
-    def all(self) -> Ints:
+    def drones(self) -> Ints:
         """Every drone."""
         return np.arange(len(self.case.seen))
 
+    def enu_m(self, t_ns: Ints | int) -> Floats:
+        """Where each is at a time of its own, or of all; (n, 3)."""
+        t_ns = np.broadcast_to(t_ns, len(self.drones))
+        state = self.trajectories.state_at(t_ns, self.drones)
+        return self.case.frame.from_ecef(state.position_ecef_m)
 
-def beam(case: Case) -> ChartStage | None:
+    def azimuths_deg(self, t_ns: Ints | int) -> Floats:
+        """Azimuths of those places; (n,)."""
+        return enu_to_aer(self.enu_m(t_ns))[0]
+
+
+def beam_stage(case: Case) -> ChartStage | None:
     """Against the instant at which the beam meets each drone; None for a sensor that stares."""
     scan = case.sensor.scan
     if not isinstance(scan, RotatingScan):
         return None
     flights = _flights(case, scan.sectors)
     passed, true_enu_m = crossings(flights)
-    ways: dict[str, Callable[[], tuple[Ints, Floats]]] = {
+    calls: dict[str, Callable[[], Found]] = {
         "instant of the scan": partial(_at_the_end, flights),
         "instant of the sector": partial(_at_sector_ends, flights),
         "one step from north": partial(_from_north, flights, 1),
@@ -74,23 +78,23 @@ def beam(case: Case) -> ChartStage | None:
     return ChartStage(
         name="beam timing",
         question="How to find where drones are when the beam is there",
-        alternatives=tuple(
-            Alternative(
+        methods=tuple(
+            Method(
                 name=name,
-                run=way,
+                run=call,
                 units=len(case.seen),
-                errors=_errors(case, way, passed, true_enu_m),
+                errors=_errors(case, call(), passed, true_enu_m),
                 ours=name == OURS,
             )
-            for name, way in ways.items()
+            for name, call in calls.items()
         ),
     )
 
 
-def crossings(flights: Flights) -> tuple[Bools, Floats]:
+def crossings(flights: ScannedFlights) -> tuple[Bools, Floats]:
     """Which drones the beam meets once within the scan, and where they are then, by bisection."""
     period_s = flights.period_ns / NS
-    start_enu_m = flights.enu_m(np.full(len(flights.all), flights.start_ns))
+    start_enu_m = flights.enu_m(flights.start_ns)
     velocity_m_s = flights.case.velocity_enu_m_s
     start_deg = enu_to_aer(start_enu_m)[0]
 
@@ -107,7 +111,7 @@ def crossings(flights: Flights) -> tuple[Bools, Floats]:
     return passed, start_enu_m + low[:, None] * velocity_m_s
 
 
-def _flights(case: Case, n_sectors: int) -> Flights:
+def _flights(case: Case, n_sectors: int) -> ScannedFlights:
     period_ns = round(case.sensor.scan.period_s * NS)
     sectors = [nth_sector(SOME_SCAN, i, period_ns, n_sectors) for i in range(n_sectors)]
     middle_ns = sectors[0].start_ns + period_ns // 2
@@ -117,55 +121,54 @@ def _flights(case: Case, n_sectors: int) -> Flights:
     for row, (place_m, far_m) in enumerate(zip(case.seen.ecef_m, reach_m, strict=True)):
         knots_m = np.stack([place_m - far_m, place_m + far_m])
         trajectories.add_path(f"drone-{row}", times_ns, knots_m, signature=Signature(rcs_m2=1.0))
-    return Flights(case, trajectories, sectors)
+    return ScannedFlights(case, trajectories, sectors)
 
 
-def _errors(
-    case: Case, way: Callable[[], tuple[Ints, Floats]], passed: Bools, true_enu_m: Floats
-) -> dict[str, float]:
-    drone, enu_m = way()
-    drone, first = np.unique(drone, return_index=True)
-    met = passed[drone]
-    rows = drone[met]
-    return case.errors(enu_m[first][met], true_enu_m[rows], rows)
+def _errors(case: Case, found: Found, passed: Bools, true_enu_m: Floats) -> dict[str, float]:
+    drone, first = np.unique(found[0], return_index=True)
+    rows = drone[passed[drone]]
+    measured = case.measured(found[1][first][passed[drone]], rows)
+    true = case.measured(true_enu_m[rows], rows)
+    return {name: rms(wrapped(name, measured[name] - value)) for name, value in true.items()}
 
 
-def _at_the_end(flights: Flights) -> tuple[Ints, Floats]:
+def _at_the_end(flights: ScannedFlights) -> Found:
     """All at the end of the scan."""
-    end_ns = np.full(len(flights.all), flights.start_ns + flights.period_ns)
-    return flights.all, flights.enu_m(end_ns)
+    return flights.drones, flights.enu_m(flights.start_ns + flights.period_ns)
 
 
-def _at_sector_ends(flights: Flights) -> tuple[Ints, Floats]:
+def _at_sector_ends(flights: ScannedFlights) -> Found:
     """Each at the end of the sector that it was in when the scan began."""
-    start_deg = flights.azimuths_deg(np.full(len(flights.all), flights.start_ns))
     n = len(flights.sectors)
-    index = np.nan_to_num(start_deg * n / 360).astype(np.int64) % n
+    index = np.nan_to_num(flights.azimuths_deg(flights.start_ns) * n / 360).astype(np.int64) % n
     ends_ns = np.array([sector.end_ns for sector in flights.sectors])
-    return flights.all, flights.enu_m(ends_ns[index])
+    return flights.drones, flights.enu_m(ends_ns[index])
 
 
-def _from_north(flights: Flights, steps: int) -> tuple[Ints, Floats]:
+def _from_north(flights: ScannedFlights, steps: int) -> Found:
     """Each when the beam is where the drone was a step before, first of all at the scan's start."""
-    t_ns = np.full(len(flights.all), flights.start_ns)
+    t_ns = np.full(len(flights.drones), flights.start_ns)
     for _ in range(steps):
         share = np.nan_to_num(flights.azimuths_deg(t_ns)) / 360
         t_ns = flights.start_ns + np.rint(share * flights.period_ns).astype(np.int64)
-    return flights.all, flights.enu_m(t_ns)
+    return flights.drones, flights.enu_m(t_ns)
 
 
-def _sector_by_sector(flights: Flights) -> tuple[Ints, Floats]:
+def _sector_by_sector(flights: ScannedFlights) -> Found:
     """As the engine does it where telemetry comes in between."""
     found, border = [], None
     for sector in flights.sectors:
         met = meetings([sector], flights.case.frame, flights.trajectories, border)
         border = met.borders[-1]
         found.append(met.truth)
-    truth = TruthState.joined(found)
-    return truth.drone, flights.case.frame.from_ecef(truth.position_ecef_m)
+    return _places(flights, TruthState.joined(found))
 
 
-def _passages(flights: Flights) -> tuple[Ints, Floats]:
-    """As the engine does it while nothing new is heard of the drones: a turn at once."""
-    truth = meetings(flights.sectors, flights.case.frame, flights.trajectories).truth
+def _passages(flights: ScannedFlights) -> Found:
+    """As the engine does it while nothing new comes in about the drones: a turn at once."""
+    met = meetings(flights.sectors, flights.case.frame, flights.trajectories)
+    return _places(flights, met.truth)
+
+
+def _places(flights: ScannedFlights, truth: TruthState) -> Found:
     return truth.drone, flights.case.frame.from_ecef(truth.position_ecef_m)

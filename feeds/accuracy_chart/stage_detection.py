@@ -2,23 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial, singledispatch
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, gammaincc, gammainccinv
 
-from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.detection_methods import counted
-from plotfeed.feeds.accuracy_chart.laws import AnyFloats, detection_law
-from plotfeed.feeds.accuracy_chart.stage import PD, Alternative, ChartStage, rms
+from plotfeed.feeds.accuracy_chart import precise
+from plotfeed.feeds.accuracy_chart.case import Case, Rng, passive_snrs, strongest_emissions
+from plotfeed.feeds.accuracy_chart.stage import PD, ChartStage, Method, rms
+from plotfeed.models import detection, looks_chain
 from plotfeed.models.detection import draw_hits
-from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.sensors.acoustic import MicrophoneArray
+from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.sensors.mimo_radar import MimoRadar
+from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.models.sensors.rf import RfDirectionFinder
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Bools, Floats
 
 OURS = "closed form"
 MOST_NUMBERS = 1 << 20
 """That one call of a Monte Carlo may draw."""
-Way = Callable[[], AnyFloats]
+MOST_SAMPLES = 1 << 21
+"""Signals of more samples a look are not drawn sample by sample."""
+TABLE_DB = np.linspace(-60.0, 120.0, 1441)
+"""Eight nodes a decibel."""
+AnyFloats = NDArray[np.floating[Any]]
+"""Of whatever precision."""
+Singles = NDArray[np.float32]
+Hits = Callable[[Rng], Bools]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionLaw:
+    """Pd of some looks by several methods, (n,) each, ours among them; and of one look exactly.
+
+    `hits` draws what a receiver would decide, signal by signal, in `signals` numbers a look; None
+    where there is no signal behind the law.
+    """
+
+    ours: Callable[[], Floats]
+    exact: Callable[[int], Any]
+    others: Mapping[str, Callable[[], AnyFloats]] = field(default_factory=dict)
+    hits: Hits | None = None
+    signals: int = 0
 
 
 def detection_stage(case: Case) -> ChartStage | None:
@@ -30,21 +61,18 @@ def detection_stage(case: Case) -> ChartStage | None:
     n = min(case.effort.references, len(case.anywhere))
     exact = np.array([float(judged.exact(row)) for row in range(n)])
     found = [_by_pd(OURS, law.ours, _error(judged.ours(), exact), case, ours=True)]
-    for name, way in law.others.items():
-        found.append(_by_pd(name, way, _error(judged.others[name](), exact), case))
-    return ChartStage(
-        name="detection",
-        question="How to decide what is detected",
-        alternatives=(*found, *_by_signals(case, judged.signals, exact), _everyone(case)),
-    )
-
-
-def _everyone(case: Case) -> Alternative:
-    return Alternative(
+    for name, pd in law.others.items():
+        found.append(_by_pd(name, pd, _error(judged.others[name](), exact), case))
+    everyone = Method(
         name="every target",
         run=lambda: None,
         units=len(case.seen),
         errors={PD: rms(1 - case.pd_anywhere)},
+    )
+    return ChartStage(
+        name="detection",
+        question="How to decide what is detected",
+        methods=(*found, *_by_signals(case, judged.signals, exact), everyone),
     )
 
 
@@ -53,12 +81,17 @@ def _error(pd: AnyFloats, exact: Floats) -> dict[str, float]:
 
 
 def _by_pd(
-    name: str, way: Way, errors: dict[str, float], case: Case, *, ours: bool = False
-) -> Alternative:
+    name: str,
+    pd: Callable[[], AnyFloats],
+    errors: dict[str, float],
+    case: Case,
+    *,
+    ours: bool = False,
+) -> Method:
     rng = case.rng
-    return Alternative(
+    return Method(
         name=name,
-        run=lambda: draw_hits(way(), rng),
+        run=lambda: draw_hits(pd(), rng),
         units=len(case.seen),
         errors=errors,
         ours=ours,
@@ -66,11 +99,11 @@ def _by_pd(
     )
 
 
-def _by_signals(case: Case, signals: int, exact: Floats) -> Iterator[Alternative]:
+def _by_signals(case: Case, signals: int, exact: Floats) -> Iterator[Method]:
     """One trial that decides, right in law; and a Pd counted over many, if there is time for it."""
     hits, few = _hits(case, case.seen_targets, signals)
     if hits is not None:
-        yield Alternative(
+        yield Method(
             name="signals, one trial",
             run=partial(hits, case.rng),
             units=few,
@@ -82,25 +115,205 @@ def _by_signals(case: Case, signals: int, exact: Floats) -> Iterator[Alternative
     judged, rows = _hits(case, case.anywhere_targets, signals * trials // 4)
     if hits is None or judged is None:
         return
-    estimated = counted(judged, trials)(case.rng)
-    yield Alternative(
+    estimated, rng, pd = counted(judged, trials)(case.rng), case.rng, counted(hits, trials)
+    yield Method(
         name=f"signals, {trials} trials",
-        run=partial(_drawn, counted(hits, trials), case.rng),
+        run=lambda: draw_hits(pd(rng), rng),
         units=few,
         errors=_error(estimated, exact[:rows]),
         needs_ratio=True,
     )
 
 
-def _drawn(pd: Callable[[np.random.Generator], Floats], rng: np.random.Generator) -> object:
-    return draw_hits(pd(rng), rng)
-
-
-def _hits(
-    case: Case, targets: Callable[[int], Targets], numbers: int
-) -> tuple[Callable[[np.random.Generator], Bools] | None, int]:
+def _hits(case: Case, targets: Callable[[int], Targets], numbers: int) -> tuple[Hits | None, int]:
     """Of so few targets, at so many numbers each, that a call lasts no longer than a moment."""
     few = min(MOST_NUMBERS // max(numbers, 1), case.effort.references)
     some = targets(few)
     law = detection_law(case.model, some) if few else None
     return (law.hits, len(some)) if law is not None else (None, 0)
+
+
+@singledispatch
+def detection_law(model: SensorModel, targets: Targets) -> DetectionLaw | None:
+    """How a kind of sensor decides; of one that is not known here, what it predicts is its law.
+
+    None if it detects all of those targets.
+    """
+    pd = model.predict(targets).pd
+    if (pd == 1).all():
+        return None
+    return DetectionLaw(ours=lambda: model.predict(targets).pd, exact=lambda row: pd[row])
+
+
+@detection_law.register
+def _(model: ActiveRadar, targets: Targets) -> DetectionLaw:
+    snr = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())[:, 0]
+    return _swerling1(lambda: model.pd(snr[:, None]), snr, model.pfa, model.n_reference)
+
+
+@detection_law.register
+def _(model: PassiveRadar, targets: Targets) -> DetectionLaw:
+    snr = passive_snrs(model, targets).max(axis=1)
+    return _swerling1(lambda: model.pd(snr), snr, model.pfa, model.n_reference)
+
+
+def _swerling1(
+    ours: Callable[[], Floats], snr: Floats, pfa: float, n_reference: int
+) -> DetectionLaw:
+    """One look at one fluctuating target, against the mean of its neighbour cells."""
+    cells = (pfa, n_reference)
+    looked_up = table(lambda db: detection.pd_cfar_swerling1(10 ** (db / 10), *cells))
+    singles = snr.astype(np.float32)
+    return DetectionLaw(
+        ours=ours,
+        others={
+            "table": lambda: looked_up(10 * np.log10(snr)),
+            "closed form, float32": lambda: single_cfar_swerling1(singles, *cells),
+            "as printed, eq 6, 7": lambda: printed_cfar_swerling1(snr, *cells),
+        },
+        hits=partial(signal_cfar, snr[:, None], *cells),
+        signals=2 * (n_reference + 1),
+        exact=lambda row: precise.pd_cfar_swerling1(float(snr[row]), *cells),
+    )
+
+
+@detection_law.register
+def _(model: MimoRadar, targets: Targets) -> DetectionLaw:
+    snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
+    pfa, n = model.pfa, model.n_reference_total
+    singles = snrs.astype(np.float32)
+    looked_up = table(
+        lambda db: detection.pd_noncoherent_cfar(10 ** (db / 10), pfa, snrs.shape[1], n)
+    )
+    return DetectionLaw(
+        ours=lambda: model.pd(snrs),
+        others={
+            "table by the mean ratio": lambda: looked_up(10 * np.log10(snrs.mean(axis=1))),
+            "closed form, float32": lambda: single_sum_cfar(singles, pfa, n),
+            "as printed, eq 18, 23": lambda: printed_sum(snrs, pfa),
+        },
+        hits=partial(signal_cfar, snrs, pfa, n),
+        signals=2 * (n + snrs.shape[1]),
+        exact=lambda row: precise.pd_sum_cfar(snrs[row].tolist(), pfa, n),
+    )
+
+
+@detection_law.register
+def _(model: MicrophoneArray, targets: Targets) -> DetectionLaw:
+    snr_db = model.snr_db(targets.sound_power_db(), targets.position_enu_m)
+    curve = (model.sensitivity_db, model.slope_per_db)
+    looked_up = table(lambda db: detection.pd_logistic(db, *curve))
+    singles = snr_db.astype(np.float32)
+    return DetectionLaw(
+        ours=lambda: model.pd(snr_db),
+        others={
+            "table": lambda: looked_up(snr_db),
+            "closed form, float32": lambda: single_logistic(singles, *curve),
+            "as printed, eq 43": lambda: printed_logistic(snr_db, curve[0]),
+        },
+        exact=lambda row: precise.pd_logistic(float(snr_db[row]), *curve),
+    )
+
+
+@detection_law.register
+def _(model: RfDirectionFinder, targets: Targets) -> DetectionLaw:
+    emissions, snr = strongest_emissions(model, targets)
+    pfa, n = model.pfa, model.samples
+    met = model.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
+    looked_up = table(lambda db: detection.pd_noncoherent_swerling2(10 ** (db / 10), pfa, n))
+    singles = snr.astype(np.float32)
+
+    def hits(rng: Rng) -> Bools:
+        return draw_hits(met, rng) & signal_energy(snr, pfa, n, rng)
+
+    return DetectionLaw(
+        ours=lambda: model.pd(emissions, snr),
+        others={
+            "table": lambda: met * looked_up(10 * np.log10(snr)),
+            "closed form, float32": lambda: met * single_energy(singles, pfa, n),
+        },
+        hits=hits if 2 * n <= MOST_SAMPLES else None,
+        signals=2 * n,
+        exact=lambda row: float(met[row]) * precise.pd_energy(float(snr[row]), pfa, n),
+    )
+
+
+def table(pd_of_db: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+    """Pd by linear interpolation over the ratio in dB; made once, (n,) in and out."""
+    nodes = pd_of_db(TABLE_DB)
+    return lambda snr_db: np.asarray(np.interp(snr_db, TABLE_DB, nodes))
+
+
+def single_cfar_swerling1(snr: Singles, pfa: float, n_reference: int) -> Singles:
+    """Equation 7 in float32."""
+    alpha = np.float32(np.expm1(-np.log(pfa) / n_reference))
+    mean = 1 + snr
+    return np.asarray((mean / (mean + alpha)) ** np.float32(n_reference))
+
+
+def single_sum_cfar(snrs: Singles, pfa: float, n_reference_total: int) -> Singles:
+    """The chain of looks and samples in float32."""
+    ratio = detection.threshold_noncoherent_cfar(pfa, snrs.shape[-1], n_reference_total)
+    chain: Any = looks_chain.outlasting
+    return np.asarray(chain(snrs, np.float32(ratio), n_reference_total))
+
+
+def single_energy(snr: Singles, pfa: float, n_samples: int) -> Singles:
+    """The energy detector in float32."""
+    threshold = np.float32(gammainccinv(n_samples, pfa))
+    return np.asarray(gammaincc(np.float32(n_samples), threshold / (1 + snr)))
+
+
+def single_logistic(snr_db: Singles, sensitivity_db: float, slope_per_db: float) -> Singles:
+    """Equation 43 in float32."""
+    return np.asarray(expit(np.float32(slope_per_db) * (snr_db - np.float32(sensitivity_db))))
+
+
+def printed_cfar_swerling1(snr: Floats, pfa: float, n_reference: int) -> Floats:
+    """Equations 6 and 7, as printed."""
+    alpha = pfa ** (-1 / n_reference) - 1
+    return np.asarray((1 + alpha / (1 + snr)) ** -n_reference)
+
+
+def printed_sum(snrs: Floats, pfa: float) -> Floats:
+    """Equations 18, 22 and 23 as printed: the mean ratio, its half, and known noise."""
+    n_looks = snrs.shape[-1]
+    threshold = gammainccinv(n_looks, pfa)
+    return np.asarray(gammaincc(n_looks, threshold / (1 + snrs.mean(axis=-1) / 2)))
+
+
+@np.errstate(over="ignore")
+def printed_logistic(snr_db: Floats, sensitivity_db: float) -> Floats:
+    """Equation 43 as printed, by ratio and sensitivity in dB."""
+    return np.asarray(1 / (1 + np.exp(-snr_db - sensitivity_db)))
+
+
+def signal_cfar(snrs: Floats, pfa: float, n_reference_total: int, rng: Rng) -> Bools:
+    """Hits of looks made as signals: complex Gaussian cells, target and reference; (n, K) to (n,).
+
+    Right in law: it is what the closed forms are the integrals of.
+    """
+    n, n_looks = snrs.shape
+    ratio = detection.threshold_noncoherent_cfar(pfa, n_looks, n_reference_total)
+    target = (1 + snrs) * (rng.standard_normal((n, n_looks, 2)) ** 2).sum(axis=-1)
+    reference = (rng.standard_normal((n, n_reference_total, 2)) ** 2).sum(axis=(1, 2))
+    return np.asarray(target.sum(axis=-1) > ratio * reference)
+
+
+def signal_energy(snr: Floats, pfa: float, n_samples: int, rng: Rng) -> Bools:
+    """Hits of an energy detector whose samples are drawn one by one; (n,)."""
+    threshold = gammainccinv(n_samples, pfa)
+    energy = [(rng.standard_normal(2 * n_samples) ** 2).sum() / 2 for _ in range(len(snr))]
+    return np.asarray((1 + snr) * np.array(energy) > threshold)
+
+
+def counted(hits: Hits, trials: int) -> Callable[[Rng], Floats]:
+    """Pd by counting so many trials of hits; (n,)."""
+
+    def pd(rng: Rng) -> Floats:
+        total = hits(rng).astype(np.float64)
+        for _ in range(trials - 1):
+            total += hits(rng)
+        return total / trials
+
+    return pd

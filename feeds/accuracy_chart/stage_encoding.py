@@ -8,15 +8,14 @@ from typing import Any, get_args
 
 import numpy as np
 
-from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage, rms
+from plotfeed.feeds.accuracy_chart.case import Case, wrapped
+from plotfeed.feeds.accuracy_chart.stage import MEASURED, ChartStage, Method, rms
 from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.feeds.sensing.staring import with_heights
 from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
-from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -29,7 +28,7 @@ SOME_SCAN = 1000
 Parts = list[tuple[Sector, Plots]]
 
 
-def encoding(case: Case) -> ChartStage | None:
+def encoding_stage(case: Case) -> ChartStage | None:
     """Every format that such a sensor can report in, and that is installed."""
     parts = _parts(case)
     sent = Plots.joined([plots for _, plots in parts])
@@ -43,7 +42,7 @@ def encoding(case: Case) -> ChartStage | None:
             continue
         read = _read_back(FORMATS[name], _messages(maker, parts), parts[0][0].start_ns)
         found.append(
-            Alternative(
+            Method(
                 name=name,
                 run=partial(_messages, FORMATS[name].make(case.scene, case.sensor), parts),
                 units=len(sent),
@@ -54,7 +53,7 @@ def encoding(case: Case) -> ChartStage | None:
     return ChartStage(
         name="encoding",
         question="How to write plots down",
-        alternatives=tuple(found),
+        methods=tuple(found),
     )
 
 
@@ -108,13 +107,13 @@ def _errors(case: Case, sent: Plots, read: MeasuredPlots) -> dict[str, float]:
     late_s = (read.t_utc_ns - sent.t_utc_ns).astype(np.float64) / NS
     rates = _rates(case, sent)
     errors = {}
-    for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg"):
+    for name in MEASURED:
         if name not in case.own:
             continue
         found = _read(case, name, sent, read)
         if found is not None:
             difference = found - getattr(sent, name) - rates[name] * late_s
-            errors[name] = rms(wrap_180(difference) if name.endswith("_deg") else difference)
+            errors[name] = rms(wrapped(name, difference))
     return errors
 
 
@@ -133,8 +132,7 @@ def _rates(case: Case, sent: Plots) -> dict[str, Floats]:
     """How fast what is measured of each plot's target changes, a second."""
     enu_m = case.seen_targets().position_enu_m
     before, after = case.measured(enu_m), case.measured(enu_m + STEP_S * case.velocity_enu_m_s)
-    changes = {name: after[name] - value for name, value in before.items()}
     return {
-        name: (wrap_180(change) if name.endswith("_deg") else change)[sent.drone] / STEP_S
-        for name, change in changes.items()
+        name: wrapped(name, after[name] - value)[sent.drone] / STEP_S
+        for name, value in before.items()
     }

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from decimal import Decimal
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.accuracy_chart import stage_frames as alternatives
-from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.stage import Alternative, ChartStage, rms
+from plotfeed.feeds.accuracy_chart.case import Case, wrapped
+from plotfeed.feeds.accuracy_chart.precise import number
+from plotfeed.feeds.accuracy_chart.stage import ChartStage, Method, rms
 from plotfeed.models.constants import WGS84_A_M, WGS84_E2
 from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180
 from plotfeed.models.state import Floats
@@ -20,6 +20,60 @@ from plotfeed.proto.errors import PlotfeedError
 FromGeodetic = Callable[[Floats, Floats, Floats], Floats]
 
 EARTH_RADIUS_M = 6_371_008.8  # m, mean of the three semi-axes (IUGG)
+OURS = "ECEF and rotation"
+
+
+def frames_stage(case: Case) -> ChartStage:
+    """From truth in the form in which each method keeps it, geodetic or ECEF."""
+    n = min(case.effort.references, len(case.seen))
+    true = [case.measured_precisely(row) for row in range(n)]
+    return ChartStage(
+        name="frames",
+        question="How to turn places on Earth into range and angles",
+        methods=tuple(
+            Method(
+                name=name,
+                run=partial(_measured, places),
+                units=len(case.seen),
+                errors=_errors(case.measured(places()[:n], np.arange(n)), true),
+                ours=name == OURS,
+            )
+            for name, places in frame_methods(case).items()
+        ),
+    )
+
+
+def _measured(places: Callable[[], Floats]) -> object:
+    return enu_to_aer(places())
+
+
+def _errors(measured: dict[str, Floats], true: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Rms errors by quantity; each difference is taken before it is rounded to a float."""
+    errors = {}
+    for name, values in measured.items():
+        pairs = zip(values.tolist(), true, strict=True)
+        differences = np.array([float(number(value) - exact[name]) for value, exact in pairs])
+        errors[name] = rms(wrapped(name, differences))
+    return errors
+
+
+def frame_methods(case: Case) -> dict[str, Callable[[], Floats]]:
+    """East, north and up of the seen places, (n, 3), by the name of the method."""
+    here, seen = case.frame, case.seen
+    geodetic = (seen.latitude_deg, seen.longitude_deg, seen.height_m)
+    ecef_m = seen.ecef_m
+    found: dict[str, Callable[[], Floats]] = {
+        "flat Earth": partial(flat_earth(here), *geodetic),
+        "flat, ellipsoidal": partial(ellipsoidal_flat(here), *geodetic),
+        "second order": partial(second_order(here), *geodetic),
+        "ECEF in float32": partial(single_ecef(here), ecef_m.astype(np.float32)),
+        OURS: partial(here.from_ecef, ecef_m),
+        "geodetic, by ECEF": lambda: here.from_ecef(geodetic_to_ecef(*geodetic)),
+    }
+    try:
+        return found | {"pyproj": partial(by_pyproj(here), *geodetic)}
+    except PlotfeedError:
+        return found
 
 
 def flat_earth(here: LocalFrame) -> FromGeodetic:
@@ -28,7 +82,7 @@ def flat_earth(here: LocalFrame) -> FromGeodetic:
 
 
 def ellipsoidal_flat(here: LocalFrame) -> FromGeodetic:
-    """The same with the ellipsoid's two radii of curvature at the sensor and its height."""
+    """An unrolled Earth with the ellipsoid's two radii of curvature at the sensor's height."""
     meridian_m, normal_m = _radii_m(here.latitude_deg)
     return _arcs(here, meridian_m + here.height_m, normal_m + here.height_m)
 
@@ -97,7 +151,7 @@ def _arcs(here: LocalFrame, meridian_m: float, normal_m: float) -> FromGeodetic:
 def _differences(
     here: LocalFrame, latitude_deg: Floats, longitude_deg: Floats, height_m: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """In latitude and longitude, radians, and in height."""
+    """From the sensor: of latitude and longitude, radians, and of height."""
     return (
         np.radians(latitude_deg - here.latitude_deg),
         np.radians(wrap_180(longitude_deg - here.longitude_deg)),
@@ -106,7 +160,7 @@ def _differences(
 
 
 def _radii_m(latitude_deg: float) -> tuple[float, float]:
-    """Of curvature: along the meridian, and across it."""
+    """Radii of curvature: along the meridian, and across it."""
     w2 = 1 - WGS84_E2 * _sine_cosine(latitude_deg)[0] ** 2
     return float(WGS84_A_M * (1 - WGS84_E2) / w2**1.5), float(WGS84_A_M / w2**0.5)
 
@@ -121,60 +175,3 @@ def _meridian_growth_m(latitude_deg: float) -> float:
 def _sine_cosine(angle_deg: float) -> tuple[float, float]:
     angle = np.radians(angle_deg)
     return float(np.sin(angle)), float(np.cos(angle))
-
-
-OURS = "ECEF and rotation"
-
-
-def frames(case: Case) -> ChartStage:
-    """From truth in the form in which each way keeps it, geodetic or ECEF."""
-    n = min(case.effort.references, len(case.seen))
-    true = [case.precisely(row) for row in range(n)]
-    return ChartStage(
-        name="frames",
-        question="How to turn places on Earth into range and angles",
-        alternatives=tuple(
-            Alternative(
-                name=name,
-                run=partial(_measured, way),
-                units=len(case.seen),
-                errors=errors_beside(case.measured(way()[:n], np.arange(n)), true),
-                ours=name == OURS,
-            )
-            for name, way in _ways(case).items()
-        ),
-    )
-
-
-def errors_beside(
-    measured: dict[str, Floats], true: Sequence[dict[str, Decimal]]
-) -> dict[str, float]:
-    """Rms errors by quantity; each difference is taken before it is rounded to a float."""
-    errors = {}
-    for name, values in measured.items():
-        pairs = zip(values.tolist(), true, strict=True)
-        differences = np.array([float(Decimal(value) - exact[name]) for value, exact in pairs])
-        errors[name] = rms(wrap_180(differences) if name.endswith("_deg") else differences)
-    return errors
-
-
-def _measured(way: Callable[[], Floats]) -> object:
-    return enu_to_aer(way())
-
-
-def _ways(case: Case) -> dict[str, Callable[[], Floats]]:
-    here, seen = case.frame, case.seen
-    geodetic = (seen.latitude_deg, seen.longitude_deg, seen.height_m)
-    ecef_m = seen.ecef_m
-    ways: dict[str, Callable[[], Floats]] = {
-        "flat Earth": partial(alternatives.flat_earth(here), *geodetic),
-        "flat, ellipsoidal": partial(alternatives.ellipsoidal_flat(here), *geodetic),
-        "second order": partial(alternatives.second_order(here), *geodetic),
-        "ECEF in float32": partial(alternatives.single_ecef(here), ecef_m.astype(np.float32)),
-        OURS: partial(here.from_ecef, ecef_m),
-        "geodetic, by ECEF": lambda: here.from_ecef(geodetic_to_ecef(*geodetic)),
-    }
-    try:
-        return ways | {"pyproj": partial(alternatives.by_pyproj(here), *geodetic)}
-    except PlotfeedError:
-        return ways

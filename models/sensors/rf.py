@@ -163,8 +163,8 @@ class RfDirectionFinder:
         received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
         return share * 10 ** ((received_dbm - self.noise_dbm) / 10)
 
-    def _snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
-        """The same over the ground, if it is modelled; ranges are the targets'."""
+    def received_snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
+        """Ratios of emissions over the ground, if it is modelled; ranges are the targets'."""
         source = emissions.target
         snr = self.mean_snr(emissions, range_m[source])
         if self.multipath is not None:
@@ -203,7 +203,7 @@ class RfDirectionFinder:
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
         emissions = emissions.rows(in_band & covered)
         source = emissions.target
-        snr = self._snr(emissions, targets, range_m)
+        snr = self.received_snr(emissions, targets, range_m)
         pd = self.pd(emissions, snr)
         looks = Looks(
             drone=targets.drone[source],
@@ -229,7 +229,7 @@ class RfDirectionFinder:
         """
         emissions = Emissions.of(targets)
         source = emissions.target
-        snr = self._snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
+        snr = self.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
         pd = np.nan_to_num(self.pd(emissions, snr))
         miss = np.ones(len(targets))
         np.multiply.at(miss, source, 1 - pd)

@@ -11,9 +11,8 @@ from support.shared_files import reference
 
 from plotfeed.feeds.accuracy_chart.stage import ChartStage
 from plotfeed.feeds.accuracy_chart.stage_detection import detection_stage
-from plotfeed.feeds.accuracy_chart.stage_errors import errors
-from plotfeed.feeds.accuracy_chart.stage_false_alarms import false_alarms
-from plotfeed.feeds.accuracy_chart.stage_frames import _ways, frames
+from plotfeed.feeds.accuracy_chart.stage_errors import errors_stage, false_alarms_stage
+from plotfeed.feeds.accuracy_chart.stage_frames import frame_methods, frames_stage
 from plotfeed.models.frames import enu_to_aer, wrap_180
 
 LATITUDES_DEG = (0.0, 40.4168, 78.2232)
@@ -22,7 +21,7 @@ LATITUDES_DEG = (0.0, 40.4168, 78.2232)
 
 def errors_of(stage: ChartStage | None) -> dict[str, dict[str, float]]:
     assert stage is not None
-    return {way.name: dict(way.errors) for way in stage.alternatives}
+    return {m.name: dict(m.errors) for m in stage.methods}
 
 
 def linear(decibels: object) -> np.ndarray:
@@ -42,10 +41,10 @@ def test_errors_of_frames_are_those_beside_the_reference(latitude_deg: float) ->
     here = [float(table[f"sensor_{name}"][rows][0]) for name in ("lat", "lon", "h")]
     there = places_at(*(table[f"target_{name}"][rows] for name in ("lat", "lon", "h")))
     case = case_with(RADAR, there, site=(here[0], here[1], here[2]))
-    charted = errors_of(frames(case))
+    charted = errors_of(frames_stage(case))
     assert len(charted) == 7
-    for name, way in _ways(case).items():
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(way())
+    for name, places in frame_methods(case).items():
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(places())
         expected = {
             "range_m": rms(range_m - table["slant_range_m"][rows]),
             "azimuth_deg": rms(wrap_180(azimuth_deg - table["azimuth_deg"][rows])),
@@ -103,7 +102,7 @@ def test_errors_by_the_mean_ratio_are_those_beside_the_reference(row: int) -> No
     ratio = float(table["ratio_to_inv_sqrt_mean_snr"][row])
     # So many reference cells know the noise.
     case = case_of_ratios(RADAR | {"pfa": pfa, "n_reference": 1_000_000}, [snr])
-    charted = errors_of(errors(case))
+    charted = errors_of(errors_stage(case))
     by_mean_m = 10 / (1.63 * np.sqrt(2 * snr))
     missing_m = by_mean_m * np.sqrt(abs(ratio**2 - 1))
     assert charted["by the mean ratio"]["range_m"] == pytest.approx(missing_m, rel=0.03)
@@ -127,7 +126,7 @@ def test_errors_of_numbers_of_false_alarms_are_those_of_the_reference() -> None:
     }
     case = case_of_ratios(sensor, [100.0])
     case = replace(case, own={**case.own, "false_alarms": variance**0.5})
-    charted = errors_of(false_alarms(case))
+    charted = errors_of(false_alarms_stage(case))
     assert charted["off"]["false_alarms"] == pytest.approx(mean)
     assert charted["Poisson"]["false_alarms"] == pytest.approx((mean - variance) ** 0.5, rel=1e-9)
     assert charted["binomial over cells"]["false_alarms"] == 0

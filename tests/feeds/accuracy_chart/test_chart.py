@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,13 @@ from click.testing import CliRunner
 from support.chart_cases import MIMO, RADAR, scene_of
 from support.scene_files import scene_file, scene_text
 
-from plotfeed.feeds.accuracy_chart.chart_command import print_chart
-from plotfeed.feeds.accuracy_chart.chart_text import lines, ns_text, share_text, verdict
-from plotfeed.feeds.accuracy_chart.charted import as_values, charted
-from plotfeed.feeds.accuracy_chart.stage import UNITS, Effort
+from plotfeed.feeds.accuracy_chart.chart import charted
+from plotfeed.feeds.accuracy_chart.chart_command import as_values, lines, print_chart, verdict
+from plotfeed.feeds.accuracy_chart.stage import WORDS, Effort, ns_text, share_text
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.scene.scene import example
+from plotfeed.models.sensors.range_gate import RangeGate
+from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.proto.errors import PlotfeedError
 
 STAGES = {
@@ -69,7 +72,7 @@ def test_each_stage_has_the_choice_of_the_scene_and_a_front(section_4: dict[str,
             assert any(m["on_front"] for m in methods)
             assert all(m["ns"]["low"] <= m["ns"]["median"] <= m["ns"]["high"] for m in methods)
             assert cheapest["ns"]["median"] >= 0
-            assert {name for m in methods for name in m["errors"]} <= UNITS.keys()
+            assert {name for m in methods for name in m["errors"]} <= WORDS.keys()
 
 
 def test_what_the_engine_does_adds_next_to_nothing(section_4: dict[str, Any]) -> None:
@@ -175,6 +178,30 @@ def test_a_sensor_that_sees_nobody_is_left_out() -> None:
     assert any("rf: left out" in line for line in lines(values))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Coin(RangeGate):
+    """A sensor of which no stage knows more than what every model says of itself."""
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        return 4.0
+
+    def predict(self, targets: Targets) -> Prediction:
+        return replace(super().predict(targets), pd=np.full(len(targets), 0.5))
+
+
+def test_a_new_sensor_has_rows_by_what_its_model_says_of_itself() -> None:
+    gate = scene_of(GATE).sensor[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(gate), "model", lambda *_: Coin(range_max_m=10_000.0, sigma_m=5.0))
+        (coin,) = as_values(charted(scene_of(GATE), Effort.quick(30)))["sensors"]
+    stages = {s["stage"] for s in coin["stages"]}
+    assert stages == {"frames", "detection", "false alarms", "encoding"}
+    assert method(coin, "detection", "closed form")["errors"]["pd"] == 0
+    assert method(coin, "false alarms", "off")["errors"]["false_alarms"] == 4.0
+    assert coin["own"]["false_alarms"] == 2.0
+
+
 def run(*arguments: object) -> Any:
     return CliRunner().invoke(cli, ["chart", *map(str, arguments)], standalone_mode=False)
 
@@ -200,6 +227,10 @@ def test_wrong_use_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     a_file = tmp_path / "file"
     a_file.touch()
     assert "is a file" in str(run(scene, "--out", a_file).exception)
+    without = "import sys; sys.modules['mpmath'] = None; from plotfeed.feeds.cli.main import main"
+    command = [sys.executable, "-c", f"{without}; main()", "chart", str(scene)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == "plotfeed: charts need mpmath: pip install 'plotfeed[charts]'\n"
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(PlotfeedError, match=r"plotfeed\[charts\]"):
         print_chart(

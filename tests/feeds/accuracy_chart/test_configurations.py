@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.accuracy_chart.stage import Alternative, Time, share_of_own
-from plotfeed.feeds.accuracy_chart.whole import (
+from plotfeed.feeds.accuracy_chart.chart import (
     MeasuredMethod,
     MeasuredStage,
     configurations,
     on_front,
 )
+from plotfeed.feeds.accuracy_chart.stage import Method, Time, share_of_own
 
 numbers = st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, max_size=40).map(
     np.array
@@ -24,25 +24,25 @@ numbers = st.lists(st.tuples(st.floats(0, 1e6), st.floats(0, 1e6)), min_size=1, 
 
 
 @dataclass
-class Way:
+class Choice:
     name: str
     ns: float
     errors: dict[str, float] = field(default_factory=dict)
     more: dict[str, Any] = field(default_factory=dict)
 
 
-def stage(name: str, *ways: Way) -> MeasuredStage:
+def stage(name: str, *choices: Choice) -> MeasuredStage:
     measured = [
         MeasuredMethod(
-            alternative=Alternative(
-                name=way.name, run=lambda: None, units=1, errors=way.errors, **way.more
+            method=Method(
+                name=choice.name, run=lambda: None, units=1, errors=choice.errors, **choice.more
             ),
-            time=Time(way.ns, way.ns, way.ns),
+            time=Time(choice.ns, choice.ns, choice.ns),
             share=0.0,
         )
-        for way in ways
+        for choice in choices
     ]
-    return MeasuredStage(name=name, question="", ways=tuple(measured), front=())
+    return MeasuredStage(name=name, question="", methods=tuple(measured), front=())
 
 
 OURS = {"ours": True}
@@ -65,8 +65,8 @@ def test_the_front_goes_from_the_cheapest_to_the_best() -> None:
 
 def test_costs_add_and_errors_add_in_quadrature() -> None:
     stages = [
-        stage("a", Way("x", 10, {"range_m": 3.0}, OURS)),
-        stage("b", Way("y", 5, {"range_m": 4.0, "pd": 0.5}, OURS)),
+        stage("a", Choice("x", 10, {"range_m": 3.0}, OURS)),
+        stage("b", Choice("y", 5, {"range_m": 4.0, "pd": 0.5}, OURS)),
     ]
     found = configurations(stages, {"range_m": 10.0, "pd": 2.0})
     assert found.scene.ns == 15
@@ -79,9 +79,9 @@ def test_costs_add_and_errors_add_in_quadrature() -> None:
 def test_the_cheapest_is_the_cheapest_that_adds_little() -> None:
     frames = stage(
         "frames",
-        Way("wrong", 1, {"range_m": 5.0}),
-        Way("good", 3, {"range_m": 0.05}),
-        Way("best", 9, {}, OURS),
+        Choice("wrong", 1, {"range_m": 5.0}),
+        Choice("good", 3, {"range_m": 0.05}),
+        Choice("best", 9, {}, OURS),
     )
     found = configurations([frames], {"range_m": 1.0})
     assert found.cheapest is not None
@@ -92,7 +92,9 @@ def test_the_cheapest_is_the_cheapest_that_adds_little() -> None:
 
 def test_of_several_formats_costs_add_and_the_coarsest_counts() -> None:
     formats = stage(
-        "encoding", Way("fine", 5, {"range_m": 0.1}, OURS), Way("coarse", 2, {"range_m": 2.0}, OURS)
+        "encoding",
+        Choice("fine", 5, {"range_m": 0.1}, OURS),
+        Choice("coarse", 2, {"range_m": 2.0}, OURS),
     )
     found = configurations([formats], {"range_m": 1.0})
     assert found.scene.names == {"encoding": "fine and coarse"}
@@ -102,8 +104,12 @@ def test_of_several_formats_costs_add_and_the_coarsest_counts() -> None:
 
 def test_without_a_ratio_nothing_is_done_that_needs_one() -> None:
     stages = [
-        stage("propagation", Way("gate", 1, {}, {"gives_ratio": False}), Way("free", 5, {}, OURS)),
-        stage("errors", Way("drawn", 5, {}, OURS | {"needs_ratio": True}), Way("floor", 1)),
+        stage(
+            "propagation",
+            Choice("gate", 1, {}, {"gives_ratio": False}),
+            Choice("free", 5, {}, OURS),
+        ),
+        stage("errors", Choice("drawn", 5, {}, OURS | {"needs_ratio": True}), Choice("floor", 1)),
     ]
     found = configurations(stages, {})
     assert sorted(found.ns.tolist()) == [2, 6, 10]
@@ -113,7 +119,7 @@ def test_an_error_where_the_sensor_has_none_is_beyond_all_measure() -> None:
     assert share_of_own({"range_m": 1e-9}, {"range_m": 0.0}) == np.inf
     assert share_of_own({"range_m": 0.0}, {"range_m": 0.0}) == 0
     assert share_of_own({"range_m": 1.0, "pd": 1.0}, {"range_m": 4.0, "pd": 2.0}) == 0.5
-    stages = [stage("a", Way("x", 1, {"range_m": 1.0}, OURS))]
+    stages = [stage("a", Choice("x", 1, {"range_m": 1.0}, OURS))]
     assert configurations(stages, {"range_m": 0.0}).shares.tolist() == [np.inf]
 
 

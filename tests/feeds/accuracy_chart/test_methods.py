@@ -8,9 +8,9 @@ from scipy.special import gammainc
 from support.chart_cases import SITE
 from support.significance import assert_sum
 
-from plotfeed.feeds.accuracy_chart import detection_methods as ways
+from plotfeed.feeds.accuracy_chart import stage_detection as methods
 from plotfeed.feeds.accuracy_chart import stage_frames as frames
-from plotfeed.feeds.accuracy_chart.stage_false_alarms import PoissonGenerator
+from plotfeed.feeds.accuracy_chart.stage_errors import PoissonGenerator
 from plotfeed.models import detection
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 
@@ -59,11 +59,11 @@ def test_signals_hit_as_often_as_the_closed_form_says() -> None:
     n, pfa, samples = 40_000, 1e-3, 8
     snr = np.repeat([0.0, 3.0, 10.0, 30.0], n // 4)
     rng = np.random.default_rng(5)
-    hits = ways.signal_cfar(snr[:, None], pfa, samples, rng)
+    hits = methods.signal_cfar(snr[:, None], pfa, samples, rng)
     pd = detection.pd_cfar_swerling1(snr, pfa, samples)
     assert_sum(float(hits.sum()), float(pd.sum()), float((pd * (1 - pd)).sum()), "one look")
     snrs = np.tile([1.0, 5.0, 20.0], (n, 1))
-    hits = ways.signal_cfar(snrs, pfa, 3 * samples, rng)
+    hits = methods.signal_cfar(snrs, pfa, 3 * samples, rng)
     pd = detection.pd_noncoherent_unequal_cfar(snrs, pfa, 3 * samples)
     assert_sum(float(hits.sum()), float(pd.sum()), float((pd * (1 - pd)).sum()), "three looks")
 
@@ -71,13 +71,13 @@ def test_signals_hit_as_often_as_the_closed_form_says() -> None:
 def test_energies_of_signals_hit_as_often_as_the_closed_form_says() -> None:
     n, pfa, samples = 4000, 1e-2, 20
     snr = np.repeat([0.1, 0.5], n // 2)
-    hits = ways.signal_energy(snr, pfa, samples, np.random.default_rng(6))
+    hits = methods.signal_energy(snr, pfa, samples, np.random.default_rng(6))
     pd = detection.pd_noncoherent_swerling2(snr, pfa, samples)
     assert_sum(float(hits.sum()), float(pd.sum()), float((pd * (1 - pd)).sum()))
 
 
 def test_counting_gives_a_share_of_the_trials() -> None:
-    pd = ways.counted(lambda rng: rng.random(3) < [0.0, 0.5, 1.0], 64)(np.random.default_rng(1))
+    pd = methods.counted(lambda rng: rng.random(3) < [0.0, 0.5, 1.0], 64)(np.random.default_rng(1))
     assert pd[0] == 0
     assert 0 < pd[1] < 1
     assert pd[2] == 1
@@ -88,13 +88,13 @@ def test_printed_sums_are_the_complement_of_the_incomplete_gamma_function() -> N
     snrs = np.array([[5.0, 10.0, 15.0]])
     threshold = detection.threshold_noncoherent(1e-6, 3)
     expected = 1 - gammainc(3, threshold / (1 + 10 / 2))
-    assert ways.printed_sum(snrs, 1e-6)[0] == pytest.approx(expected, rel=1e-12)
+    assert methods.printed_sum(snrs, 1e-6)[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_table_is_exact_at_its_nodes() -> None:
-    looked_up = ways.table(lambda db: detection.pd_cfar_swerling1(10 ** (db / 10), 1e-6, 16))
-    exact = detection.pd_cfar_swerling1(10 ** (ways.TABLE_DB / 10), 1e-6, 16)
-    np.testing.assert_array_equal(looked_up(ways.TABLE_DB), exact)
+    looked_up = methods.table(lambda db: detection.pd_cfar_swerling1(10 ** (db / 10), 1e-6, 16))
+    exact = detection.pd_cfar_swerling1(10 ** (methods.TABLE_DB / 10), 1e-6, 16)
+    np.testing.assert_array_equal(looked_up(methods.TABLE_DB), exact)
 
 
 def test_poisson_numbers_stand_in_for_binomial_ones() -> None:
