@@ -14,7 +14,8 @@ from plotfeed.feeds.formats.sapient.extra import need_sapient
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, Record, decode_lenient
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc

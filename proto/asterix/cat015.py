@@ -1,18 +1,23 @@
 """Category 015, target reports of non-cooperative surveillance; editions 1.0 to 1.2.
 
-A quantity saturates where its row says nothing else; ± marks signed parts, _n spare bits, nxm n
-characters of m bits, | an extension bit; a part without an LSB is an integer.
-EUROCONTROL-SPEC-0149, category 015.
+EUROCONTROL-SPEC-0149, category 015; `codec.layout` explains the table. I015/480 holds measurement
+identifiers, as I015/400 does. Range is that of a monostatic sensor, or with MOMU = 1 the path
+transmitter-target-receiver less the baseline. The powers of I015/630 have no reference in the
+standard.
+"""
 
-===  ========  ======  ============================================================================
+from plotfeed.proto.asterix.codec.layout import category
+
+CAT015 = category(
+    15,
+    """
 FRN  item      octets  parts: bits, LSB and unit
-===  ========  ======  ============================================================================
 1    I015/010  2       SAC 8, SIC 8
 2    I015/000  1       MT 7, RG
 3    I015/015  1       SID 8
 4    I015/020  1+FX    MOMU 2, TTAX 2, SCD 2, _1
 5    I015/030  1+FX    repeated: WE 7
-6    I015/145  3       TOA 24: 1/128 s wraps
+6    I015/145  3       TOA 24: 1/128 s modulo 86400
 7    I015/161  2       TPN 16
 8    I015/170  1+FX    BIZ, BAZ, TUR, _1, CSTP, CSTH, CNF
 9    I015/050  2       _2, UPD 14: 1/128 s
@@ -54,264 +59,7 @@ FRN  item      octets  parts: bits, LSB and unit
                        ±16: 180/2^16 deg, E ±16: 180/2^16 deg)
 24   I015/630  1+n     DPP ±8: 1 dB; DPS ±8: 1 dB; _7, RPP ±9: 1 dB; RPS ±8: 1 dB
 25   I015/631  1+8n    repeated: AZCON 16: 360/2^16 deg wraps, ELCON ±16: 180/2^16 deg, RGCONSTOP
-                       16: 0.152588 m, RGCONSTART 16: 0.152588 m
+                       16: 10000/2^16 m, RGCONSTART 16: 10000/2^16 m
 26   I015/SP   1+n     octets behind their count
-===  ========  ======  ============================================================================
-
-I015/480 holds measurement identifiers, as I015/400 does. Range is that of a monostatic sensor, or
-with MOMU = 1 the path transmitter-target-receiver less the baseline. The powers of I015/630 have no
-reference in the standard.
-"""
-
-from __future__ import annotations
-
-from plotfeed.proto.asterix.codec.layout import (
-    Category,
-    Compound,
-    Explicit,
-    Raw,
-    Spare,
-    correlation,
-    extended,
-    fixed,
-    flags,
-    full_circle,
-    position_180,
-    repeated,
-    repeated_fx,
-    signed,
-    single,
-    source,
-    time_of_day,
-    unsigned,
-)
-
-CAT015 = Category(
-    15,
-    (
-        source("I015/010"),
-        fixed("I015/000", Raw("MT", 7), Raw("RG", 1)),
-        fixed("I015/015", Raw("SID", 8)),
-        extended(
-            "I015/020",
-            (
-                Raw("MOMU", 2),
-                Raw("TTAX", 2),
-                Raw("SCD", 2),
-                Spare(1),
-            ),
-        ),
-        repeated_fx("I015/030", Raw("WE", 7)),
-        time_of_day("I015/145", "TOA"),
-        fixed("I015/161", Raw("TPN", 16)),
-        extended(
-            "I015/170",
-            (
-                *flags("BIZ BAZ TUR"),
-                Spare(1),
-                *flags("CSTP CSTH CNF"),
-            ),
-        ),
-        fixed("I015/050", Spare(2), unsigned("UPD", 14, 1 / 128, "s")),
-        Compound(
-            "I015/270",
-            (
-                single(unsigned("LEN", 16, 0.01, "m")),
-                single(unsigned("WDT", 16, 0.01, "m")),
-                single(unsigned("HGT", 16, 0.01, "m")),
-                single(full_circle("ORT")),
-            ),
-        ),
-        repeated("I015/300", Raw("CLS", 9), Raw("PRB", 7)),
-        fixed("I015/400", Raw("PID", 16), Raw("ON", 24)),
-        Compound(
-            "I015/600",
-            (
-                fixed("P84", *position_180(32, 31)),
-                fixed(
-                    "HPR",
-                    unsigned("RSHPX", 16, 1 / 2, "m"),
-                    unsigned("RSHPY", 16, 1 / 2, "m"),
-                    correlation("CORSHPXY"),
-                ),
-                fixed(
-                    "HPP",
-                    unsigned("SDHPX", 16, 1 / 4, "m"),
-                    unsigned("SDHPY", 16, 1 / 4, "m"),
-                    correlation("COSDHPXY"),
-                ),
-            ),
-        ),
-        Compound(
-            "I015/601",
-            (
-                single(signed("GH", 24, 0.01, "m")),
-                single(unsigned("RSGH", 24, 0.01, "m")),
-                single(unsigned("SDGH", 24, 0.01, "m")),
-                fixed("CI6", unsigned("UCI6", 12, 16, "m"), unsigned("LCI6", 12, 16, "m")),
-                fixed("CI9", unsigned("UCI9", 12, 16, "m"), unsigned("LCI9", 12, 16, "m")),
-                fixed("COGHHP", correlation("X"), correlation("Y")),
-                fixed("COGHHV", correlation("X"), correlation("Y")),
-                fixed("COGHHA", correlation("X"), correlation("Y")),
-            ),
-        ),
-        Compound(
-            "I015/602",
-            (
-                fixed("HV", signed("X", 20, 0.01, "m/s"), signed("Y", 20, 0.01, "m/s")),
-                fixed(
-                    "RSHV",
-                    unsigned("X", 16, 0.01, "m/s"),
-                    unsigned("Y", 16, 0.01, "m/s"),
-                    correlation("CORSHVXY"),
-                ),
-                fixed(
-                    "SDHV",
-                    unsigned("X", 16, 0.01, "m/s"),
-                    unsigned("Y", 16, 0.01, "m/s"),
-                    correlation("COHVXY"),
-                ),
-                fixed(
-                    "COHVHP",
-                    correlation("COHVXHPX"),
-                    correlation("COHVXHPY"),
-                    correlation("COHVYHPX"),
-                    correlation("COHVYHPY"),
-                ),
-            ),
-        ),
-        Compound(
-            "I015/603",
-            (
-                fixed("HA", signed("X", 12, 1 / 16, "m/s2"), signed("Y", 12, 1 / 16, "m/s2")),
-                fixed(
-                    "SDHA",
-                    unsigned("X", 12, 1 / 16, "m/s2"),
-                    unsigned("Y", 12, 1 / 16, "m/s2"),
-                    correlation("COHAXY"),
-                ),
-                fixed(
-                    "COHAHP",
-                    correlation("COHAXHPX"),
-                    correlation("COHAXHPY"),
-                    correlation("COHAYHPX"),
-                    correlation("COAYHPY"),
-                ),
-                fixed(
-                    "COHAHV",
-                    correlation("COHAXHVX"),
-                    correlation("COHAXHVY"),
-                    correlation("COHAYHVX"),
-                    correlation("COHAYHVY"),
-                ),
-            ),
-        ),
-        Compound(
-            "I015/604",
-            (
-                single(signed("VV", 24, 0.01, "m/s")),
-                single(unsigned("RSVV", 16, 0.01, "m/s")),
-                fixed("SDVV", unsigned("SDVV", 16, 0.01, "m/s"), correlation("COVVGH")),
-                fixed("COVVHP", correlation("X"), correlation("Y")),
-                fixed("COVVHV", correlation("X"), correlation("Y")),
-                fixed("COVVHA", correlation("X"), correlation("Y")),
-            ),
-        ),
-        Compound(
-            "I015/605",
-            (
-                single(signed("VA", 16, 0.01, "m/s2")),
-                fixed(
-                    "RSVA",
-                    unsigned("SDVA", 16, 0.01, "m/s2"),
-                    correlation("COVAGH"),
-                    correlation("COVAVV"),
-                ),
-                fixed("COVAHP", correlation("X"), correlation("Y")),
-                fixed("COVAHV", correlation("X"), correlation("Y")),
-                fixed("COVAHA", correlation("X"), correlation("Y")),
-            ),
-        ),
-        repeated("I015/480", Raw("PID", 16), Raw("ON", 24)),
-        Compound(
-            "I015/625",
-            (
-                single(signed("R", 24, 0.1, "m")),
-                single(unsigned("RSR", 24, 0.1, "m")),
-                single(unsigned("SDR", 24, 0.1, "m")),
-                single(signed("RR", 24, 0.1, "m/s")),
-                single(unsigned("RSRR", 24, 0.1, "m/s")),
-                fixed("SDRR", unsigned("SDRR", 24, 0.1, "m/s"), correlation("CORRR")),
-                single(signed("RA", 16, 1 / 64, "m/s2")),
-                fixed(
-                    "SDRA",
-                    unsigned("SDRA", 16, 1 / 128, "m/s2"),
-                    correlation("CORAR"),
-                    correlation("CORARR"),
-                ),
-            ),
-        ),
-        Compound(
-            "I015/626",
-            (
-                single(signed("DV", 24, 0.01, "m/s")),
-                single(unsigned("SDDV", 16, 1 / 64, "m/s")),
-                single(signed("DA", 16, 1 / 64, "m/s2")),
-                fixed("SDDA", unsigned("SDDA", 16, 1 / 64, "m/s2"), correlation("CODADV")),
-                single(correlation("CODVR")),
-                single(correlation("CODVRR")),
-                single(correlation("CODVRA")),
-                single(correlation("CODAR")),
-                single(correlation("CODARR")),
-                single(correlation("CODARA")),
-            ),
-        ),
-        Compound(
-            "I015/627",
-            (
-                single(full_circle("AZ")),
-                single(unsigned("RSAZ", 16, 360 / (1 << 19), "deg")),
-                single(unsigned("SDASZ", 16, 360 / (1 << 19), "deg")),
-                single(signed("AZR", 16, 360 / (1 << 17), "deg/s")),
-                fixed(
-                    "SDAZR", unsigned("SDAZR", 16, 360 / (1 << 19), "deg/s"), correlation("COAZRAZ")
-                ),
-                fixed("AZEX", full_circle("S"), full_circle("E")),
-            ),
-        ),
-        Compound(
-            "I015/628",
-            (
-                single(signed("EL", 16, 360 / (1 << 17), "deg")),
-                single(unsigned("RSEL", 16, 360 / (1 << 19), "deg")),
-                single(unsigned("SDEL", 16, 360 / (1 << 19), "deg")),
-                single(signed("ER", 16, 360 / (1 << 17), "deg/s")),
-                fixed(
-                    "SDER", unsigned("SDELR", 16, 360 / (1 << 19), "deg/s"), correlation("COELREL")
-                ),
-                fixed(
-                    "ELEX",
-                    signed("S", 16, 360 / (1 << 17), "deg"),
-                    signed("E", 16, 360 / (1 << 17), "deg"),
-                ),
-            ),
-        ),
-        Compound(
-            "I015/630",
-            (
-                single(signed("DPP", 8, 1, "dB")),
-                single(signed("DPS", 8, 1, "dB")),
-                fixed("RPP", Spare(7), signed("RPP", 9, 1, "dB")),
-                single(signed("RPS", 8, 1, "dB")),
-            ),
-        ),
-        repeated(
-            "I015/631",
-            full_circle("AZCON"),
-            signed("ELCON", 16, 360 / (1 << 17), "deg"),
-            unsigned("RGCONSTOP", 16, 10_000 / (1 << 16), "m"),
-            unsigned("RGCONSTART", 16, 10_000 / (1 << 16), "m"),
-        ),
-        Explicit("I015/SP"),
-    ),
+""",
 )

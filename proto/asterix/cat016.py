@@ -1,16 +1,19 @@
 """Category 016, configuration of non-cooperative surveillance systems; edition 1.0.
 
-A quantity saturates where its row says nothing else; ± marks signed parts, _n spare bits, nxm n
-characters of m bits, | an extension bit; a part without an LSB is an integer.
-EUROCONTROL-SPEC-0149, category 016.
+EUROCONTROL-SPEC-0149, category 016; `codec.layout` explains the table. I016/405 is above mean sea
+level, ALT above the WGS-84 ellipsoid.
+"""
 
-===  ========  ======  ============================================================================
+from plotfeed.proto.asterix.codec.layout import category
+
+CAT016 = category(
+    16,
+    """
 FRN  item      octets  parts: bits, LSB and unit
-===  ========  ======  ============================================================================
 1    I016/010  2       SAC 8, SIC 8
 2    I016/015  1       SID 8
 3    I016/000  1       TYPE 8
-4    I016/140  3       TOD 24: 1/128 s wraps
+4    I016/140  3       TOD 24: 1/128 s modulo 86400
 5    I016/200  1       PERIOD 8: 1 s
 6    I016/300  1+6n    repeated: PID 16, TID 16, RID 16
 7    I016/400  8       LAT ±32: 180/2^31 deg refused, LON ±32: 360/2^32 deg wraps
@@ -20,49 +23,5 @@ FRN  item      octets  parts: bits, LSB and unit
 10   I016/420  1+12n   repeated: RID 16, LAT ±32: 180/2^31 deg refused, LON ±32: 360/2^32 deg
                        wraps, ALT ±16: 1/4 m
 11   I016/SP   1+n     octets behind their count
-===  ========  ======  ============================================================================
-
-I016/405 is above mean sea level, ALT above the WGS-84 ellipsoid.
-"""
-
-from __future__ import annotations
-
-from plotfeed.proto.asterix.codec.layout import (
-    Category,
-    Explicit,
-    Raw,
-    Spare,
-    fixed,
-    position_180,
-    repeated,
-    signed,
-    source,
-    time_of_day,
-    unsigned,
-)
-
-CAT016 = Category(
-    16,
-    (
-        source("I016/010"),
-        fixed("I016/015", Raw("SID", 8)),
-        fixed("I016/000", Raw("TYPE", 8)),
-        time_of_day("I016/140"),
-        fixed("I016/200", unsigned("PERIOD", 8, 1, "s")),
-        repeated("I016/300", Raw("PID", 16), Raw("TID", 16), Raw("RID", 16)),
-        fixed("I016/400", *position_180(32, 31)),
-        fixed("I016/405", signed("HEIGHT", 16, 1 / 4, "m")),
-        repeated(
-            "I016/410",
-            Raw("TID", 16),
-            *position_180(32, 31),
-            signed("ALT", 16, 1 / 4, "m"),
-            signed("TTO", 32, 2, "ns"),
-            Spare(4),
-            unsigned("ATO", 20, 1, "ns"),
-            Raw("PCI", 16),
-        ),
-        repeated("I016/420", Raw("RID", 16), *position_180(32, 31), signed("ALT", 16, 1 / 4, "m")),
-        Explicit("I016/SP"),
-    ),
+""",
 )

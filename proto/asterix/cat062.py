@@ -1,15 +1,19 @@
 """Category 062, system tracks; editions 1.19 to 1.21, and CAT062_1_18.
 
-A quantity saturates where its row says nothing else; ± marks signed parts, _n spare bits, nxm n
-characters of m bits, | an extension bit; a part without an LSB is an integer.
-EUROCONTROL-SPEC-0149-9.
+EUROCONTROL-SPEC-0149-9; `codec.layout` explains the table. I062/380 is what an aircraft says of
+itself: IAS counts 2^-14 NM/s, or 0.001 Mach where IM is set. I062/390 is the flight plan. LMC is a
+flight level. Earlier editions have fewer groups of I062/080.
+"""
 
-===  ========  ======  ============================================================================
+from plotfeed.proto.asterix.codec.layout import category
+
+CAT062 = category(
+    62,
+    """
 FRN  item      octets  parts: bits, LSB and unit
-===  ========  ======  ============================================================================
 1    I062/010  2       SAC 8, SIC 8
 3    I062/015  1       SID 8
-4    I062/070  3       TOD 24: 1/128 s wraps
+4    I062/070  3       TOD 24: 1/128 s modulo 86400
 5    I062/105  8       LAT ±32: 180/2^25 deg refused, LON ±32: 180/2^25 deg refused
 6    I062/100  6       X ±24: 1/2 m, Y ±24: 1/2 m
 7    I062/185  4       VX ±16: 1/4 m/s, VY ±16: 1/4 m/s
@@ -66,180 +70,16 @@ FRN  item      octets  parts: bits, LSB and unit
                        4x3); TYP (TYP 3, SIM, RAB, TST, _2)
 34   I062/RE   1+n     octets behind their count
 35   I062/SP   1+n     octets behind their count
-===  ========  ======  ============================================================================
-
-IAS in I062/380 counts 2^-14 NM/s, or 0.001 Mach where IM is set. LMC is a flight level. Editions up
-to 1.18 have no height below 0 in I062/340; earlier ones have fewer groups of I062/080.
-"""
-
-from __future__ import annotations
-
-from plotfeed.proto.asterix.cat062_parts import AIRCRAFT, FLIGHT_PLAN
-from plotfeed.proto.asterix.codec.layout import (
-    CALLSIGN,
-    OCTAL,
-    Category,
-    Characters,
-    Compound,
-    Explicit,
-    Fixed,
-    Quantity,
-    Raw,
-    Spare,
-    extended,
-    fixed,
-    flags,
-    full_circle,
-    position_180,
-    repeated_fx,
-    signed,
-    single,
-    source,
-    time_of_day,
-    unsigned,
+""",
 )
 
-
-def _ages(names: str) -> tuple[Fixed, ...]:
-    """Subfields of one age each; their names stand between spaces."""
-    return tuple(single(unsigned(name, 8, 1 / 4, "s")) for name in names.split())
-
-
-def _category(height: Quantity) -> Category:
-    return Category(
-        62,
-        (
-            source("I062/010"),
-            None,
-            fixed("I062/015", Raw("SID", 8)),
-            time_of_day("I062/070"),
-            fixed("I062/105", *position_180(32, 25)),
-            fixed("I062/100", signed("X", 24, 1 / 2, "m"), signed("Y", 24, 1 / 2, "m")),
-            fixed("I062/185", signed("VX", 16, 1 / 4, "m/s"), signed("VY", 16, 1 / 4, "m/s")),
-            fixed("I062/210", signed("AX", 8, 1 / 4, "m/s2"), signed("AY", 8, 1 / 4, "m/s2")),
-            fixed("I062/060", *flags("V G CH"), Spare(1), Characters("MODE3A", 4, OCTAL)),
-            fixed("I062/245", Raw("STI", 2), Spare(6), Characters("CHR", 8, CALLSIGN)),
-            AIRCRAFT,
-            fixed("I062/040", Raw("TRN", 16)),
-            extended(
-                "I062/080",
-                (
-                    *flags("MON SPI MRH"),
-                    Raw("SRC", 3),
-                    Raw("CNF", 1),
-                ),
-                (*flags("SIM TSE TSB FPC AFF STP KOS"),),
-                (
-                    Raw("AMA", 1),
-                    Raw("MD4", 2),
-                    Raw("ME", 1),
-                    Raw("MI", 1),
-                    Raw("MD5", 2),
-                ),
-                (*flags("CST PSR SSR MDS ADS SUC AAC"),),
-                (
-                    Raw("SDS", 2),
-                    Raw("EMS", 3),
-                    Raw("PFT", 1),
-                    Raw("FPLT", 1),
-                ),
-                (*flags("DUPT DUPF DUPM SFC IDD IEC MLAT"),),
-                (
-                    Raw("M5I", 1),
-                    Spare(6),
-                ),
-            ),
-            Compound(
-                "I062/290",
-                (
-                    *_ages("TRK PSR SSR MDS"),
-                    single(unsigned("ADS", 16, 1 / 4, "s")),
-                    *_ages("ES VDL UAT LOP MLT"),
-                ),
-            ),
-            fixed(
-                "I062/200", Raw("TRANS", 2), Raw("LONG", 2), Raw("VERT", 2), Raw("ADF", 1), Spare(1)
-            ),
-            Compound(
-                "I062/295",
-                _ages(
-                    "MFL MD1 MD2 MDA MD4 MD5 MHG IAS TAS SAL FSS TID COM SAB ACS"
-                    " BVR GVR RAN TAR TAN GSP VUN MET EMC POS GAL PUN MB IAR MAC BPS"
-                ),
-            ),
-            fixed("I062/136", signed("FL", 16, 1 / 4, "FL")),
-            fixed("I062/130", signed("ALTITUDE", 16, 6.25, "ft")),
-            fixed("I062/135", Raw("QNH", 1), signed("CTB", 15, 1 / 4, "FL")),
-            fixed("I062/220", signed("RATE", 16, 6.25, "ft/min")),
-            FLIGHT_PLAN,
-            extended(
-                "I062/270",
-                (unsigned("LENGTH", 7, 1, "m"),),
-                (full_circle("ORIENTATION", 7),),
-                (unsigned("WIDTH", 7, 1, "m"),),
-            ),
-            fixed("I062/300", Raw("FLEET", 8)),
-            Compound(
-                "I062/110",
-                (
-                    fixed("SUM", *flags("M5 ID DA M1 M2 M3 MC X")),
-                    fixed(
-                        "PMN",
-                        Spare(2),
-                        Raw("PIN", 14),
-                        Spare(3),
-                        Raw("NAT", 5),
-                        Spare(2),
-                        Raw("MIS", 6),
-                    ),
-                    fixed("POS", *position_180(24, 23)),
-                    fixed("GA", Spare(1), Raw("RES", 1), signed("GA", 14, 25, "ft")),
-                    fixed("EM1", Spare(4), Characters("EM1", 4, OCTAL)),
-                    single(signed("TOS", 8, 1 / 128, "s")),
-                    fixed("XP", Spare(3), *flags("X5 XC X3 X2 X1")),
-                ),
-            ),
-            fixed("I062/120", Spare(4), Characters("MODE2", 4, OCTAL)),
-            repeated_fx("I062/510", Raw("IDENT", 8), Raw("TRACK", 15)),
-            Compound(
-                "I062/500",
-                (
-                    fixed("APC", unsigned("X", 16, 1 / 2, "m"), unsigned("Y", 16, 1 / 2, "m")),
-                    single(signed("COV", 16, 1 / 2, "m")),
-                    fixed(
-                        "APW",
-                        unsigned("LAT", 16, 180 / (1 << 25), "deg"),
-                        unsigned("LON", 16, 180 / (1 << 25), "deg"),
-                    ),
-                    single(unsigned("AGA", 8, 6.25, "ft")),
-                    single(unsigned("ABA", 8, 1 / 4, "FL")),
-                    fixed("ATV", unsigned("X", 8, 1 / 4, "m/s"), unsigned("Y", 8, 1 / 4, "m/s")),
-                    fixed("AA", unsigned("X", 8, 1 / 4, "m/s2"), unsigned("Y", 8, 1 / 4, "m/s2")),
-                    single(unsigned("ARC", 8, 6.25, "ft/min")),
-                ),
-            ),
-            Compound(
-                "I062/340",
-                (
-                    source("SID"),
-                    fixed("POS", unsigned("RHO", 16, 1 / 256, "NM"), full_circle("THETA")),
-                    single(height),
-                    fixed("MDC", Raw("V", 1), Raw("G", 1), signed("LMC", 14, 1 / 4, "FL")),
-                    fixed("MDA", *flags("V G L"), Spare(1), Characters("MODE3A", 4, OCTAL)),
-                    fixed("TYP", Raw("TYP", 3), *flags("SIM RAB TST"), Spare(2)),
-                ),
-            ),
-            None,
-            None,
-            None,
-            None,
-            None,
-            Explicit("I062/RE"),
-            Explicit("I062/SP"),
-        ),
-    )
-
-
-CAT062 = _category(signed("HEIGHT", 16, 25, "ft"))
-CAT062_1_18 = _category(unsigned("HEIGHT", 16, 25, "ft"))
+CAT062_1_18 = category(
+    62,
+    """
+28   I062/340  1+n     SID (SAC 8, SIC 8); POS (RHO 16: 1/256 NM, THETA 16: 360/2^16 deg wraps);
+                       HEIGHT 16: 25 ft; MDC (V, G, LMC ±14: 1/4 FL); MDA (V, G, L, _1, MODE3A
+                       4x3); TYP (TYP 3, SIM, RAB, TST, _2)
+""",
+    base=CAT062,
+)
 """Editions up to 1.18, which have no height below 0 in I062/340."""

@@ -1,15 +1,18 @@
 """Category 063, status of the sensors of a tracker; edition 1.7.
 
-A quantity saturates where its row says nothing else; ± marks signed parts, _n spare bits, nxm n
-characters of m bits, | an extension bit; a part without an LSB is an integer.
-EUROCONTROL-SPEC-0149-10.
+EUROCONTROL-SPEC-0149-10; `codec.layout` explains the table. Earlier editions have fewer groups of
+I063/060.
+"""
 
-===  ========  ======  ============================================================================
+from plotfeed.proto.asterix.codec.layout import category
+
+CAT063 = category(
+    63,
+    """
 FRN  item      octets  parts: bits, LSB and unit
-===  ========  ======  ============================================================================
 1    I063/010  2       SAC 8, SIC 8
 2    I063/015  1       SID 8
-3    I063/030  3       TOD 24: 1/128 s wraps
+3    I063/030  3       TOD 24: 1/128 s modulo 86400
 4    I063/050  2       SAC 8, SIC 8
 5    I063/060  1+FX    CON 2, PSR, SSR, MDS, ADS, MLT | OPS, ODP, OXT, MSC, TSV, NPW, _1 | TTFEP,
                        TTFVAL, SPOEP, SPOVAL, _3
@@ -21,56 +24,5 @@ FRN  item      octets  parts: bits, LSB and unit
 11   I063/092  2       BIAS ±16: 180/2^15 deg
 13   I063/RE   1+n     octets behind their count
 14   I063/SP   1+n     octets behind their count
-===  ========  ======  ============================================================================
-
-Earlier editions have fewer groups of I063/060.
-"""
-
-from __future__ import annotations
-
-from plotfeed.proto.asterix.codec.layout import (
-    Category,
-    Explicit,
-    Raw,
-    Spare,
-    extended,
-    fixed,
-    flags,
-    signed,
-    source,
-    time_of_day,
-)
-
-CAT063 = Category(
-    63,
-    (
-        source("I063/010"),
-        fixed("I063/015", Raw("SID", 8)),
-        time_of_day("I063/030"),
-        source("I063/050"),
-        extended(
-            "I063/060",
-            (
-                Raw("CON", 2),
-                *flags("PSR SSR MDS ADS MLT"),
-            ),
-            (
-                *flags("OPS ODP OXT MSC TSV NPW"),
-                Spare(1),
-            ),
-            (
-                *flags("TTFEP TTFVAL SPOEP SPOVAL"),
-                Spare(3),
-            ),
-        ),
-        fixed("I063/070", signed("BIAS", 16, 1, "ms")),
-        fixed("I063/080", signed("SRG", 16, 1e-05), signed("SRB", 16, 1 / 128, "NM")),
-        fixed("I063/081", signed("BIAS", 16, 360 / (1 << 16), "deg")),
-        fixed("I063/090", signed("PRG", 16, 1e-05), signed("PRB", 16, 1 / 128, "NM")),
-        fixed("I063/091", signed("BIAS", 16, 360 / (1 << 16), "deg")),
-        fixed("I063/092", signed("BIAS", 16, 360 / (1 << 16), "deg")),
-        None,
-        Explicit("I063/RE"),
-        Explicit("I063/SP"),
-    ),
+""",
 )

@@ -114,7 +114,7 @@ def measure(number: int, libasterix: Libasterix) -> None:
     """Prints the lines of one category."""
     import numpy as np
 
-    from plotfeed.proto.asterix.codec.decode import CATEGORIES
+    from plotfeed.proto.asterix.categories import CATEGORIES
     from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 
     case, name = CASES[number], f"I{number:03}/"

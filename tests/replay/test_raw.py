@@ -20,7 +20,8 @@ from support.recordings import (
 )
 from support.shared_files import shared
 
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.layout import Extended, Fixed
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_blocks import ITEMS, SPARE, TIME, time_of_day_ns

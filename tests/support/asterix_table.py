@@ -1,4 +1,4 @@
-"""The table of a category's docstring, as it follows from the layout."""
+"""The table of a category, as it follows from the layout that was read from it."""
 
 from __future__ import annotations
 
@@ -36,15 +36,13 @@ def rows(category: Category) -> Iterator[tuple[str, str, str, str]]:
 
 def table(category: Category) -> str:
     """The table, wrapped."""
-    head = ("FRN", "item", "octets", "parts: bits, LSB and unit")
-    rule = "  ".join(["=" * width for width in (*COLUMNS, WIDTH - sum(COLUMNS) - 6)])
-    lines = [rule, _line(head), rule]
+    lines = [_line(("FRN", "item", "octets", "parts: bits, LSB and unit"))]
     for frn, name, octets, parts in rows(category):
         indent = sum(COLUMNS) + 6
         first, *others = textwrap.wrap(parts, WIDTH - indent, break_on_hyphens=False) or [""]
         lines.append(_line((frn, name, octets, first)))
         lines.extend(" " * indent + other for other in others)
-    return "\n".join([*lines, rule])
+    return "\n".join(lines)
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -99,6 +97,7 @@ def _part(part: Part) -> str:
         case Quantity():
             sign = "±" if part.signed else ""
             over = {Overflow.WRAP: " wraps", Overflow.REFUSE: " refused"}.get(part.overflow, "")
+            over = f" modulo {round(part.modulus * part.lsb)}" if part.modulus else over
             return f"{part.name} {sign}{part.bits}: {_lsb(part)} {part.unit}".rstrip() + over
         case _:
             return part.name if part.bits == 1 else f"{part.name} {part.bits}"
@@ -111,8 +110,9 @@ def _lsb(part: Quantity) -> str:
     for power in range(1, 33):
         if part.lsb * 2**power == 1:
             return f"1/{2**power}" if power <= 8 else f"2^-{power}"
-        if part.lsb * 2**power == turn:
-            return f"{turn}/2^{power}"
+        for span in (turn, 10_000):
+            if part.lsb * 2**power == span:
+                return f"{span}/2^{power}"
     return f"{part.lsb:g}"
 
 

@@ -10,16 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
-from plotfeed.proto.asterix.cat015 import CAT015
-from plotfeed.proto.asterix.cat016 import CAT016
-from plotfeed.proto.asterix.cat025 import CAT025
-from plotfeed.proto.asterix.cat034 import CAT034
-from plotfeed.proto.asterix.cat048 import CAT048
-from plotfeed.proto.asterix.cat062 import CAT062
-from plotfeed.proto.asterix.cat063 import CAT063
-from plotfeed.proto.asterix.cat129 import CAT129
-from plotfeed.proto.asterix.cat205 import CAT205
+from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import (
+    FX,
+    HEADER_OCTETS,
     Category,
     Characters,
     Compound,
@@ -35,25 +29,6 @@ from plotfeed.proto.asterix.codec.layout import (
 from plotfeed.proto.errors import DecodeError
 
 Value: TypeAlias = "int | float | str | bytes | dict[str, Value] | list[Value]"
-
-CATEGORIES: Mapping[int, Category] = {
-    category.number: category
-    for category in (
-        CAT015,
-        CAT016,
-        CAT025,
-        CAT034,
-        CAT048,
-        CAT062,
-        CAT063,
-        CAT129,
-        CAT205,
-    )
-}
-"""The newest edition of each. For another, give a reader `CATEGORIES | {62: CAT062_1_18}`."""
-
-HEADER_OCTETS = 3
-FX = 1
 
 FURTHER = "FURTHER"
 """The name under which an extended item keeps the octets that follow the groups of its layout."""

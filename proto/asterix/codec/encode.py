@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.proto.asterix.codec.decode import HEADER_OCTETS
-from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.asterix.codec.scalar import compiled
 from plotfeed.proto.asterix.codec.scaling import ScalingRule

@@ -1,10 +1,30 @@
-"""What an ASTERIX record is made of, as data."""
+"""What an ASTERIX record is made of, as data, and the notation in which categories are written.
+
+A category is a table with a row an item: its field reference number, its name, its octets, and its
+parts. Parts stand between commas: NAME 7 is an integer of seven bits, NAME alone a flag, _3 three
+spare bits, NAME 8x6 text of eight characters of six bits. NAME ±16: 1/4 m is a quantity with its
+LSB and unit, signed if it has the sign. Outside its range a quantity saturates, unless it says that
+it is refused, that it wraps, or that it counts modulo so many units. A group of parts that is a bit
+short of whole octets has the extension bit there, and | stands between such groups.
+
+A row that begins with "repeated:" holds its group again and again, as often as a first octet says
+or while the extension bit is set. Semicolons stand between the subfields of a compound item: each
+a part whose name it has, NAME (parts), or - where a flag is not assigned. "octets behind their
+count" are what no layout tells, the SP and RE fields.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+
+HEADER_OCTETS = 3
+"""Of a data block: its category, and its length in two octets."""
+
+FX = 1
+"""The extension bit: the last of an octet that others follow."""
 
 DAY_LSB = 86_400 * 128
 """A day in 1/128 s: the modulus of every time of day. It fits in 24 bits, so no mask drops it."""
@@ -166,77 +186,88 @@ class Category:
     uap: tuple[Item | None, ...]
 
 
-def fixed(name: str, *parts: Part) -> Fixed:
-    """A fixed item of those parts."""
-    return Fixed(name, Group(parts))
+_ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}
+_OVERFLOW = {None: Overflow.SATURATE, "refused": Overflow.REFUSE}
+_ROW = re.compile(r"^(\d+) +(\w+/\w+) +(\S+) +(.*(?:\n +.*)*)", re.MULTILINE)
+_EXPLICIT = "octets behind their count"
+_REPEATED = "repeated: "
+_SUBFIELD = re.compile(r"(\w+) \((.*)\)")
+_SPARE = re.compile(r"_(\d+)")
+_QUANTITY = re.compile(
+    r"(\w+) (±?)(\d+): (\S+)(?: (?!wraps|refused|modulo)(\S+))?(?: (wraps|refused|modulo (\d+)))?"
+)
+_TEXT = re.compile(r"(\w+) (\d+)x(\d)")
+_RAW = re.compile(r"(\w+)(?: (\d+))?")
 
 
-def extended(name: str, *groups: tuple[Part, ...]) -> Extended:
-    """An extended item; each group lacks its extension bit."""
-    return Extended(name, tuple(Group(parts, fx=True) for parts in groups))
+def category(number: int, table: str, base: Category | None = None) -> Category:
+    """The category of a table; rows that it lacks are those of `base`.
+
+    Raises `ValueError` for what is not in the notation.
+    """
+    items: dict[int, Item | None] = dict(enumerate(base.uap, 1)) if base else {}
+    for frn, name, _, parts in _ROW.findall(table):
+        items[int(frn)] = _item(name, " ".join(parts.split()))
+    return Category(number, tuple(items.get(frn) for frn in range(1, max(items) + 1)))
 
 
-def repeated(name: str, *parts: Part) -> Repetitive:
-    """A repetitive item behind an octet that counts."""
-    return Repetitive(name, Group(parts))
+def _item(name: str, text: str) -> Item:
+    if text == _EXPLICIT:
+        return Explicit(name)
+    if "; " in text:
+        return Compound(name, tuple(map(_subfield, text.split("; "))))
+    return _simple(name, text)
 
 
-def repeated_fx(name: str, *parts: Part) -> Repetitive:
-    """A repetitive item that goes on while the extension bit is set."""
-    return Repetitive(name, Group(parts, fx=True))
+def _subfield(text: str) -> Fixed | Extended | Repetitive | None:
+    if text == "-":
+        return None
+    if named := _SUBFIELD.fullmatch(text):
+        return _simple(named[1], named[2])
+    group = _group(text)
+    ((part, _),) = group.fields
+    return Fixed(part.name, group)
 
 
-def flags(names: str) -> tuple[Raw, ...]:
-    """Parts of one bit each; their names stand between spaces."""
-    return tuple(Raw(name, 1) for name in names.split())
+def _simple(name: str, text: str) -> Fixed | Extended | Repetitive:
+    if text.startswith(_REPEATED):
+        return Repetitive(name, _group(text.removeprefix(_REPEATED)))
+    groups = tuple(map(_group, text.split(" | ")))
+    return Extended(name, groups) if groups[0].fx else Fixed(name, groups[0])
 
 
-def source(item: str) -> Fixed:
-    """Who sends: system area code and system identification code."""
-    return fixed(item, Raw("SAC", 8), Raw("SIC", 8))
+def _group(text: str) -> Group:
+    parts = tuple(map(_part, text.split(", ")))
+    return Group(parts, fx=sum(part.bits for part in parts) % 8 == 7)
 
 
-def time_of_day(item: str, name: str = "TOD") -> Fixed:
-    """Seconds since midnight UTC."""
-    time = Quantity(name, 24, 1 / 128, "s", overflow=Overflow.WRAP, modulus=DAY_LSB)
-    return fixed(item, time)
+def _part(text: str) -> Part:
+    if spare := _SPARE.fullmatch(text):
+        return Spare(int(spare[1]))
+    if found := _QUANTITY.fullmatch(text):
+        name, sign, bits, lsb, unit, overflow, modulus = found.groups()
+        return Quantity(
+            name,
+            int(bits),
+            _number(lsb),
+            unit or "",
+            signed=bool(sign),
+            overflow=_OVERFLOW.get(overflow, Overflow.WRAP),
+            modulus=round(int(modulus) / _number(lsb)) if modulus else 0,
+        )
+    if found := _TEXT.fullmatch(text):
+        return Characters(found[1], int(found[2]), _ALPHABETS[int(found[3])])
+    if found := _RAW.fullmatch(text):
+        return Raw(found[1], int(found[2] or 1))
+    raise ValueError(f"{text!r} is no part of an item")
 
 
-def unsigned(name: str, bits: int, lsb: float, unit: str = "") -> Quantity:
-    """A quantity from 0 on, which saturates."""
-    return Quantity(name, bits, lsb, unit, overflow=Overflow.SATURATE)
+def _number(text: str) -> float:
+    """A number such as 0.01, 1/4, 2^-14 or 180/2^31."""
+    dividend, _, divisor = text.partition("/")
+    return _power(dividend) / _power(divisor or "1")
 
 
-def signed(name: str, bits: int, lsb: float, unit: str = "") -> Quantity:
-    """A quantity of either sign, which saturates."""
-    return Quantity(name, bits, lsb, unit, signed=True, overflow=Overflow.SATURATE)
-
-
-def correlation(name: str) -> Quantity:
-    """A coefficient of correlation: -1 to 127/128."""
-    return signed(name, 8, 1 / 128)
-
-
-def full_circle(name: str, bits: int = 16) -> Quantity:
-    """An angle in as many steps as there are integers."""
-    return Quantity(name, bits, 360 / (1 << bits), "deg", overflow=Overflow.WRAP)
-
-
-def position(bits: int, latitude_lsb: float, longitude_lsb: float) -> tuple[Quantity, Quantity]:
-    """Latitude and longitude, degrees. A longitude as wide as the circle wraps."""
-    wraps = longitude_lsb * (1 << bits) == 360
-    overflow = Overflow.WRAP if wraps else Overflow.REFUSE
-    return (
-        Quantity("LAT", bits, latitude_lsb, "deg", signed=True),
-        Quantity("LON", bits, longitude_lsb, "deg", signed=True, overflow=overflow),
-    )
-
-
-def position_180(bits: int, exponent: int) -> tuple[Quantity, Quantity]:
-    """Latitude and longitude, both in 180/2**exponent degrees."""
-    return position(bits, 180 / (1 << exponent), 180 / (1 << exponent))
-
-
-def single(part: Named) -> Fixed:
-    """A subfield of one part, whose name it has."""
-    return fixed(part.name, part)
+def _power(text: str) -> float:
+    base, _, exponent = text.partition("^")
+    return float(base) ** int(exponent or "1")

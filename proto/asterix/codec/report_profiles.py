@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.state import Floats
-from plotfeed.proto.asterix.codec.decode import HEADER_OCTETS
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Encoder, blocks_of
-from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.codec.profile import is_at
 from plotfeed.proto.errors import EncodeError
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
 
-from plotfeed.proto.asterix.cat062_parts import FLIGHT_PLAN
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, HEADER_OCTETS
+from plotfeed.proto.asterix.cat062 import CAT062
+from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
+    FX,
+    HEADER_OCTETS,
     Category,
     Compound,
     Explicit,
@@ -24,8 +26,7 @@ from plotfeed.proto.asterix.codec.layout import (
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 
-FX = 1
-PLANNED = "TOD"
+FLIGHT_PLAN, PLANNED = "I062/390", "TOD"
 """The subfield of I062/390 that holds times of departure and arrival."""
 MAX_PLANS = 4096
 """Different field specifications remembered of a category; a real feed has a few."""
@@ -163,7 +164,7 @@ def _after(item: Item, body: bytes, at: int, planned: list[int]) -> int:
             flags = at
             at = _after_flags(body, at)
             for subfield in _present(subfields, body[flags:at], name):
-                if item is FLIGHT_PLAN and subfield.name == PLANNED:
+                if name == FLIGHT_PLAN and subfield.name == PLANNED:
                     planned.extend(_elements(subfield, body, at))
                 at = _after(subfield, body, at, planned)
             return at
@@ -284,9 +285,13 @@ def _within_day(block: bytes, times: TimeItems, shift_lsb: int) -> int | None:
 @cache
 def _planned() -> tuple[Group, dict[str, tuple[int, int]]]:
     """An element of I062/390/TOD: the places of its parts from the right, and their masks."""
-    (item,) = (s for s in FLIGHT_PLAN.subfields if s is not None and s.name == PLANNED)
-    assert isinstance(item, Repetitive)  # noqa: S101 - the layout says it
-    group = item.group
+    (group,) = (
+        subfield.group
+        for item in CAT062.uap
+        if isinstance(item, Compound) and item.name == FLIGHT_PLAN
+        for subfield in item.subfields
+        if isinstance(subfield, Repetitive) and subfield.name == PLANNED
+    )
     return group, {part.name: (right, (1 << part.bits) - 1) for part, right in group.fields}
 
 

@@ -26,7 +26,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.proto.asterix.codec.decode import CATEGORIES
+from plotfeed.proto.asterix.categories import CATEGORIES
 
 PREFIX = "north/site/7"
 DOCUMENT = Path(__file__).parents[3] / "docs" / "asyncapi.json"

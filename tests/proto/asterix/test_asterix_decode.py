@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, Value, blocks, decode, decode_lenient
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import Value, blocks, decode, decode_lenient
 from plotfeed.proto.errors import DecodeError
 
 # Written by hand from the layout: FSPEC, then the items in the order of their numbers.

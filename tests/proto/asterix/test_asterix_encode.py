@@ -13,16 +13,18 @@ from hypothesis import strategies as st
 from support.asterix_input import every_path, numeric_slots, text_constants
 
 from plotfeed.proto.asterix.cat048 import CAT048
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, decode
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.encode import CROSSOVER, Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
+    Fixed,
+    Group,
     Overflow,
     Quantity,
     Raw,
     Spare,
-    fixed,
 )
 from plotfeed.proto.errors import EncodeError
 
@@ -263,7 +265,7 @@ def test_extended_items_go_as_far_as_the_parts_that_are_chosen() -> None:
 def test_parts_of_any_width_may_straddle_words(bits: int) -> None:
     before = Raw("BEFORE", 8 + -bits % 8)
     middle = Quantity("MIDDLE", bits, signed=bits > 1, overflow=Overflow.SATURATE)
-    category = Category(1, (fixed("I001/000", Spare(8), before, middle, Raw("AFTER", 8)),))
+    category = Category(1, (Fixed("I001/000", Group((Spare(8), before, middle, Raw("AFTER", 8)))),))
     encoder = Encoder(category, ("I001/000",))
     low, high = middle.limits
     for value in {low, high, 0, high // 3}:

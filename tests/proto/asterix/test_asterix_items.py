@@ -14,7 +14,8 @@ import pytest
 
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062, CAT062_1_18
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, FURTHER, Value, decode
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import FURTHER, Value, decode
 from plotfeed.proto.asterix.codec.layout import Category
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "items.json").read_text())

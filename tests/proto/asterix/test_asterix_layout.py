@@ -1,56 +1,33 @@
 from __future__ import annotations
 
-import re
-from types import ModuleType
+import inspect
+from importlib import import_module
 
 import pytest
-from support.asterix_table import rows
+from support.asterix_table import table
 
-from plotfeed.proto.asterix import (
-    cat015,
-    cat016,
-    cat025,
-    cat034,
-    cat048,
-    cat062,
-    cat063,
-    cat129,
-    cat205,
-)
-from plotfeed.proto.asterix.codec.layout import Category, Extended, Fixed, Group, Raw, Spare
-
-ROW = re.compile(r"^(\d+) +(I\d{3}/\w+) +(\d+)(\S*)", re.MULTILINE)
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.layout import Category, Group, Raw, Spare, category
 
 
-@pytest.mark.parametrize(("module", "category"), [(cat048, cat048.CAT048), (cat034, cat034.CAT034)])
-def test_the_table_in_the_docstring_is_the_layout(module: ModuleType, category: Category) -> None:
-    rows = ROW.findall(module.__doc__ or "")
-    assert [(int(frn), name) for frn, name, _, _ in rows] == [
-        (frn, item.name) for frn, item in enumerate(category.uap, 1) if item
-    ]
-    lengths = {name: (int(octets), more) for _, name, octets, more in rows}
-    for item in category.uap:
-        if isinstance(item, Fixed):
-            assert lengths[item.name] == (item.group.octets, "")
-        elif isinstance(item, Extended):
-            assert lengths[item.name] == (item.groups[0].octets, "+FX")
+@pytest.mark.parametrize("layout", CATEGORIES.values(), ids=lambda layout: f"{layout.number:03d}")
+def test_a_layout_writes_the_table_from_which_it_was_read(layout: Category) -> None:
+    """With the octets of every item, which the table states beside its parts."""
+    module = import_module(f"plotfeed.proto.asterix.cat{layout.number:03d}")
+    assert table(layout) in inspect.getsource(module)
 
 
-@pytest.mark.parametrize(
-    ("module", "category"),
-    [
-        (cat015, cat015.CAT015),
-        (cat016, cat016.CAT016),
-        (cat025, cat025.CAT025),
-        (cat062, cat062.CAT062),
-        (cat063, cat063.CAT063),
-        (cat129, cat129.CAT129),
-        (cat205, cat205.CAT205),
-    ],
-)
-def test_the_table_in_the_docstring_has_every_part(module: ModuleType, category: Category) -> None:
-    table = re.split(r"^[= ]+$", module.__doc__ or "", flags=re.MULTILINE)[2]
-    assert table.split() == " ".join(" ".join(row) for row in rows(category)).split()
+def test_a_row_stands_in_for_that_of_another_edition() -> None:
+    first = category(1, "1 I001/010 1 A 8\n2 I001/020 1 B 8")
+    second = category(1, "2 I001/020 1 B ±8: 1/4 m", base=first)
+    assert second.uap[0] == first.uap[0]
+    assert table(second).splitlines()[2].split() == ["2", "I001/020", "1", "B", "±8:", "1/4", "m"]
+
+
+@pytest.mark.parametrize("parts", ["A 8 9", "A ±8: 1 m often", "A 8;B 8", ""])
+def test_what_is_not_in_the_notation_is_refused(parts: str) -> None:
+    with pytest.raises(ValueError, match="no part"):
+        category(1, f"1    I001/010  1       {parts}.")
 
 
 def test_parts_must_fill_octets() -> None:

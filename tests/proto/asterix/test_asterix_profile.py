@@ -7,16 +7,16 @@ from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
-from plotfeed.proto.asterix.codec.layout import Category, Raw, repeated, repeated_fx
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.errors import EncodeError
 
-REPEATING = Category(
+REPEATING = category(
     1,
-    (
-        repeated("I001/010", Raw("A", 4), Raw("B", 4)),
-        repeated_fx("I001/020", Raw("C", 7)),
-    ),
+    """
+1    I001/010  1+1n    repeated: A 4, B 4
+2    I001/020  1+FX    repeated: C 7
+""",
 )
 
 

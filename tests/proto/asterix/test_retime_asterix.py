@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from support.asterix_input import udp_payloads
 from support.shared_files import shared
 
-from plotfeed.proto.asterix.codec.decode import CATEGORIES, Record, blocks, decode, records_in
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import Record, blocks, decode, records_in
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
