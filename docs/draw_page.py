@@ -23,7 +23,7 @@ from plotfeed.feeds.page.tracker_tracks import decode_tracks
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.scene import Scene, from_tree
-from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 
@@ -184,7 +184,7 @@ async def draw() -> None:
                 clock=WallClock(START_UTC_NS),
                 broker="none",
                 duration_s=SECONDS + 60,
-                extras=Extras(tap=tap, observers=[observer]),
+                observers=[Tap(tap), observer],
             )
         )
         browser = await playwright.chromium.launch(

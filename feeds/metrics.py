@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.session import Session
 
 LOOPBACK = "127.0.0.1"
 COUNTERS = {
@@ -36,25 +34,33 @@ class MetricsError(PlotfeedError):
     exit_code = 1
 
 
-class SessionCollector:
-    """Reads a session when it is asked, and costs nothing in between."""
+class SessionCollector(Observer):
+    """Reads the session that runs when it is asked, and costs nothing in between."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self) -> None:
+        self._session: RunningSession | None = None
+
+    def begun(self, session: RunningSession) -> None:
+        """That is the one to read."""
         self._session = session
 
     def collect(self) -> Iterator[Any]:
-        """Of the session, and of each sensor."""
+        """The metrics of the session, and of each sensor; none before it begins."""
+        if self._session is None:
+            return
         from prometheus_client.core import (
             CounterMetricFamily,
             GaugeMetricFamily,
         )
 
-        totals = self._session.totals
+        session, totals = self._session, self._session.totals
         for name, text in COUNTERS.items():
             yield CounterMetricFamily(f"plotfeed_{name}", text, value=getattr(totals, name))
         yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
         yield GaugeMetricFamily(
-            "plotfeed_inbox", "Messages that wait to be taken in", value=len(self._session.inbox)
+            "plotfeed_inbox",
+            "Messages that wait to be taken in",
+            value=session.input_queue.waiting,
         )
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
@@ -63,9 +69,9 @@ class SessionCollector:
         for quantile, late_us in zip(("0.5", "0.99", "0.999"), found_us, strict=True):
             late.add_metric([quantile], late_us / 1e6)
         yield late
-        yield from self._of_sensors(GaugeMetricFamily)
+        yield from self._of_sensors(session, GaugeMetricFamily)
 
-    def _of_sensors(self, family: Any) -> Iterable[Any]:
+    def _of_sensors(self, session: RunningSession, family: Any) -> Iterable[Any]:
         gauges = {
             "scan": "The last scan reported",
             "plots": "Plots reported so far",
@@ -76,14 +82,17 @@ class SessionCollector:
         }
         for name, text in gauges.items():
             gauge = family(f"plotfeed_sensor_{name}", text, labels=["sensor"])
-            for sensor, desk in self._session.desks.items():
-                gauge.add_metric([sensor], float(getattr(desk.health, name)))
+            for sensor, task in session.sensor_tasks.items():
+                gauge.add_metric([sensor], float(getattr(task.status, name)))
             yield gauge
 
 
 @contextlib.contextmanager
-def served(session: Session, port: int) -> Iterator[None]:
-    """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`."""
+def served(port: int) -> Iterator[Observer]:
+    """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`.
+
+    They are those of the session that is observed.
+    """
     try:
         from prometheus_client import CollectorRegistry, start_http_server
     except ImportError:
@@ -91,13 +100,14 @@ def served(session: Session, port: int) -> Iterator[None]:
             "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
         ) from None
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(SessionCollector(session))
+    collector = SessionCollector()
+    registry.register(collector)
     try:
         server, thread = start_http_server(port, addr=LOOPBACK, registry=registry)
     except OSError as error:
         raise MetricsError(f"metrics: port {port} on {LOOPBACK}: {error.strerror}") from None
     try:
-        yield
+        yield collector
     finally:
         server.shutdown()
         server.server_close()

@@ -8,7 +8,7 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,6 +25,7 @@ from plotfeed.feeds.console.signals import (
 )
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.metrics import served
 from plotfeed.feeds.recording.raw_file import RawFile
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import (
@@ -35,7 +36,7 @@ from plotfeed.feeds.recording.session_record import (
 )
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto.errors import PlotfeedError
@@ -62,7 +63,7 @@ async def with_page(
     clock: Clock,
     broker: str | None,
     duration_s: float | None,
-    extras: Extras,
+    observers: Sequence[Observer],
 ) -> SessionCounters:
     """Sessions as the page's viewers want them; raises `PlotfeedError`.
 
@@ -83,7 +84,7 @@ async def with_page(
         broker=broker,
         duration_s=duration_s,
         stop=stop,
-        extras=extras,
+        observers=observers,
         on_ready=on_ready,
     )
     if page is not None:
@@ -144,20 +145,24 @@ def run_in_terminal(
     with contextlib.ExitStack() as files:
         raw = files.enter_context(RawFile(write)) if write else None
         recorder = files.enter_context(_recorder(scene, record, clock, force)) if record else None
-        extras = Extras(
-            tap=raw.tap if raw else None,
-            observers=[SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)]
-            if recorder
-            else [],
-            recorded=partial(RecordedTelemetry, telemetry) if telemetry else None,
-            metrics_port=metrics,
-        )
+        observers: list[Observer] = [raw] if raw else []
+        if recorder:
+            observers.append(SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth))
+        if telemetry:
+            observers.append(RecordedTelemetry(telemetry))
+        if metrics is not None:
+            observers.append(files.enter_context(served(metrics)))
         run_so: Callable[..., Coroutine[None, None, SessionCounters]] = _plainly
         if serves_page:
             another_clock = partial(_clock_of, speed=speed)
             run_so = partial(with_page, page=page, another_clock=another_clock)
         how = partial(
-            run_so, scene=scene, clock=clock, broker=broker, duration_s=duration, extras=extras
+            run_so,
+            scene=scene,
+            clock=clock,
+            broker=broker,
+            duration_s=duration,
+            observers=observers,
         )
         code, totals = asyncio.run(_run(scene, how, note, quiet=as_json))
     if as_json:
@@ -215,7 +220,7 @@ async def _plainly(
     clock: Clock,
     broker: str | None,
     duration_s: float | None,
-    extras: Extras,
+    observers: Sequence[Observer],
 ) -> SessionCounters:
     """One session, and nothing beside it."""
     return await run(
@@ -224,7 +229,7 @@ async def _plainly(
         broker=broker,
         duration_s=duration_s,
         stop=stop,
-        extras=extras,
+        observers=observers,
         on_ready=on_ready,
     )
 

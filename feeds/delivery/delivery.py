@@ -56,6 +56,9 @@ class Transport(Protocol):
     def publish_together(self, parcels: Sequence[Delivery]) -> None:
         """Take several that are due at once, in their order."""
 
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Do ahead of time what can be done for messages that will be published soon."""
+
     async def drain(self, timeout_s: float = ...) -> None:
         """Wait until everything has left, or the time is up."""
 

@@ -16,11 +16,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
-from plotfeed.feeds.transport.mqtt.sender import MqttSender
 from plotfeed.proto import plotfeed_pb2 as pb
 
-Tap = Callable[[Message, int], None]
-"""Called with every message and the time at which it left."""
 InTime = Callable[[Message, int], Message | None]
 """The message as it may still leave at that time, or None if it is too late for it."""
 
@@ -82,17 +79,6 @@ class Trip(Delivery):
         )
 
 
-@dataclass(slots=True, kw_only=True)
-class Hooks:
-    """Who watches what leaves, and by what rules."""
-
-    before: Sequence[Callable[[Message], None]] = ()
-    """Told of every message as it is handed to the link."""
-    after: Sequence[Tap] = ()
-    """Told of every copy as it leaves."""
-    in_time: InTime | None = None
-
-
 @dataclass(slots=True)
 class _Counts:
     lost: int = 0
@@ -109,22 +95,26 @@ class Outbox:
         clock: Clock,
         links: Sequence[Transport],
         *,
-        agenda: Schedule | None = None,
+        schedule: Schedule | None = None,
         totals: SessionCounters | None = None,
-        ways: Hooks | None = None,
+        before_link: Sequence[Callable[[Message], object]] = (),
+        after_link: Sequence[Callable[[Message, int], object]] = (),
+        in_time: InTime | None = None,
         link: LinkSettings | None = None,
         impair: Callable[[LinkSettings], Impairment] | None = None,
     ) -> None:
-        """`impair` makes the link's impairment, which delays by way of `agenda`.
+        """`impair` makes the link's impairment, which delays by way of `schedule`.
 
-        Without `link`, messages leave at once.
+        Without `link`, messages leave at once. `before_link` is told of every message as it is
+        handed to the link, `after_link` of every copy as it leaves, and when.
         """
         self.counts = _Counts()
         self.links = links
         self._clock = clock
-        self._agenda = Schedule() if agenda is None else agenda  # an empty one is false
+        self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
         self._totals = totals or SessionCounters()
-        self._ways = ways or Hooks()
+        self._before_link, self._after_link = before_link, after_link
+        self._in_time = in_time
         self._impair = impair
         self._impairment = impair(link) if impair and link is not None else None
         self._number = 0
@@ -143,7 +133,7 @@ class Outbox:
 
     def send(self, message: Message, account: LedgerEntry | None = None) -> None:
         """Hand a message to the link now; what becomes of each copy is told to `account`."""
-        for tell in self._ways.before:
+        for tell in self._before_link:
             tell(message)
         trip = self._trip(message, account)
         if self._impairment is None:
@@ -159,25 +149,24 @@ class Outbox:
             for message in messages:
                 self.send(message, account)
             return
-        for tell in self._ways.before:
+        for tell in self._before_link:
             for message in messages:
                 tell(message)
         self._depart([self._trip(message, account) for message in messages])
 
-    def make_ready(self, messages: Sequence[Message]) -> None:
+    def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be sent soon."""
         for link in self.links:
-            if isinstance(link, MqttSender):
-                link.make_ready(messages)
+            link.prepare(messages)
 
     def send_past_link(self, *messages: Message) -> None:
         """Send what is not the sensor's own traffic, such as its status."""
         parcels = [Delivery(message, self._clock, len(self.links)) for message in messages]
         for link in self.links:
             link.publish_together(parcels)
-        for tap in self._ways.after:
+        for tell in self._after_link:
             for message in messages:
-                tap(message, self._clock.now_ns())
+                tell(message, self._clock.now_ns())
 
     def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
         """From then on, or now, the link is that one; what it held leaves if it is up again."""
@@ -248,8 +237,8 @@ class Outbox:
         )
 
     def _plan(self, trip: Trip, due_utc_ns: int) -> None:
-        if self._ways.in_time is not None:
-            message = self._ways.in_time(trip.message, due_utc_ns)
+        if self._in_time is not None:
+            message = self._in_time(trip.message, due_utc_ns)
             if message is None:
                 self._close(trip, pb.STALE)
                 return
@@ -258,7 +247,7 @@ class Outbox:
             self._depart((trip,))
             return
         self._on_the_way.add(trip)
-        self._agenda.put(due_utc_ns, partial(self._arrive, trip), ActionKind.DELIVERY)
+        self._schedule.put(due_utc_ns, partial(self._arrive, trip), ActionKind.DELIVERY)
 
     def _arrive(self, trip: Trip) -> None:
         if trip in self._on_the_way:
@@ -269,9 +258,9 @@ class Outbox:
         """Out over every connection."""
         for link in self.links:
             link.publish_together(trips)
-        for tap in self._ways.after:
+        for tell in self._after_link:
             for trip in trips:
-                tap(trip.message, trip.sent_utc_ns or self._clock.now_ns())
+                tell(trip.message, trip.sent_utc_ns or self._clock.now_ns())
         if not self.links:
             for trip in trips:
                 self._settled(trip)

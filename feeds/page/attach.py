@@ -19,8 +19,7 @@ from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.session import Session
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
@@ -41,7 +40,7 @@ class PageObserver(Observer):
         """`others` take commands that are not for a session's sensor or clock."""
         self._view = view
         self._others = others or NoControls()
-        self._session: Session | None = None
+        self._session: RunningSession | None = None
         self._basemap: Basemap | None = None
         self._before: tuple[Sensor, ...] = ()
         self._refusal = ""
@@ -53,14 +52,14 @@ class PageObserver(Observer):
 
     # What the session tells.
 
-    def begun(self, session: Session) -> None:
+    def begun(self, session: RunningSession) -> None:
         """It stands, and its time begins."""
         self._session = session
         self._refusal = ""
         self._view.scene(session.scene, self._basemap)
-        for desk in session.desks.values():
-            self._tell_settings(desk.sensor, new_model=True)
-        self._before = tuple(desk.sensor for desk in session.desks.values())
+        self._before = tuple(task.sensor for task in session.sensor_tasks.values())
+        for sensor in self._before:
+            self._tell_settings(sensor, new_model=True)
         self._tell_clock()
 
     def ended(self) -> None:
@@ -72,8 +71,8 @@ class PageObserver(Observer):
         """A sector is reported now."""
         self._view.report(report)
 
-    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of its messages."""
+    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of a sector's messages."""
         self._view.account(report, sent)
 
     def settings(self, sensor: Sensor) -> None:
@@ -92,7 +91,7 @@ class PageObserver(Observer):
         """Do as a viewer asks."""
         if self._session is None or ("sensor" not in command and "clock" not in command):
             return await self._others.apply(command)
-        in_force = self._session.ask(command)
+        in_force = self._session.command(command)
         self._tell_clock()
         return {"ok": True, "in_force": in_force}
 
@@ -103,7 +102,7 @@ class PageObserver(Observer):
             if self._session is not None:
                 self._look_at(self._session)
 
-    def _look_at(self, session: Session) -> None:
+    def _look_at(self, session: RunningSession) -> None:
         now_ns = session.clock.now_ns()
         trajectories = session.trajectories
         self._view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
@@ -134,7 +133,7 @@ def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: b
     )
 
 
-def clock_state(session: Session) -> dict[str, Any]:
+def clock_state(session: RunningSession) -> dict[str, Any]:
     """What of the clock a page shows, and which of its controls work."""
     clock = session.clock
     if isinstance(clock, WallClock):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 
 from plotfeed.feeds.delivery.counters import SessionCounters
@@ -19,7 +19,7 @@ from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
-from plotfeed.feeds.session.observer import Extras
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock
 
@@ -33,7 +33,7 @@ async def run_with_page(
     broker: str | None,
     duration_s: float | None,
     stop: asyncio.Event,
-    extras: Extras,
+    observers: Sequence[Observer],
     on_ready: Callable[[dict[str, str], SessionCounters], None],
 ) -> SessionCounters:
     """Sessions and replays, as the page's viewers want it; the totals of the last session.
@@ -45,12 +45,6 @@ async def run_with_page(
     observer = PageObserver(view, stage)
     server = PageServer(address, view, observer, lambda: _shown_utc_ns(stage, observer))
     stopping = asyncio.create_task(_pass_on(stop, stage.ending), name="page-stop")
-    observed = Extras(
-        tap=extras.tap,
-        observers=[*extras.observers, observer, stage],
-        recorded=extras.recorded,
-        metrics_port=extras.metrics_port,
-    )
     told, totals = False, SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
@@ -76,7 +70,7 @@ async def run_with_page(
                             clock=clock,
                             duration_s=duration_s,
                             stop=stage.ending,
-                            extras=observed,
+                            observers=[*observers, observer, stage],
                             on_ready=ready,
                         )
                 if stop.is_set() or not stage.goes_on:

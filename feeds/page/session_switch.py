@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.basemap import Basemap
@@ -17,12 +17,9 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, example, load
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.session import Session
 
 TELL_EVERY_S = 0.5
 EXAMPLES = ("section-4",)
@@ -46,7 +43,7 @@ class SessionSwitch(Observer):
         self._scenes = _scenes_beside(scene)
         self._asked: PageRecording | None = None
         self._notes: list[str] = []
-        self._session: Session | None = None
+        self._session: RunningSession | None = None
         self._recorder: SessionRecorder | None = None
         self._telling: asyncio.Task[None] | None = None
 
@@ -85,7 +82,7 @@ class SessionSwitch(Observer):
 
     # What the session tells.
 
-    def begun(self, session: Session) -> None:
+    def begun(self, session: RunningSession) -> None:
         """It stands, and its time begins."""
         self._session = session
         self._tell_choice()
@@ -102,20 +99,20 @@ class SessionSwitch(Observer):
             self._recorder.recorder.close()
             self._recorder = None
 
-    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+    def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Recorded, if a recording runs; as all that follows."""
         if self._recorder is not None:
-            self._recorder.took(topic, payload, content_type, t_utc_ns)
+            self._recorder.received(topic, payload, content_type, t_utc_ns)
 
-    def before(self, message: Message) -> None:
+    def before_link(self, message: Message) -> None:
         """On its way into a link."""
         if self._recorder is not None:
-            self._recorder.before(message)
+            self._recorder.before_link(message)
 
-    def after(self, message: Message, sent_utc_ns: int) -> None:
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
         """On its way out."""
         if self._recorder is not None:
-            self._recorder.after(message, sent_utc_ns)
+            self._recorder.after_link(message, sent_utc_ns)
 
     def ledger(self, message: Message) -> None:
         """An entry is complete."""
@@ -200,8 +197,8 @@ class SessionSwitch(Observer):
             return refused(f"record: {error}")
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
         observer.begun(self._session)
-        for desk in self._session.desks.values():
-            observer.after(desk.settings, self._session.clock.now_ns())
+        for task in self._session.sensor_tasks.values():
+            observer.after_link(task.settings, self._session.clock.now_ns())
         self._recorder = observer
         return {"ok": True, "in_force": {"file": path.name}}
 

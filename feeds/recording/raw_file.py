@@ -1,4 +1,4 @@
-"""ASTERIX data blocks to a raw file, as they leave: a tap on a session."""
+"""ASTERIX data blocks to a raw file, as they leave a session."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from types import TracebackType
 from typing import Self
 
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.session.observer import Observer
 
 
-class RawFile:
+class RawFile(Observer):
     """Writes the ASTERIX among the messages. A full disk ends the file, not the session."""
 
     def __init__(self, path: Path) -> None:
@@ -19,7 +20,7 @@ class RawFile:
         """Why the file is not whole; empty while it is."""
         self._file = path.open("wb")
 
-    def tap(self, message: Message, _sent_utc_ns: int) -> None:
+    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
         """Take what is ASTERIX."""
         if self.failure or not message.content_type.startswith("application/x-asterix"):
             return

@@ -10,19 +10,15 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder, scene_attachment
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.mcap.records import Attachment
 from plotfeed.replay.recorded import Recorded, Stage
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.session import Session
 
 SESSION_TOPIC = "/session"
 CONTROL_TOPIC = "/control"
@@ -36,23 +32,23 @@ class SessionRecorder(Observer):
         """`ledger_is_sent` says that the ledger is among the messages that leave."""
         self.recorder = recorder
         self._ledger_is_sent = ledger_is_sent
-        self._session: Session | None = None
+        self._session: RunningSession | None = None
         self._flushing: asyncio.Task[None] | None = None
 
-    def begun(self, session: Session) -> None:
+    def begun(self, session: RunningSession) -> None:
         """Keep the file up to date from now on."""
         self._session = session
         self._flushing = asyncio.create_task(self.recorder.run(), name="record")
 
-    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+    def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry and commands, as of the time that counts."""
         self.recorder.telemetry(topic, payload, content_type, t_utc_ns)
 
-    def before(self, message: Message) -> None:
+    def before_link(self, message: Message) -> None:
         """On its way into the link, when it is due there."""
         self.recorder.before(message)
 
-    def after(self, message: Message, sent_utc_ns: int) -> None:
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
         """On its way out."""
         self.recorder.after(message, sent_utc_ns)
 
@@ -120,23 +116,27 @@ class SessionRecord:
         return load(root / SCENE_NAME)
 
 
-class RecordedTelemetry:
+class RecordedTelemetry(Observer):
     """What came in to a session, taken in by another at the same times of its clock."""
 
-    def __init__(self, path: Path, session: Session) -> None:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def begun(self, session: RunningSession) -> None:
+        """Read from the beginning."""
         self._session = session
-        self._log = LogReader(path)
+        self._log = LogReader(self._path)
         self._messages = self._log.messages(stages=[Stage.TELEMETRY])
         self._next: Recorded | None = None
         self._turn()
 
-    def take_before(self, t_utc_ns: int) -> None:
+    def before_due(self, due_utc_ns: int) -> None:
         """All that had been taken in before that time; commands to the clock are left out."""
-        while self._next is not None and self._next.log_time_ns < t_utc_ns:
+        while self._next is not None and self._next.log_time_ns < due_utc_ns:
             message = self._next
             self._turn()
             if not _is_of_clock(message):
-                self._session.take(
+                self._session.receive(
                     message.topic,
                     message.payload,
                     message.content_type or None,

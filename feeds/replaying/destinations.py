@@ -124,6 +124,9 @@ class RecordedUdp:
         for parcel in parcels:
             self.publish(parcel)
 
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
+
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Nothing is kept that could take any time."""
 

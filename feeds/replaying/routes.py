@@ -18,7 +18,6 @@ from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.feeds.transport.mqtt.sender import MqttSender
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
 
@@ -159,8 +158,7 @@ class Routes:
         """Do ahead of time what can be done for it."""
         if departure.message is not None:
             for out in self._outs:
-                if isinstance(out, MqttSender):
-                    out.make_ready((departure.message,))
+                out.prepare((departure.message,))
 
     def send(self, departure: Departure) -> None:
         """Send it now, through its link if it has one."""
@@ -222,7 +220,7 @@ class Routes:
             self._outboxes[source] = Outbox(
                 self._clock,
                 self._outs,
-                agenda=self._agenda,
+                schedule=self._agenda,
                 totals=self._totals,
                 link=link,
                 impair=partial(

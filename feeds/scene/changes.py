@@ -54,15 +54,20 @@ def sensor_in(text: str) -> Sensor:
     return _SENSOR.validate_json(text)
 
 
-def merged(tree: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """`tree` with the keys of `change`; tables within tables likewise."""
+def merged(
+    tree: Mapping[str, Any], change: Mapping[str, Any], *, keeps_none: bool = False
+) -> dict[str, Any]:
+    """`tree` with the keys of `change`, tables within tables likewise.
+
+    None takes a key away, or stays in as a change to be made, if `keeps_none`.
+    """
     result = dict(tree)
     for key, value in change.items():
         before = result.get(key)
-        if value is None:
+        if value is None and not keeps_none:
             result.pop(key, None)
         elif isinstance(value, Mapping) and isinstance(before, Mapping) and "kind" not in value:
-            result[key] = merged(before, value)
+            result[key] = merged(before, value, keeps_none=keeps_none)
         else:
             result[key] = value
     return result

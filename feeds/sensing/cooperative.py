@@ -1,25 +1,14 @@
-"""Drones of the scene that report themselves: their messages, and the desk that sends them."""
+"""Drones of the scene that report themselves, and what they say."""
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
-from plotfeed.feeds.delivery.ledger import LedgerEntry
-from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys
-from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
-from plotfeed.feeds.session.sensor_task import SessionContext, json_of
-from plotfeed.feeds.timing.schedule import ActionKind
-from plotfeed.models.beam.scan import Sector
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
-from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.encode_129 import TargetEncoder129
@@ -99,44 +88,3 @@ class CooperativeDrones:
                 self._root, "asterix/129", f"{number}-{drone}", t_utc_ns, drone=drone
             ),
         )
-
-
-class CooperativeDesk:
-    """Sends what they say when it is due."""
-
-    def __init__(
-        self,
-        drones: CooperativeDrones,
-        outbox: Outbox,
-        office: SessionContext,
-        link: LinkSettings | None,
-    ) -> None:
-        self.outbox = outbox
-        self._drones = drones
-        self._office = office
-        self._link = json_of(link)
-
-    def open(self, start_utc_ns: int) -> None:
-        """Begin with the first period that ends after that time."""
-        self._plan(start_utc_ns // self._drones.period_ns + 1)
-
-    def _plan(self, number: int) -> None:
-        due_ns = number * self._drones.period_ns - AHEAD_NS
-        self._office.agenda.put(due_ns, partial(self._prepare, number))
-
-    def _prepare(self, number: int) -> None:
-        """What was missed by a period or more is not said any more."""
-        period_ns = self._drones.period_ns
-        number = max(number, self._office.clock.now_ns() // period_ns)
-        messages = self._drones.messages(number)
-        send = partial(self._send, number, messages)
-        self._office.agenda.put(number * period_ns, send, ActionKind.SENDING)
-        self._plan(number + 1)
-
-    def _send(self, number: int, messages: list[Message]) -> None:
-        t_utc_ns = number * self._drones.period_ns
-        sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
-        report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
-        account = LedgerEntry(lambda settled: self._office.keep_ledger(report, settled, self._link))
-        self.outbox.send_together(messages, account)
-        account.close()

@@ -21,7 +21,7 @@ from plotfeed.proto.utc import NS
 
 
 class SessionInputs:
-    """Takes in what it understands; of anything else it tells in a line, and counts it."""
+    """Takes in what it understands; anything else is refused in a line, and counted."""
 
     def __init__(
         self,
@@ -31,60 +31,68 @@ class SessionInputs:
         clock: Clock,
         totals: SessionCounters,
         observers: Sequence[Observer],
-        desks: Mapping[str, SensorTask],
-        tell: Callable[[Message], None],
+        sensor_tasks: Mapping[str, SensorTask],
+        publish: Callable[[Message], None],
     ) -> None:
-        """Refusals go to `tell`, commands for sensors to `desks`."""
-        self._intake = TelemetryReceiver(scene, trajectories)
+        """Refusals are published by `publish`."""
+        self._telemetry = TelemetryReceiver(scene, trajectories)
         self._control_topic = f"{scene.mqtt.prefix}/control"
         self._trajectories = trajectories
         self._clock = clock
         self._totals = totals
         self._observers = observers
-        self._desks = desks
-        self._tell = tell
+        self._sensor_tasks = sensor_tasks
+        self._publish = publish
 
     @property
     def topics(self) -> list[str]:
         """What there is to subscribe to."""
-        return [self._intake.topic, self._control_topic]
+        return [self._telemetry.topic, self._control_topic]
 
-    def take(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Take in telemetry or a command, as of that time."""
         for observer in self._observers:
-            observer.took(topic, payload, content_type, t_utc_ns)
-        if topic == self._control_topic:
-            self._obey(payload, t_utc_ns)
+            observer.received(topic, payload, content_type, t_utc_ns)
+        if topic != self._control_topic:
+            refusal = self._telemetry.take(topic, payload, content_type, t_utc_ns)
+            self._totals.telemetry = self._telemetry.taken
+            self._totals.drones = len(self._trajectories.names)
+            self._count_refusals(refusal)
             return
-        refusal = self._intake.take(topic, payload, content_type, t_utc_ns)
-        self._totals.telemetry = self._intake.taken
-        self._totals.drones = len(self._trajectories.names)
-        self._told(refusal)
+        try:
+            self._obey(parsed(payload), t_utc_ns)
+        except (ControlError, ChangeError) as error:
+            self._refuse(topic, Refused(Reason.CONTROL, str(error)))
 
-    def overflowed(self, topic: str) -> None:
+    def refuse_for_want_of_room(self, topic: str) -> None:
         """A message could not even wait to be taken in."""
         self._refuse(topic, Refused(Reason.FLOOD, "more than can be taken has come at once"))
 
-    def ask(self, command: dict[str, Any], t_utc_ns: int) -> dict[str, Any]:
+    def command(self, command: dict[str, Any], t_utc_ns: int) -> dict[str, Any]:
         """Do as asked, as of that time, and say what is in force; raises `PlotfeedError`.
 
         To whoever records the session it is a command like those that come in.
         """
         payload = json.dumps(command).encode()
         for observer in self._observers:
-            observer.took(self._control_topic, payload, JSON, t_utc_ns)
-        return self._control(command_of(command), t_utc_ns)
+            observer.received(self._control_topic, payload, JSON, t_utc_ns)
+        return self._obey(command_of(command), t_utc_ns)
 
-    def _control(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
+    def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
         if command.clock is not None:
-            return self._control_clock(command.clock)
-        desk = self._desks.get(command.sensor or "")
-        if desk is None:
-            known = ", ".join(self._desks)
-            raise ControlError(f"sensor: there is no {command.sensor!r}; expected one of {known}")
-        desk.control(None if command.reset else command.set, at_utc_ns)
+            in_force = self._control_clock(command.clock)
+        else:
+            task = self._sensor_tasks.get(command.sensor or "")
+            if task is None:
+                known = ", ".join(self._sensor_tasks)
+                raise ControlError(
+                    f"sensor: there is no {command.sensor!r}; expected one of {known}"
+                )
+            task.control(None if command.reset else command.set, at_utc_ns)
+            keys = task.sensor.model_dump(mode="json", exclude_unset=True)
+            in_force = {"sensor": task.sensor.id, **keys}
         self._totals.controls += 1
-        return {"sensor": desk.sensor.id, **desk.sensor.model_dump(mode="json", exclude_unset=True)}
+        return in_force
 
     def _control_clock(self, command: ClockCommand) -> dict[str, Any]:
         clock = self._clock
@@ -96,21 +104,13 @@ class SessionInputs:
             (clock.pause if command.paused else clock.resume)()
         if command.step_s is not None:
             clock.step(round(command.step_s * NS))
-        self._totals.controls += 1
         return {"paused": clock.is_paused, "speed": clock.speed}
 
-    def _obey(self, payload: bytes, at_utc_ns: int) -> None:
-        """A command from the wire: done, or refused in a line."""
-        try:
-            self._control(parsed(payload), at_utc_ns)
-        except (ControlError, ChangeError) as error:
-            self._refuse(self._control_topic, Refused(Reason.CONTROL, str(error)))
-
     def _refuse(self, topic: str, refused: Refused) -> None:
-        self._told(self._intake.refuse(topic, refused, self._clock.now_ns()))
+        self._count_refusals(self._telemetry.refuse(topic, refused, self._clock.now_ns()))
 
-    def _told(self, refusal: Message | None) -> None:
-        self._totals.refused = self._intake.refused
-        self._totals.last_refusal = self._intake.last_refusal
+    def _count_refusals(self, refusal: Message | None) -> None:
+        self._totals.refused = self._telemetry.refused
+        self._totals.last_refusal = self._telemetry.last_refusal
         if refusal is not None:
-            self._tell(refusal)
+            self._publish(refusal)

@@ -1,20 +1,72 @@
-"""Whoever follows a session from within: a recorder, a page, a test."""
+"""Whoever follows a session from within: a recorder, a page, metrics, a test."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
-from plotfeed.feeds.delivery.outbox import Tap
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.loop import RecordedInputs
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.session import Session
+
+class RunningSensor(Protocol):
+    """What observers may see of a sensor at work."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """Its keys as they are now."""
+
+    @property
+    def settings(self) -> Message:
+        """Its keys as they are now, as whoever comes later is told."""
+
+    @property
+    def status(self) -> pb.SensorStatus:
+        """Its status as it is now, but for its lateness."""
+
+
+class RunningSession(Protocol):
+    """What observers may see of a session, and ask of it."""
+
+    @property
+    def scene(self) -> Scene:
+        """What runs."""
+
+    @property
+    def clock(self) -> Clock:
+        """The session's time."""
+
+    @property
+    def totals(self) -> SessionCounters:
+        """Its counts, which grow."""
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """Where its drones are."""
+
+    @property
+    def sensor_tasks(self) -> Mapping[str, RunningSensor]:
+        """Its sensors by their names."""
+
+    @property
+    def input_queue(self) -> QueueStatistics:
+        """What has come in, and waits to be taken in."""
+
+    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Take in telemetry or a command, as of that time."""
+
+    def command(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Do now what might have come in as a command, and say what is in force.
+
+        Raises `PlotfeedError`.
+        """
 
 
 class Observer:
@@ -23,28 +75,31 @@ class Observer:
     What an observer does not care for, it leaves as it is here.
     """
 
-    def begun(self, session: Session) -> None:
-        """It stands, and its time begins."""
+    def begun(self, session: RunningSession) -> None:
+        """The session stands, and its time begins."""
 
     def ended(self) -> None:
-        """It is over."""
+        """The session is over."""
+
+    def before_due(self, due_utc_ns: int) -> None:
+        """What is due at that time is done next."""
 
     def report(self, report: SectorReport) -> None:
         """A sector is reported now."""
 
-    def account(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of its messages."""
+    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """That became of a sector's messages."""
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""
 
-    def took(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+    def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry or a command was taken in, as of that time."""
 
-    def before(self, message: Message) -> None:
+    def before_link(self, message: Message) -> None:
         """A sensor hands a message to its link."""
 
-    def after(self, message: Message, sent_utc_ns: int) -> None:
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
         """A message leaves."""
 
     def ledger(self, message: Message) -> None:
@@ -53,20 +108,18 @@ class Observer:
     @property
     def wants_ledger(self) -> bool:
         """Whether it must be written for this one, even if it is not published."""
-        return cares(self, "ledger") or cares(self, "account")
+        return cares(self, "ledger") or cares(self, "settled")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extras:
-    """What a run may have besides its scene."""
+class Tap(Observer):
+    """Calls a function with every message and the time at which it leaves."""
 
-    tap: Tap | None = None
-    """Sees every message as it leaves."""
-    observers: Sequence[Observer] = ()
-    recorded: Callable[[Session], RecordedInputs] | None = None
-    """Telemetry of a recording, to be taken in again."""
-    metrics_port: int | None = None
-    """Where Prometheus finds metrics, on loopback."""
+    def __init__(self, on_message: Callable[[Message, int], object]) -> None:
+        self._on_message = on_message
+
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
+        """A message leaves."""
+        self._on_message(message, sent_utc_ns)
 
 
 def cares(observer: Observer, method: str) -> bool:

@@ -8,23 +8,22 @@ from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from typing import Any
 
-from plotfeed.feeds import metrics
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.ledger import Settled, ledger_message, told
-from plotfeed.feeds.delivery.outbox import Hooks, Tap
+from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.cooperative import CooperativeDesk, CooperativeDrones
+from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.inputs import SessionInputs
-from plotfeed.feeds.session.loop import InputQueue, SessionLoop
-from plotfeed.feeds.session.observer import Extras, cares
+from plotfeed.feeds.session.loop import SessionLoop
+from plotfeed.feeds.session.observer import Observer, Tap, cares
 from plotfeed.feeds.session.outputs import Outputs
-from plotfeed.feeds.session.sensor_task import SensorTask, SessionContext
+from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, SessionContext
 from plotfeed.feeds.session.status import session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
@@ -46,15 +45,16 @@ async def run(
     broker: str | None = None,
     duration_s: float | None = None,
     stop: asyncio.Event | None = None,
-    tap: Tap | None = None,
-    extras: Extras | None = None,
+    observers: Sequence[Observer] = (),
+    tap: Callable[[Message, int], object] | None = None,
     on_ready: Callable[[dict[str, str], SessionCounters], None] | None = None,
 ) -> SessionCounters:
     """Run a scene until its duration is over or `stop` is set; raises `PlotfeedError`.
 
     `broker` is an mqtt:// address, "none" for no MQTT at all, and None for what the scene says.
-    `tap` sees every message as it leaves; `on_ready` is told where to connect once everything
-    stands, and is given the totals that grow from then on.
+    `observers` follow it from within; `tap`, as the simplest of them, is called with every message
+    and the time at which it leaves. `on_ready` is told where to connect once everything stands,
+    and is given the totals that grow from then on.
     """
     async with brokers_of(scene, broker) as brokers:
         return await run_over(
@@ -63,7 +63,7 @@ async def run(
             clock=clock or WallClock(scene.scene.start_utc_ns),
             duration_s=duration_s,
             stop=stop,
-            extras=extras or Extras(tap=tap),
+            observers=observers if tap is None else [Tap(tap), *observers],
             on_ready=on_ready,
         )
 
@@ -75,23 +75,22 @@ async def run_over(
     clock: Clock,
     duration_s: float | None = None,
     stop: asyncio.Event | None = None,
-    extras: Extras,
+    observers: Sequence[Observer] = (),
     on_ready: Callable[[dict[str, str], SessionCounters], None] | None = None,
 ) -> SessionCounters:
     """The same over brokers that outlast the session; closes the clock."""
     totals, (addresses, urls) = SessionCounters(), brokers
     try:
-        session = Session(scene, clock, addresses, totals, extras)
-        with contextlib.ExitStack() as observed:
-            for observer in extras.observers:
-                observed.callback(observer.ended)
-            if extras.metrics_port is not None:
-                observed.enter_context(metrics.served(session, extras.metrics_port))
+        session = Session(scene, clock, addresses, totals, observers)
+        try:
             await session.run(
                 scene.scene.duration_s if duration_s is None else duration_s,
-                stop,
+                stop or asyncio.Event(),
                 lambda: on_ready and on_ready(urls, totals),
             )
+        finally:
+            for observer in reversed(observers):
+                observer.ended()
     except ExceptionGroup as group:  # of the task group: whoever called wants what went wrong
         raise _cause(group) from None
     finally:
@@ -105,7 +104,7 @@ def _cause(group: ExceptionGroup[Exception]) -> Exception:
 
 
 class Session:
-    """A scene at work: a desk for each sensor, an office for telemetry and truth, one engine."""
+    """A scene at work: a task for each sensor, what comes in, what goes out, and one loop."""
 
     def __init__(
         self,
@@ -113,72 +112,78 @@ class Session:
         clock: Clock,
         addresses: Sequence[BrokerAddress],
         totals: SessionCounters,
-        extras: Extras,
+        observers: Sequence[Observer],
     ) -> None:
         self.scene = scene
         self.clock = clock
         self.totals = totals
         self.start_ns = clock.now_ns()
         self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
-        self._observers = extras.observers
-        self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in self._observers)
-        self._entries: list[Message] = []
+        self.sensor_tasks: dict[str, SensorTask] = {}
+        self._observers = observers
+        self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        self._ledger: list[Message] = []
+        """Entries that are not sent yet."""
         launch(scene, self.trajectories, self.start_ns)
-        self.desks: dict[str, SensorTask] = {}
-        self._reception = SessionInputs(
+        self._inputs = SessionInputs(
             scene,
             self.trajectories,
             clock=clock,
             totals=totals,
-            observers=self._observers,
-            desks=self.desks,
-            tell=self._say,
+            observers=observers,
+            sensor_tasks=self.sensor_tasks,
+            publish=self._publish,
         )
-        self.inbox = InputQueue(self.take)
-        self._engine = SessionLoop(
+        self.receive = self._inputs.receive
+        self._loop = SessionLoop(
             clock,
-            inbox=self.inbox,
+            receive=self._inputs.receive,
             drain=self._drain,
             after_later=self._send_ledger,
-            recorded=extras.recorded(self) if extras.recorded else None,
+            before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
-        self._wiring = Outputs(
+        self._outputs = Outputs(
             scene,
             addresses,
             clock=clock,
-            agenda=self._engine.agenda,
+            schedule=self._loop.schedule,
             totals=totals,
-            ways=_ways_of(extras),
+            observers=observers,
         )
-        self._office = SessionContext(
+        self._context = SessionContext(
             prefix=scene.mqtt.prefix,
             clock=clock,
-            agenda=self._engine.agenda,
+            schedule=self._loop.schedule,
             totals=totals,
             keep_ledger=self._keep_ledger,
-            watchers=extras.observers,
+            observers=observers,
         )
-        self._front = self._wiring.front(self._reception.topics, self._heard)
-        self.desks.update((sensor.id, self._desk(sensor)) for sensor in scene.sensor)
-        self._cooperative = self._cooperative_desk()
+        self._outbox = self._outputs.of_session(self._inputs.topics, self._queue_input)
+        self.sensor_tasks.update((sensor.id, self._sensor_task(sensor)) for sensor in scene.sensor)
+        self._cooperative = self._cooperative_task()
         if scene.mqtt.queue.policy == "wait":
-            self._engine.be_patient(self._wiring.brokers)
+            self._loop.wait_for(self._outputs.brokers)
+
+    @property
+    def input_queue(self) -> QueueStatistics:
+        """What has come in, and waits to be taken in."""
+        return self._loop.input_queue.statistics()
 
     async def run(
-        self, duration_s: float | None, stop: asyncio.Event | None, on_ready: Callable[[], object]
+        self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
     ) -> None:
         """Connect, work until the end, say goodbye."""
         with contextlib.ExitStack() as sockets:
-            for udp_link in self._wiring.udp:
+            for udp_link in self._outputs.udp:
                 sockets.callback(udp_link.close)
                 udp_link.open()
-            await self._run(duration_s, stop or asyncio.Event(), on_ready)
+            await self._run(duration_s, stop, on_ready)
 
     async def _run(
         self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
     ) -> None:
         async with asyncio.TaskGroup() as tasks:
-            links = self._wiring.links
+            links = self._outputs.links
             running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in links]
             try:
                 await _first_of(self._connected(), stop)
@@ -188,122 +193,109 @@ class Session:
                 self.start_ns = self.clock.start()
                 await _first_of(self._work(duration_s), stop)
                 await self._flush(stop)
-                await self._farewell(running[len(self._front.links) :])
+                await self._farewell(running[len(self._outbox.links) :])
             finally:
                 for task in running:
                     task.cancel()
 
     async def _connected(self) -> None:
-        for link in self._wiring.links:
+        for link in self._outputs.links:
             await link.wait_until_up(FIRST_CONNECTION_S)
 
-    def take(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Take in telemetry or a command, as of that time."""
-        self._reception.take(topic, payload, content_type, t_utc_ns)
-
-    def ask(self, command: dict[str, Any]) -> dict[str, Any]:
+    def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.
 
         Raises `PlotfeedError`.
         """
-        return self._reception.ask(command, self._engine.as_of_ns())
+        return self._inputs.command(command, self._loop.as_of_ns())
 
-    def _say(self, message: Message) -> None:
-        self._front.send_past_link(message)
+    def _publish(self, message: Message) -> None:
+        self._outbox.send_past_link(message)
 
-    def _heard(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        if not self._engine.heard(topic, payload, content_type):
-            self._reception.overflowed(topic)
+    def _queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        if not self._loop.queue_input(topic, payload, content_type):
+            self._inputs.refuse_for_want_of_room(topic)
 
-    def _desk(self, sensor: Sensor) -> SensorTask:
-        station = EmulatedSensor(self.scene, sensor, self.trajectories)
-        outbox, herald = self._wiring.of_sensor(sensor, self.start_ns)
-        return SensorTask(station, outbox, self._office, herald)
+    def _sensor_task(self, sensor: Sensor) -> SensorTask:
+        emulated = EmulatedSensor(self.scene, sensor, self.trajectories)
+        outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
+        return SensorTask(emulated, outbox, self._context, announcer)
 
-    def _cooperative_desk(self) -> CooperativeDesk | None:
-        """Drones of the scene that report themselves, if it has any."""
+    def _cooperative_task(self) -> CooperativeTask | None:
+        """That of drones of the scene that report themselves, if it has any."""
         settings = self.scene.cooperative
         if settings is None:
             return None
-        return CooperativeDesk(
+        return CooperativeTask(
             CooperativeDrones(self.scene, settings, self.trajectories),
-            self._wiring.of_cooperative_drones(settings.link),
-            self._office,
+            self._outputs.of_cooperative_drones(settings.link),
+            self._context,
             settings.link,
         )
 
     def _keep_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
         if self._ledger_is_wanted:
-            self._engine.later(partial(self._write_ledger, report, settled, link))
+            self._loop.later(partial(self._write_ledger, report, settled, link))
 
     def _write_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
         sent = told(settled)
         for observer in self._observers:
-            observer.account(report, sent)
+            observer.settled(report, sent)
         message = ledger_message(
             self.scene.mqtt.prefix, report, self.trajectories.names, sent, link
         )
         for observer in self._observers:
             observer.ledger(message)
         if self.scene.mqtt.truth:
-            self._entries.append(message)
+            self._ledger.append(message)
 
     def _send_ledger(self) -> None:
         """Entries that were written one after the other leave together."""
-        entries, self._entries = self._entries, []
-        self._front.send_past_link(*entries)
+        entries, self._ledger = self._ledger, []
+        self._outbox.send_past_link(*entries)
 
     async def _work(self, duration_s: float | None) -> None:
-        """Open everything, and do what is on the agenda."""
+        """Start everything, and do what is due until the end."""
         end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
         self.totals.drones = len(self.trajectories.names)
         for observer in self._observers:
             observer.begun(self)
-        self._front.send_past_link(session_message(self.scene, self.start_ns))
-        for desk in self.desks.values():
-            desk.open(self.start_ns)
+        self._outbox.send_past_link(session_message(self.scene, self.start_ns))
+        for task in self.sensor_tasks.values():
+            task.start(self.start_ns)
         if self._cooperative is not None:
-            self._cooperative.open(self.start_ns)
-        await self._engine.work(end_ns)
+            self._cooperative.start(self.start_ns)
+        await self._loop.work(end_ns)
 
     async def _flush(self, stop: asyncio.Event) -> None:
         """Deliver what links hold: all of it after a set time, what is near when told to stop."""
         if not stop.is_set():
-            await _first_of(self._engine.finish(ActionKind.DELIVERY), stop)
+            await _first_of(self._loop.finish(ActionKind.DELIVERY), stop)
         if stop.is_set():
             self.clock.wake()
             if isinstance(self.clock, WallClock):
                 self.clock.resume()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(FLUSH_S):
-                    await self._engine.finish(ActionKind.SENDING)
+                    await self._loop.finish(ActionKind.SENDING)
 
     async def _farewell(self, sensors: Sequence[asyncio.Task[None]]) -> None:
         """Mark every sensor offline, let the sockets empty, and write what became of the rest."""
-        for desk in self.desks.values():
-            desk.close()
+        for sensor_task in self.sensor_tasks.values():
+            sensor_task.end()
         if self._cooperative is not None:
             self._cooperative.outbox.end()
         await self._drain()
         for task in sensors:
             task.cancel()
         await asyncio.gather(*sensors, return_exceptions=True)
-        self._engine.do_all_later()
-        await self._front.drain(FAREWELL_S / 2)
+        self._loop.do_all_later()
+        await self._outbox.drain(FAREWELL_S / 2)
 
     async def _drain(self) -> None:
-        boxes = [self._front, *(desk.outbox for desk in self.desks.values())]
-        await asyncio.gather(*(box.drain(FAREWELL_S) for box in boxes))
-
-
-def _ways_of(extras: Extras) -> Hooks:
-    """Whom of them messages pass before and after their link."""
-    taps = [] if extras.tap is None else [extras.tap]
-    return Hooks(
-        before=[o.before for o in extras.observers if cares(o, "before")],
-        after=[*taps, *(o.after for o in extras.observers if cares(o, "after"))],
-    )
+        outboxes = [self._outbox, *(task.outbox for task in self.sensor_tasks.values())]
+        await asyncio.gather(*(outbox.drain(FAREWELL_S) for outbox in outboxes))
 
 
 async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:

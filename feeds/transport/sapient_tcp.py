@@ -11,6 +11,7 @@ from typing import Any, cast
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, is_registration
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import split_address
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto.errors import DecodeError, PlotfeedError
@@ -128,6 +129,9 @@ class SapientTcpLink:
         """One after the other."""
         for parcel in parcels:
             self.publish(parcel)
+
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""

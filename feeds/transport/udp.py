@@ -13,6 +13,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
     from plotfeed.feeds.delivery.delivery import Delivery
+    from plotfeed.feeds.messages.message import Message
 
 
 class UdpError(PlotfeedError):
@@ -66,6 +67,9 @@ class UdpLink:
         """One after the other."""
         for parcel in parcels:
             self.publish(parcel)
+
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Nothing is kept that could take any time."""

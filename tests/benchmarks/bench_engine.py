@@ -35,8 +35,8 @@ from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 
 from plotfeed.feeds.console.signals import collect_seldom, keep_freed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
-from plotfeed.feeds.session.loop import InputQueue, SessionLoop  # noqa: E402
-from plotfeed.feeds.session.observer import Extras, Observer  # noqa: E402
+from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
+from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
 
@@ -209,7 +209,7 @@ def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | No
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one agenda, one clock."""
     clock = WallClock()
-    engine = SessionLoop(clock, inbox=InputQueue(lambda *_: None), drain=lambda: None)
+    engine = SessionLoop(clock, receive=lambda *_: None, drain=lambda: None)
     late_ns: list[int] = []
     begin_ns = clock.now_ns() + 10_000_000
 
@@ -221,7 +221,7 @@ def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
             if i + 1 < deadlines:
                 plan(i + 1)
 
-        engine.agenda.put(due_ns, done)
+        engine.schedule.put(due_ns, done)
 
     plan(0)
     asyncio.run(engine.work(None))
@@ -273,9 +273,9 @@ def rate(scene: Scene, scans: int) -> float:
 
     def once() -> float:
         at_work, clock = AtWork(), InstantClock(scene.scene.start_utc_ns)
-        extras = Extras(observers=[at_work])
+        observers = [at_work]
         totals = asyncio.run(
-            run(scene, clock=clock, broker="none", duration_s=float(scans), extras=extras)
+            run(scene, clock=clock, broker="none", duration_s=float(scans), observers=observers)
         )
         return totals.plots / at_work.took_s
 

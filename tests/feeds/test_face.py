@@ -15,7 +15,6 @@ from plotfeed.feeds import Observer, PlotfeedError, Scene, load, run, simulate
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.sensing.simulation import SimulatedSensor
-from plotfeed.feeds.session.observer import Extras
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import FALSE_ALARM, Columns
 
@@ -64,7 +63,7 @@ async def observed(what: Scene, start_utc_ns: int | None = None) -> dict[str, li
         clock=InstantClock(start_utc_ns or what.scene.start_utc_ns),
         broker="none",
         duration_s=DURATION_S,
-        extras=Extras(observers=[reports]),
+        observers=[reports],
     )
     return reports.of
 

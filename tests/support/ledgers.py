@@ -17,7 +17,6 @@ from plotfeed.feeds.report.figures import LedgerReport, report
 from plotfeed.feeds.report.reading import read
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.session.observer import Extras
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -130,8 +129,10 @@ def record_session(scene_path: Path, path: Path, duration_s: float) -> Path:
     attachments = attachments_of(scene, START_NS)
     with Recorder(path, attachments=attachments, waits=True) as recorder:
         observer = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
-        extras = Extras(observers=[observer])
-        asyncio.run(run(scene, clock=clock, broker="none", duration_s=duration_s, extras=extras))
+        observers = [observer]
+        asyncio.run(
+            run(scene, clock=clock, broker="none", duration_s=duration_s, observers=observers)
+        )
     assert not recorder.failure
     return path
 

@@ -13,7 +13,7 @@ from websockets.asyncio.client import connect
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.run_with_page import run_with_page
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session
 from plotfeed.feeds.timing.clock import WallClock
 
@@ -54,7 +54,7 @@ async def with_page(scene: Scene, broker: str = "none") -> AsyncIterator[tuple[A
             broker=broker,
             duration_s=None,
             stop=stop,
-            extras=Extras(observers=[begun]),
+            observers=[begun],
             on_ready=on_ready,
         )
     )

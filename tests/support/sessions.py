@@ -17,7 +17,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -62,9 +62,9 @@ class AtWork(Observer):
 
     def report(self, report: SectorReport) -> None:
         self.sectors.append(report)
-        self.most_waiting = max(self.most_waiting, len(self.session.inbox))
+        self.most_waiting = max(self.most_waiting, self.session.input_queue.waiting)
 
-    def took(self, *_: object) -> None:
+    def received(self, *_: object) -> None:
         self.taken += 1
 
     def ledger(self, message: Message) -> None:
@@ -89,9 +89,8 @@ async def at_work(
     clock = clock or WallClock()
     watch, stop = AtWork(clock), asyncio.Event()
     broker = "none" if port is None else f"mqtt://127.0.0.1:{port}"
-    extras = Extras(observers=[watch])
     running = asyncio.create_task(
-        run(scene, clock=clock, broker=broker, duration_s=duration_s, stop=stop, extras=extras)
+        run(scene, clock=clock, broker=broker, duration_s=duration_s, stop=stop, observers=[watch])
     )
     beginning = asyncio.create_task(watch.begins.wait())
     await asyncio.wait({running, beginning}, return_when=asyncio.FIRST_COMPLETED)

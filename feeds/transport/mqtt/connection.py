@@ -142,7 +142,7 @@ class MqttConnection:
             else:
                 self._unsent.keep(parcel)
 
-    def make_ready(self, messages: Sequence[Message]) -> None:
+    def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
         for message in messages:
             if not message.qos:

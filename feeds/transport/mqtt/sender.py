@@ -80,10 +80,10 @@ class MqttSender:
         else:
             connection.send(parcel)
 
-    def make_ready(self, messages: Sequence[Message]) -> None:
+    def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
         if self._connection is not None:
-            self._connection.make_ready(messages)
+            self._connection.prepare(messages)
 
     def publish_together(self, parcels: Sequence[Delivery]) -> None:
         """The same of several that are due at once."""

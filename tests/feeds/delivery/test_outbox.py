@@ -9,7 +9,7 @@ import pytest
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.delivery.ledger import LedgerEntry, told
-from plotfeed.feeds.delivery.outbox import Hooks, Outbox
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.raw_file import RawFile
@@ -60,14 +60,14 @@ class Case:
 
     def __init__(self, links: Sequence[Link] = (), settings: Any = None, **ways: Any) -> None:
         self.now = InstantClock(0)
-        self.agenda, self.totals = Schedule(), SessionCounters()
+        self.schedule, self.totals = Schedule(), SessionCounters()
         self.entries: list[Sequence[pb.Sent]] = []
         self.outbox = Outbox(
             self.now,
             links,
-            agenda=self.agenda,
+            schedule=self.schedule,
             totals=self.totals,
-            ways=Hooks(**ways),
+            **ways,
             link=None if settings is None else LinkSettings.model_validate(settings),
             impair=lambda link: Impairment(link, 1, "radar"),
         )
@@ -79,9 +79,9 @@ class Case:
         account.close()
 
     async def until(self, t_utc_ns: int) -> None:
-        while (due_ns := self.agenda.next_due_ns()) is not None and due_ns <= t_utc_ns:
+        while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= t_utc_ns:
             await self.now.sleep_until(due_ns)
-            for _, action in self.agenda.due_by(due_ns):
+            for _, action in self.schedule.due_by(due_ns):
                 action()
         await self.now.sleep_until(t_utc_ns)
 
@@ -133,8 +133,8 @@ async def test_taps_see_what_is_handed_over_and_what_leaves_even_when_nobody_tak
     case = Case(
         [Link(takes=False)],
         {"latency_ms": 5.0},
-        before=[lambda m: before.append(m.payload)],
-        after=[lambda m, t: after.append((m.payload, t))],
+        before_link=[lambda m: before.append(m.payload)],
+        after_link=[lambda m, t: after.append((m.payload, t))],
     )
     case.send(message(b"1"), message(b"2", due_utc_ns=MS))
     assert (before, after) == ([b"1", b"2"], [])
@@ -270,9 +270,9 @@ def test_lateness_is_in_microseconds_and_nothing_is_not_late() -> None:
 
 def test_a_raw_file_holds_the_asterix_and_nothing_else(tmp_path: Path) -> None:
     with RawFile(tmp_path / "raw") as raw:
-        raw.tap(message(b"one"), 0)
-        raw.tap(message(b"no", "application/json"), 0)
-        raw.tap(message(b"two", "application/x-asterix; cat=34"), 0)
+        raw.after_link(message(b"one"), 0)
+        raw.after_link(message(b"no", "application/json"), 0)
+        raw.after_link(message(b"two", "application/x-asterix; cat=34"), 0)
     assert (tmp_path / "raw").read_bytes() == b"onetwo"
     assert raw.failure == ""
 
@@ -281,5 +281,5 @@ def test_a_raw_file_holds_the_asterix_and_nothing_else(tmp_path: Path) -> None:
 def test_a_full_disk_is_told_once_and_stops_nothing(octets: int) -> None:
     with RawFile(Path("/dev/full")) as raw:
         for _ in range(5):
-            raw.tap(message(b"x" * octets), 0)
+            raw.after_link(message(b"x" * octets), 0)
     assert raw.failure == ("/dev/full: No space left on device; what came after is not in the file")

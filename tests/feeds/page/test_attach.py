@@ -21,7 +21,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import RecordedTelemetry, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -54,7 +54,7 @@ class Show:
 
     async def play(self, duration_s: float, act: Callable[[Show], Any] | None = None) -> None:
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
-        extras = Extras(tap=tap, observers=[self.observer, *self.others])
+        observers = [Tap(tap), self.observer, *self.others]
         async with following(self.observer):
             session = asyncio.create_task(
                 run(
@@ -62,7 +62,7 @@ class Show:
                     clock=self._clock,
                     broker="none",
                     duration_s=duration_s,
-                    extras=extras,
+                    observers=observers,
                 )
             )
             if act is not None:
@@ -208,7 +208,7 @@ async def test_refused_telemetry_and_totals_reach_the_page() -> None:
         session = show.observer._session
         assert session is not None
         topic = "plotfeed/telemetry/x"
-        session.take(topic, b"nonsense", None, show.observer.now_utc_ns())
+        session.receive(topic, b"nonsense", None, show.observer.now_utc_ns())
         await show.until(lambda: show.news.get("refusal"))
 
     show = Show(WallClock(road.START_NS, speed=10.0))
@@ -272,12 +272,9 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
         taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
     assert taken == asked
     again: list[Message] = []
-    extras = Extras(
-        tap=lambda message, _t_utc_ns: again.append(message),
-        recorded=partial(RecordedTelemetry, path),
-    )
+    observers = [Tap(lambda message, _t: again.append(message)), RecordedTelemetry(path)]
     clock = InstantClock(road.START_NS)
-    await run(SCENE, clock=clock, broker="none", duration_s=8.0, extras=extras)
+    await run(SCENE, clock=clock, broker="none", duration_s=8.0, observers=observers)
     for topic in ("radar/plots", "radar/asterix/048", "other/plots"):
         first, second = (
             sorted((m.due_utc_ns, m.payload) for m in messages if m.topic == f"plotfeed/{topic}")

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from support.sessions import until
 
-from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, InputQueue, SessionLoop
+from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
 
@@ -14,22 +14,31 @@ MS = 1_000_000
 
 
 class Case:
-    """An engine that writes down what it does and takes in, and when."""
+    """A loop that writes down what it does and takes in, and when."""
 
-    def __init__(self, clock: Clock | None = None, most: int = 20_000) -> None:
+    def __init__(
+        self,
+        clock: Clock | None = None,
+        limit: int = 20_000,
+        before_due: Sequence[Callable[[int], object]] = (),
+    ) -> None:
         self.clock = clock or InstantClock(0)
         self.done: list[tuple[str, int]] = []
-        self.inbox = InputQueue(lambda topic, _p, _c, t: self.done.append((topic, t)), most)
-        self.engine = SessionLoop(self.clock, inbox=self.inbox, drain=lambda: None)
+        self.loop = SessionLoop(
+            self.clock, receive=self.receive, drain=lambda: None, before_due=before_due, limit=limit
+        )
 
     def at(self, t_ns: int, name: str, kind: ActionKind = ActionKind.WORK) -> None:
-        self.engine.agenda.put(t_ns, self.note(name), kind)
+        self.loop.schedule.put(t_ns, self.note(name), kind)
 
     def note(self, name: str) -> Callable[[], None]:
         return lambda: self.done.append((name, self.clock.now_ns()))
 
+    def receive(self, topic: str, _p: bytes, _c: str | None, t_utc_ns: int) -> None:
+        self.done.append((topic, t_utc_ns))
+
     def hear(self, topic: str) -> bool:
-        return self.engine.heard(topic, b"", None)
+        return self.loop.queue_input(topic, b"", None)
 
 
 @pytest.mark.asyncio
@@ -37,13 +46,13 @@ async def test_what_is_due_together_is_done_before_what_can_wait() -> None:
     case = Case()
 
     def first() -> None:
-        case.engine.later(case.note("ledger"))
+        case.loop.later(case.note("ledger"))
         case.note("first")()
 
-    case.engine.agenda.put(5, first)
+    case.loop.schedule.put(5, first)
     case.at(5, "second")
     case.at(6, "third")
-    await case.engine.work(10)
+    await case.loop.work(10)
     assert case.done == [("first", 5), ("second", 5), ("ledger", 5), ("third", 6)]
 
 
@@ -51,10 +60,10 @@ async def test_what_is_due_together_is_done_before_what_can_wait() -> None:
 async def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what_is_not() -> None:
     case = Case()
     case.at(5, "five")
-    case.engine.agenda.put(7, lambda: case.hear("in"))
+    case.loop.schedule.put(7, lambda: case.hear("in"))
     case.at(7, "seven")
     case.at(9, "nine")
-    await case.engine.work(10)
+    await case.loop.work(10)
     assert [name for name, _ in case.done] == ["five", "seven", "in", "nine"]
     taken = dict(case.done)["in"]
     assert 7 <= taken < 9
@@ -62,18 +71,16 @@ async def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what
 
 @pytest.mark.asyncio
 async def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> None:
-    case = Case()
     times = [3, 5, 6, 8]
 
-    class Again:
-        def take_before(self, t_ns: int) -> None:
-            while times and times[0] < t_ns:
-                case.done.append(("again", times.pop(0)))
+    def again(due_ns: int) -> None:
+        while times and times[0] < due_ns:
+            case.done.append(("again", times.pop(0)))
 
-    engine = SessionLoop(case.clock, inbox=case.inbox, drain=lambda: None, recorded=Again())
+    case = Case(before_due=[again])
     for t in (5, 6, 7):
-        engine.agenda.put(t, lambda t=t: case.done.append(("due", t)))  # type: ignore[misc]
-    await engine.work(10)
+        case.loop.schedule.put(t, lambda t=t: case.done.append(("due", t)))  # type: ignore[misc]
+    await case.loop.work(10)
     assert case.done == [
         ("again", 3),
         ("due", 5),
@@ -86,16 +93,16 @@ async def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> No
 
 @pytest.mark.asyncio
 async def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
-    case = Case(most=10)
+    case = Case(limit=10)
 
     def flood() -> None:
-        assert sum(case.inbox.put(str(i), b"", None) for i in range(25)) == 10
+        assert sum(case.loop.input_queue.put((str(i), b"", None)) for i in range(25)) == 10
 
-    case.engine.agenda.put(5, flood)
+    case.loop.schedule.put(5, flood)
     case.at(7, "seven")
-    await case.engine.work(10)
+    await case.loop.work(10)
     assert [name for name, _ in case.done] == [*map(str, range(10)), "seven"]
-    assert case.inbox.overflowed == 15
+    assert case.loop.input_queue.statistics().dropped == 15
 
 
 @pytest.mark.asyncio
@@ -104,11 +111,11 @@ async def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> No
 
     def flood() -> None:
         for i in range(4 * AT_ONCE):
-            case.inbox.put(str(i), b"", None)
+            case.loop.input_queue.put((str(i), b"", None))
 
-    case.engine.agenda.put(5, flood)
+    case.loop.schedule.put(5, flood)
     case.at(6, "six")
-    await case.engine.work(10)
+    await case.loop.work(10)
     assert [name for name, _ in case.done] == [*map(str, range(4 * AT_ONCE)), "six"]
 
 
@@ -124,14 +131,14 @@ async def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> N
     waiting: list[int] = []
 
     def work() -> None:
-        case.engine.later(case.note("ledger"))
+        case.loop.later(case.note("ledger"))
         waiting.append(len(waiting) + 1 - len(case.done))
 
     for t in range(number):
-        case.engine.agenda.put(t, work)
-    await case.engine.work(number)
+        case.loop.schedule.put(t, work)
+    await case.loop.work(number)
     assert max(waiting) == MAX_LATER
-    case.engine.do_all_later()
+    case.loop.do_all_later()
     assert len(case.done) == number
 
 
@@ -145,9 +152,9 @@ async def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
         case.at(11, "work")
         case.at(12, "sending", ActionKind.SENDING)
         case.at(13, "delivery", ActionKind.DELIVERY)
-        await case.engine.work(10)
+        await case.loop.work(10)
         assert case.done == []
-        await case.engine.finish(least)
+        await case.loop.finish(least)
         assert [name for name, _ in case.done] == expected
 
 
@@ -157,10 +164,10 @@ async def test_what_becomes_due_earlier_wakes_a_clock_that_sleeps() -> None:
     case = Case(clock)
     hour_ns = clock.now_ns() + 3_600_000 * MS
     case.at(hour_ns, "in an hour")
-    working = asyncio.create_task(case.engine.work(None))
+    working = asyncio.create_task(case.loop.work(None))
     await asyncio.sleep(0.01)
     happened = asyncio.Event()
-    case.engine.agenda.put(clock.now_ns(), happened.set)
+    case.loop.schedule.put(clock.now_ns(), happened.set)
     await asyncio.wait_for(happened.wait(), 10)
     working.cancel()
     await asyncio.gather(working, return_exceptions=True)
@@ -180,10 +187,10 @@ async def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
             self.is_full = False
 
     case, patient = Case(), Patient()
-    case.engine.be_patient([patient])
+    case.loop.wait_for([patient])
     case.at(5, "five")
-    await case.engine.work(10)
-    assert (case.done, patient.asked, case.engine.waited) == ([("five", 5)], 1, 1)
+    await case.loop.work(10)
+    assert (case.done, patient.asked, case.loop.waited) == ([("five", 5)], 1, 1)
 
 
 @pytest.mark.asyncio
@@ -200,10 +207,10 @@ async def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
         async def room(self) -> None:
             held.append(len(case.done) - sum(held))
 
-    case.engine.be_patient([Patient()])
+    case.loop.wait_for([Patient()])
     for t_ns in range(10):
         case.at(t_ns, str(t_ns))
-    await case.engine.work(1_000)
+    await case.loop.work(1_000)
     assert [name for name, _ in case.done] == [str(n) for n in range(10)]
     assert held == [3, 3, 3]
 
@@ -236,7 +243,7 @@ async def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
     clock.start()
     clock.pause()
     case.at(clock.now_ns() + MS, "due")
-    working = asyncio.create_task(case.engine.work(clock.now_ns() + 2 * MS))
+    working = asyncio.create_task(case.loop.work(clock.now_ns() + 2 * MS))
     await asyncio.sleep(0.02)
     assert case.done == []
     clock.resume()
@@ -251,19 +258,19 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     case = Case(clock)
 
     def five() -> None:
-        case.engine.later(case.note("ledger"))
+        case.loop.later(case.note("ledger"))
         case.note("five")()
 
-    case.engine.agenda.put(5 * MS, five)
+    case.loop.schedule.put(5 * MS, five)
     clock.start()
     stands_ns = clock.now_ns() + 6 * MS
     clock.step(6 * MS)
     case.at(stands_ns + MS // 2, "next")
-    working = asyncio.create_task(case.engine.work(None))
+    working = asyncio.create_task(case.loop.work(None))
     await until(lambda: "ledger" in names(case))
     await until(lambda: clock.is_paused)
     case.hear("in")
-    case.engine.later(case.note("later"))  # as when a broker acknowledges
+    case.loop.later(case.note("later"))  # as when a broker acknowledges
     await until(lambda: {"in", "later"} <= names(case))
     assert "next" not in names(case)
     clock.resume()

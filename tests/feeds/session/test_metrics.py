@@ -17,9 +17,9 @@ from support.command import plotfeed
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.metrics import COUNTERS, MetricsError
+from plotfeed.feeds.metrics import COUNTERS, MetricsError, served
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.session.observer import Extras, Observer
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -78,26 +78,29 @@ async def held(folder: Path) -> Held:
     scene = load(scene_file(folder, text))
     clock = WallClock(scene.scene.start_utc_ns, speed=10.0)
     port, stop, begun, known = free_port(), asyncio.Event(), Begun(), list[SessionCounters]()
-    working = asyncio.create_task(
-        run(
-            scene,
-            clock=clock,
-            broker="none",
-            stop=stop,
-            extras=Extras(observers=[begun], metrics_port=port),
-            on_ready=lambda _, totals: known.append(totals),
-        )
-    )
+
+    async def work() -> None:
+        with served(port) as collector:
+            await run(
+                scene,
+                clock=clock,
+                broker="none",
+                stop=stop,
+                observers=[begun, collector],
+                on_ready=lambda _, totals: known.append(totals),
+            )
+
+    working = asyncio.create_task(work())
     while not (known and known[0].lost > 5 and known[0].duplicated > 5):
         await asyncio.sleep(0.01)
         assert not working.done()
-    begun.session.take("plotfeed/telemetry/x", b"garbage", None, clock.now_ns())
+    begun.session.receive("plotfeed/telemetry/x", b"garbage", None, clock.now_ns())
     clock.pause()
     await asyncio.sleep(0.05)  # what was being done is done
     found = Held(
         families=await asyncio.to_thread(scrape, port),
         totals={f.name: copy(getattr(known[0], f.name)) for f in fields(SessionCounters)},
-        statuses={name: deepcopy(desk.health) for name, desk in begun.session.desks.items()},
+        statuses={name: deepcopy(task.status) for name, task in begun.session.sensor_tasks.items()},
         port=port,
         listeners=sockets(),
     )
@@ -145,14 +148,10 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
     assert done.stderr == f"plotfeed: metrics: port {port} on 127.0.0.1: Address already in use\n"
 
 
-@pytest.mark.asyncio
-async def test_without_the_library_that_serves_them_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_library_that_serves_them_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
-    with pytest.raises(MetricsError) as caught:
-        await run(scene, broker="none", extras=Extras(metrics_port=free_port()))
+    with pytest.raises(MetricsError) as caught, served(free_port()):
+        pass
     expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
     assert (str(caught.value), caught.value.exit_code) == (expected, 1)
 

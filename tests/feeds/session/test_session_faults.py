@@ -92,7 +92,7 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
                 markers += 1
                 await asyncio.sleep(0.1)
             await session.sectors_more(2)
-    heard = session.taken + session.session.inbox.overflowed
+    heard = session.taken + session.session.input_queue.dropped
     assert session.totals.telemetry + session.totals.refused == heard
     assert MAX_WAITING < heard <= FLOOD + markers
     assert session.totals.telemetry > 500
@@ -199,9 +199,9 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     totals = session.totals
     assert totals.telemetry + totals.controls == published["good"] > 5
     assert totals.refused == published["bad"] > 100
-    assert session.session.inbox.overflowed == 0
+    assert session.session.input_queue.dropped == 0
     assert {*session.session.trajectories.names} == {"good"}
-    assert session.session.desks["radar"].sensor == what.sensor[0]
+    assert session.session.sensor_tasks["radar"].sensor == what.sensor[0]
     assert_no_sector_is_missing(session)
     assert session.sectors[-1].sector.end_ns > session.session.start_ns + 59 * S
     lines = refusals(ears)
@@ -261,7 +261,7 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
         with start(tmp_path, port) as process:
             session_of = at_work(what, proxy.port)
             session = await session_of.__aenter__()
-            desk = session.session.desks["radar"]
+            desk = session.session.sensor_tasks["radar"]
             await until(lambda: len(session.entries) > 5)
             proxy.is_closed = True
             process.kill()
