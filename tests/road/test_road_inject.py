@@ -14,9 +14,9 @@ import pytest
 import pytest_asyncio
 from support.real_flights import FLIGHTS, RealFlight
 from support.road import Road, Table, staring
-from support.sessions import until
 from support.shared_files import shared
 from support.significance import assert_standard_normal
+from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message

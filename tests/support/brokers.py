@@ -11,14 +11,13 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
 import pytest
-from support.mqtt_client import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 PORTS = range(20_000, 32_000)
 """Below those that systems give to whoever connects, who may take one before we listen on it."""
@@ -120,17 +119,11 @@ def has_ipv6() -> bool:
 
 
 def wait_until_listening(port: int, host: str = "127.0.0.1") -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not is_listening(port, host):
-        assert time.monotonic() < deadline, f"nobody listens on port {port}"
-        time.sleep(0.01)
+    wait_until(lambda: is_listening(port, host), f"nobody listens on port {port}")
 
 
 def wait_until_silent(port: int) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while is_listening(port):
-        assert time.monotonic() < deadline, f"somebody still listens on port {port}"
-        time.sleep(0.01)
+    wait_until(lambda: not is_listening(port), f"somebody still listens on port {port}")
 
 
 def is_listening(port: int, host: str = "127.0.0.1") -> bool:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support.mqtt_client import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -86,10 +85,11 @@ def looking(browser: Browser, url: str, **more: Any) -> Iterator[Page]:
 
 def until(page: Page, expression: str, argument: Any = None) -> None:
     """Wait until it holds; asked again and again, as the page's policy lets it evaluate nothing."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not page.evaluate(expression, argument):
-        assert time.monotonic() < deadline, f"it never was so that {expression}"
-        page.wait_for_timeout(20)
+    wait_until(
+        lambda: page.evaluate(expression, argument),
+        f"it never was so that {expression}",
+        pause=lambda s: page.wait_for_timeout(s * 1e3),
+    )
 
 
 def requests(context: BrowserContext, page: Page) -> list[str]:

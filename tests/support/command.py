@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from support.mqtt_client import PATIENCE_S
+from support.waiting import PATIENCE_S
 
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli.main"]
 

@@ -7,7 +7,6 @@ the session's own time stamps. The clock is simulated, so nothing depends on how
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from support.chromium import looking, until
 from support.command import Running, running
-from support.mqtt_client import PATIENCE_S, Client, Heard, listening
+from support.mqtt_client import Client, Heard, listening
 from support.scene_files import DRONE, RADAR, scene_file, scene_text
+from support.waiting import wait_until
 
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -130,10 +130,7 @@ class Live:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Until it holds."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, "it never came to that"
-            self.page.wait_for_timeout(20)
+        wait_until(condition, pause=lambda s: self.page.wait_for_timeout(s * 1e3))
 
     def ask(self, **fields: str) -> tuple[int, dict[str, Any]]:
         """Fill in fields of the radar by their labels and apply them; what the broker tells."""

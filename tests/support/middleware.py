@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.mqtt_client import PATIENCE_S
 from support.sapient_rules import checked
 
 Behaviour = Callable[["Peer"], Coroutine[Any, Any, None]]
@@ -60,11 +59,6 @@ class Middleware:
         self.peers: list[Peer] = []
         self.address = ""
         self._behaviours = behaviours or (polite,)
-
-    async def until(self, wanted: Callable[[], object]) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            while not wanted():  # noqa: ASYNC110 - of what another task does
-                await asyncio.sleep(0.005)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer = Peer(reader, writer)

@@ -14,8 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from uuid import uuid4
 
-PATIENCE_S = 60.0
-"""For what must come sooner or later, on a machine that may be busy."""
+from support.waiting import PATIENCE_S
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from support.mqtt_client import PATIENCE_S
 from support.page_stage import Stage
+from support.waiting import PATIENCE_S, wait_until
 from websockets.sync.client import ClientConnection, connect
 
 from plotfeed.feeds.page.controls import Controls
@@ -137,8 +137,8 @@ def on_stage(stage: Stage, **more: Any) -> Iterator[Served]:
 
 
 def wait_for_command(page: Page, stage: Stage, expected: dict[str, Any]) -> None:
-    for _ in range(int(PATIENCE_S * 20)):
-        if expected in stage.commands:
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(f"{expected} never came; there were {stage.commands}")
+    wait_until(
+        lambda: expected in stage.commands,
+        f"{expected} never came",
+        pause=lambda s: page.wait_for_timeout(s * 1e3),
+    )

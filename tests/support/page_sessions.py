@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from support.mqtt_client import PATIENCE_S
+from support.waiting import PATIENCE_S
 from websockets.asyncio.client import connect
 
 from plotfeed.feeds.page.page_access import PageAddress

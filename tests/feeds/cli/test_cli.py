@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from support.brokers import deaf_server, free_port
 from support.command import PLOTFEED, plotfeed, running
-from support.mqtt_client import PATIENCE_S, Client, listening
+from support.mqtt_client import Client, listening
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import PATIENCE_S
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient

@@ -14,7 +14,7 @@ from urllib.request import urlopen
 import pytest
 from support.brokers import free_port
 from support.command import plotfeed, running
-from support.mqtt_client import PATIENCE_S
+from support.waiting import PATIENCE_S
 
 pytest.importorskip("uvicorn")
 

@@ -17,11 +17,12 @@ import click
 import pytest
 from support.brokers import free_port, mosquitto, rumqttd
 from support.command import PLOTFEED, plotfeed, running
-from support.mqtt_client import PATIENCE_S, Heard, listening
+from support.mqtt_client import Heard, listening
 from support.recordings import plots
 from support.replayed import MS, RECORDED, Memory, S, message
 from support.scene_files import scene_file, scene_text
 from support.udp_receiver import heard, place, receiver
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.replay_terminal import press
@@ -123,9 +124,7 @@ def test_topics_links_and_times_are_as_asked(tmp_path: Path, broker: int) -> Non
         done = plotfeed("replay", path, *options, "--link", tmp_path / "link.toml")
         assert done.returncode == 0, done.stderr
         ears.wait_for(is_last)
-        deadline = time.monotonic() + PATIENCE_S
-        while len(ears.on("again/radar/plots")) < 80 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(lambda: len(ears.on("again/radar/plots")) >= 80)
     summary = json.loads(done.stdout)
     assert summary["duplicated"] == 40
     assert summary["messages"] == 81  # and the status, which goes over no link

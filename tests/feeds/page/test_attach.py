@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from support import road
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import PATIENCE_S, Client
+from support.mqtt_client import Client
 from support.page_frames import Frame, read_frame
+from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
@@ -77,10 +78,7 @@ class Show:
         return self.frames[-1]
 
     async def until(self, holds: Callable[[], Any]) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            while not holds():
-                await asyncio.sleep(0.005)
-                self.look()
+        await until(lambda: self.look() and holds())
 
     @property
     def news(self) -> dict[str, Any]:
@@ -230,16 +228,18 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
             tracker = await asyncio.to_thread(Client, port, 5)
             place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
             seen: dict[str, Any] = {}
-            async with asyncio.timeout(PATIENCE_S):
-                while not {"tracks", "problem"} <= seen.keys():
-                    tracker.publish("tracker/tracks", json.dumps(place).encode())
-                    tracker.publish("tracker/tracks", b"nonsense")
-                    await asyncio.sleep(0.05)
-                    frame = read_frame(view.update(road.START_NS, 0.0).public)
-                    if frame.of(SectionKind.TRACKS):
-                        seen["tracks"] = frame.column(SectionKind.TRACKS, "track")[0]
-                    if "track_problem" in frame.news:
-                        seen["problem"] = frame.news["track_problem"]
+
+            def both_are_seen() -> bool:
+                tracker.publish("tracker/tracks", json.dumps(place).encode())
+                tracker.publish("tracker/tracks", b"nonsense")
+                frame = read_frame(view.update(road.START_NS, 0.0).public)
+                if frame.of(SectionKind.TRACKS):
+                    seen["tracks"] = frame.column(SectionKind.TRACKS, "track")[0]
+                if "track_problem" in frame.news:
+                    seen["problem"] = frame.news["track_problem"]
+                return {"tracks", "problem"} <= seen.keys()
+
+            await until(both_are_seen)
             assert seen["tracks"] == 4
             assert "JSON" in seen["problem"]
             await asyncio.to_thread(tracker.close)

@@ -3,17 +3,16 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from support import page_stage, road
 from support.brokers import free_port
-from support.mqtt_client import PATIENCE_S
 from support.page_frames import Frame, read_frame
 from support.page_server import Served, on_stage, served
 from support.page_stage import Stage
+from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
@@ -251,13 +250,6 @@ def crowd(page: Served) -> None:
         page.server._view.session({"recordings": [text]})
 
     page.call(tell)
-
-
-def wait_until(holds: Any) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_viewers_are_as_many_as_there_is_room_for(

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.mqtt_client import PATIENCE_S
 from support.page_sessions import Begun, with_page
 from support.scene_files import scene_file, scene_text
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page.page_recording import new_path, recordings_in
 from plotfeed.feeds.scene.scene import Scene, load

@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed
-from support.mqtt_client import PATIENCE_S, Client, Heard
+from support.mqtt_client import Client, Heard
 from support.page_frames import Frame, read_frame
 from support.page_sessions import Begun, with_page
 from support.scene_files import radar, scene_text
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page import replay_show
 from plotfeed.feeds.page.replay_show import NOT_NOW

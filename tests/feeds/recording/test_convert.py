@@ -4,16 +4,15 @@ import csv
 import json
 import os
 import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 from support.command import PLOTFEED, plotfeed
-from support.mqtt_client import PATIENCE_S
 from support.recordings import MS, START_NS, block_048, message, plots, written
 from support.shared_files import shared
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.topic_filter import checked, matches
 from plotfeed.feeds.recording.convert import Wanted, convert
@@ -279,9 +278,7 @@ def test_a_conversion_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
     held_open = os.open(source, os.O_RDWR)
     command = [*PLOTFEED, "convert", str(source), str(target), "--from", "jsonl"]
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
-        deadline = time.monotonic() + PATIENCE_S
-        while not any(tmp_path.glob(".out.mcap.*")) and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(lambda: any(tmp_path.glob(".out.mcap.*")))
         process.terminate()
         _, said = process.communicate(timeout=PATIENCE_S)
     os.close(held_open)

@@ -17,7 +17,8 @@ import pytest
 from mcap.reader import make_reader
 from support.brokers import free_port, rumqttd
 from support.command import PLOTFEED, plotfeed
-from support.mqtt_client import PATIENCE_S, Client
+from support.mqtt_client import Client
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.replay.mcap.log_reader import LogReader
 from plotfeed.replay.recorded import Recorded
@@ -83,13 +84,6 @@ class Datagrams:
 def datagrams() -> Iterator[Datagrams]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         yield Datagrams(out)
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def numbers(found: list[Recorded]) -> list[int]:

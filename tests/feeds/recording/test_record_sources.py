@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port, has_ipv6, mosquitto, rumqttd
-from support.mqtt_client import PATIENCE_S
 from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, ReceivedMessage

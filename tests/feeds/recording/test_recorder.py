@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import io
 import threading
-import time
 from pathlib import Path
 
 import pytest
 from support.log_messages import MS, START_NS, messages
-from support.mqtt_client import PATIENCE_S
+from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, scene_attachment
@@ -99,12 +98,9 @@ def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
 async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap")
     running = asyncio.create_task(recorder.run())
-    deadline = time.monotonic() + PATIENCE_S
     for count in range(1, 4):
         recorder.after(MESSAGE, START_NS + count)
-        while len(read(recorder.path)[0]) < count:
-            assert time.monotonic() < deadline
-            await asyncio.sleep(0.02)
+        await until(lambda: len(read(recorder.path)[0]) >= count)  # noqa: B023
     await recorder.stop()
     await running  # it ends by itself
     found, reader = read(tmp_path / "a.mcap")

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import pytest
-from support.sessions import until
+from support.waiting import until
 
 from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock

@@ -15,6 +15,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from support.brokers import free_port, is_listening
 from support.command import plotfeed
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import COUNTERS, MetricsError, served
@@ -91,9 +92,8 @@ async def held(folder: Path) -> Held:
             )
 
     working = asyncio.create_task(work())
-    while not (known and known[0].lost > 5 and known[0].duplicated > 5):
-        await asyncio.sleep(0.01)
-        assert not working.done()
+    await until(lambda: working.done() or (known and known[0].lost > 5 and known[0].duplicated > 5))
+    assert not working.done()
     begun.session.receive("plotfeed/telemetry/x", b"garbage", None, clock.now_ns())
     clock.pause()
     await asyncio.sleep(0.05)  # what was being done is done

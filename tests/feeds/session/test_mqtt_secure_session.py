@@ -14,8 +14,9 @@ import pytest
 from support.brokers import free_port, mosquitto, password_file
 from support.certificates import Certificates
 from support.command import PLOTFEED, plotfeed, running
-from support.mqtt_client import PATIENCE_S, listening
+from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import PATIENCE_S
 
 from plotfeed.proto import plotfeed_pb2 as pb
 

@@ -10,9 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from support.brokers import free_port, mosquitto, wait_until_listening
-from support.mqtt_client import PATIENCE_S, Heard, listening
+from support.mqtt_client import Heard, listening
 from support.sapient_rules import checked
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import PATIENCE_S
 
 REPORT = 'report = ["sapient", "plots"]'
 SENSOR = radar(period_s=0.5, sectors=16, more=REPORT)

@@ -11,7 +11,8 @@ import pytest
 from support.brokers import free_port
 from support.mqtt_client import Client, Heard, listening
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import AtWork, Start, at_work, every_broker, iotcore, until
+from support.sessions import AtWork, Start, at_work, every_broker, iotcore
+from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.timing.clock import WallClock

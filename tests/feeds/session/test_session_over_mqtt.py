@@ -15,9 +15,9 @@ import pytest
 from support import command
 from support.brokers import deaf_server, free_port, is_listening, mosquitto, wait_until_silent
 from support.command import Running
-from support.mqtt_client import PATIENCE_S, Client, Heard, listening
+from support.mqtt_client import Client, Heard, listening
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load

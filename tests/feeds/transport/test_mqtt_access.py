@@ -13,6 +13,7 @@ from support.brokers import free_port, has_ipv6, mosquitto, password_file, rumqt
 from support.certificates import Certificates, Pair
 from support.command import plotfeed
 from support.scene_files import scene_file, scene_text
+from support.waiting import until
 
 from plotfeed.feeds.scene.scene import SceneError, load
 from plotfeed.feeds.transport.mqtt.address import (
@@ -118,21 +119,16 @@ def brokers(request: pytest.FixtureRequest) -> Brokers:
 
 async def version_spoken(address: BrokerAddress) -> int:
     """Connect and go; raises what a session would say after its first attempt."""
-
-    async def connect() -> int:
-        link = MqttLink(address, "test")
-        running = asyncio.create_task(link.run())
-        try:
-            while not link.connections and not link.last_error:  # noqa: ASYNC110
-                await asyncio.sleep(0.005)
-            await link.wait_until_up(0.0)
-            assert link.is_up
-            return link._versions[0]
-        finally:
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
-
-    return await connect()
+    link = MqttLink(address, "test")
+    running = asyncio.create_task(link.run())
+    try:
+        await until(lambda: link.connections or link.last_error)
+        await link.wait_until_up(0.0)
+        assert link.is_up
+        return link._versions[0]
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
 
 
 async def refusal(address: BrokerAddress) -> str:

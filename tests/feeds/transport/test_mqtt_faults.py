@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto, rumqttd
 from support.cut_proxy import Proxy, proxied
-from support.mqtt_client import PATIENCE_S, Client, listening
+from support.mqtt_client import Client, listening
 from support.parcels import Parcels, number_of
-from support.sessions import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, connection, socket_buffer

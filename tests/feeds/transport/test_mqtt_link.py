@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import ssl
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -14,9 +13,9 @@ from pathlib import Path
 import gmqtt
 import pytest
 from support.certificates import Certificates
-from support.mqtt_client import PATIENCE_S
 from support.parcels import Parcels, number_of
 from support.scripted_broker import ScriptedBroker, serving
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, socket_buffer
@@ -55,13 +54,6 @@ async def linked(
         finally:
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.001)
 
 
 async def end_connection(broker: ScriptedBroker, link: MqttLink, *, code: int = 0) -> None:

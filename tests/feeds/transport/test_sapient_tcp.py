@@ -16,9 +16,9 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.brokers import free_port
 from support.middleware import Middleware, Peer, listening, polite
-from support.mqtt_client import PATIENCE_S
 from support.parcels import taken
 from support.road import held, radar, rotating, scene, staring
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, SapientAnnouncer
 from plotfeed.feeds.messages.message import Message
@@ -77,7 +77,7 @@ async def test_a_node_registers_first_and_then_reports() -> None:
     async with listening() as middleware, linked(middleware.address) as link:
         assert taken(link, status())
         (peer,) = middleware.peers
-        await middleware.until(lambda: len(peer.heard) == 3)
+        await until(lambda: len(peer.heard) == 3)
         assert peer.kinds() == ["registration", "status_report", "status_report"]
 
 
@@ -89,7 +89,7 @@ async def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
         assert taken(link, HERALD.opening(WallClock().now_ns())[0])
         assert taken(link, status())
         (peer,) = middleware.peers
-        await middleware.until(lambda: len(peer.heard) == 3)
+        await until(lambda: len(peer.heard) == 3)
         assert peer.kinds().count("registration") == 1
 
 
@@ -115,7 +115,7 @@ async def test_a_node_goes_on_whatever_is_said_to_its_registration(
         async with listening(rude) as middleware, linked(middleware.address) as link:
             assert taken(link, status())
             (peer,) = middleware.peers
-            await middleware.until(lambda: len(peer.heard) == 3)
+            await until(lambda: len(peer.heard) == 3)
     lines = [record.getMessage() for record in caplog.records]
     expected = {"silent": 1, "refusing": 1, "garbage": 2, "complaining": 2}
     assert len(lines) == expected[why], lines
@@ -161,11 +161,11 @@ async def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -
         listening(behave, behave, polite) as middleware,
         linked(middleware.address, wait=False) as link,
     ):
-        await middleware.until(lambda: len(middleware.peers) == 3)
+        await until(lambda: len(middleware.peers) == 3)
         await link.wait_until_up(5.0)
         last = middleware.peers[2]
-        await middleware.until(lambda: taken(link, status()))
-        await middleware.until(lambda: len(last.heard) >= 3)
+        await until(lambda: taken(link, status()))
+        await until(lambda: len(last.heard) >= 3)
         assert last.kinds()[:3] == ["registration", "status_report", "status_report"]
         assert last.heard[1].status_report.info == StatusReport.INFO_NEW
 
@@ -176,7 +176,7 @@ async def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.Monke
 
     began_s = asyncio.get_running_loop().time()
     async with listening(reset) as middleware, linked(middleware.address, wait=False):
-        await middleware.until(lambda: len(middleware.peers) == 5)
+        await until(lambda: len(middleware.peers) == 5)
         assert asyncio.get_running_loop().time() - began_s > 0.05 + 3 * 0.2 - 0.01
 
 
@@ -202,7 +202,7 @@ async def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
             wire = link._wire
             assert wire is None or wire.unsent_octets <= sapient_tcp.MAX_UNSENT_OCTETS
         assert refused
-        await middleware.until(lambda: taken(link, status()) and len(middleware.peers) == 2)
+        await until(lambda: taken(link, status()) and len(middleware.peers) == 2)
 
 
 @pytest.mark.asyncio
@@ -219,7 +219,7 @@ async def test_a_slow_middleware_hears_all_in_order() -> None:
         assert all(taken(link, message) for message in sent)
         await link.drain()
         (peer,) = middleware.peers
-        await middleware.until(lambda: len(peer.heard) == 102)
+        await until(lambda: len(peer.heard) == 102)
         assert [m.SerializeToString() for m in peer.heard[2:]] == [m.payload for m in sent]
 
 
@@ -296,7 +296,7 @@ async def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
             )
             totals = await run(flown, broker="none", duration_s=3.0)
             assert totals.undelivered == 0
-            await middleware.until(lambda: all(p.reader.at_eof() for p in middleware.peers))
+            await until(lambda: all(p.reader.at_eof() for p in middleware.peers))
             return middleware
 
     middleware = await test()

@@ -1,0 +1,30 @@
+"""Waits for what must come sooner or later, all with one patience."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+
+PATIENCE_S = 60.0
+"""On a machine that may be busy."""
+
+
+async def until(holds: Callable[[], object], says: str = "it never came to that") -> None:
+    """Return when it holds; meanwhile the event loop goes on."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, says
+        await asyncio.sleep(0.002)
+
+
+def wait_until(
+    holds: Callable[[], object],
+    says: str = "it never came to that",
+    pause: Callable[[float], object] = time.sleep,
+) -> None:
+    """Return when it holds, where no event loop has to go on."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, says
+        pause(0.01)
