@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, get_args
 
 import numpy as np
 
@@ -59,9 +58,7 @@ def encoding_stage(case: Case) -> ChartStage | None:
 
 def formats_of(case: Case) -> list[str]:
     """The formats of plots that the scene could ask of such a sensor."""
-    annotation: Any = type(case.sensor).model_fields["report"].annotation
-    named = get_args(get_args(annotation)[0])
-    return [name for name in named if not FORMATS[name].facts.tells_tracks]
+    return [name for name in case.sensor.formats if not FORMATS[name].facts.tells_tracks]
 
 
 def _messages(maker: MessageFormat, parts: Parts) -> list[Message]:

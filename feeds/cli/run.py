@@ -24,7 +24,6 @@ from plotfeed.feeds.console.signals import (
     stopped_by_signals,
 )
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.metrics import served
 from plotfeed.feeds.recording.raw_file import RawFile
 from plotfeed.feeds.recording.recorder import Recorder
@@ -284,18 +283,8 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
 def _topics(sensor: Sensor) -> Iterator[str]:
     """Where a sensor's messages are, a line for each format."""
     for name in dict.fromkeys(sensor.report):
-        categories = FORMATS[name].facts.categories
-        if not categories:
-            yield "plots (protobuf)" if name == "plots" else name
-            continue
-        sent = (c for c in categories if _sends(sensor, c))
-        yield "asterix/" + ", /".join(f"{category:03d}" for category in sent)
-
-
-def _sends(sensor: Sensor, category: int) -> bool:
-    """Whether a sensor has a use for what goes with its own category."""
-    needs = {16: sensor.type == "passive_radar", 34: sensor.scan.kind == "rotating"}
-    return needs.get(category, True)
+        sent = ", /".join(f"{category:03d}" for category in sensor.categories(name))
+        yield f"asterix/{sent}" if sent else "plots (protobuf)" if name == "plots" else name
 
 
 async def _tell(totals: SessionCounters) -> None:

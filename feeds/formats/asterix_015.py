@@ -13,8 +13,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.geometry import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
@@ -50,7 +49,11 @@ class Status025:
 
 OBSERVATIONS_A_SCAN = 4096
 """Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
-BEARINGS = frozenset({"acoustic"})
+GEOMETRIES = {
+    SensorGeometry.MONOSTATIC: Geometry.MONOSTATIC,
+    SensorGeometry.BISTATIC: Geometry.MULTISTATIC,
+    SensorGeometry.BEARINGS: Geometry.OTHER,
+}
 
 
 class Asterix015:
@@ -61,18 +64,15 @@ class Asterix015:
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
         self._topics = Topics(scene, sensor)
-        rotating = isinstance(sensor.scan, RotatingScan)
         self._plots = PlotEncoder015(
             sensor.sac,
             sensor.sic,
-            geometry=_geometry(sensor),
-            scanning=Scanning.FORWARD if rotating else Scanning.STATIC,
+            geometry=GEOMETRIES[sensor.geometry],
+            scanning=Scanning.FORWARD if sensor.scan.rotates else Scanning.STATIC,
             max_octets=max_block_octets(scene, sensor),
         )
         self._status = Status025(scene, sensor)
-        self._system = None
-        if isinstance(sensor, PassiveRadarKeys):
-            self._system = _system(scene, sensor)
+        self._system = _system(scene, sensor) if sensor.illuminators else None
 
     def messages(self, seen: Seen) -> list[Message]:
         """Blocks of category 015, then those of 016 and 025 if they are due."""
@@ -85,18 +85,12 @@ class Asterix015:
         return self._topics.asterix(sector, blocks)
 
 
-def _geometry(sensor: Sensor) -> Geometry:
-    if isinstance(sensor, PassiveRadarKeys):
-        return Geometry.MULTISTATIC
-    return Geometry.OTHER if sensor.type in BEARINGS else Geometry.MONOSTATIC
-
-
-def _system(scene: Scene, sensor: PassiveRadarKeys) -> SystemEncoder016:
+def _system(scene: Scene, sensor: Sensor) -> SystemEncoder016:
     """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
     site = scene.scene.site
     transmitters = [
         _station(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
-        for number, transmitter in enumerate(sensor.transmitters)
+        for number, transmitter in enumerate(sensor.illuminators)
     ]
     return SystemEncoder016(
         sensor.sac,

@@ -6,7 +6,6 @@ from plotfeed.feeds.formats.message_format import Seen, Topics, max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 
 
@@ -26,7 +25,7 @@ class Asterix048:
             max_octets=max_block_octets(scene, sensor),
         )
         self._service = None
-        if isinstance(sensor.scan, RotatingScan):
+        if sensor.scan.rotates:
             self._service = ServiceEncoder034(
                 sensor.sac, sensor.sic, antenna_period_s=sensor.scan.period_s
             )

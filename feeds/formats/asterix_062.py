@@ -15,8 +15,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.geometry import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
-from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys, TracksKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksKeys
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame
@@ -25,7 +24,6 @@ from plotfeed.models.tracking.track_lives import TrackRule, stated_covariance_m2
 from plotfeed.models.tracking.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
 from plotfeed.proto.asterix.encode_062 import TrackEncoder062, Tracks
 from plotfeed.proto.asterix.encode_063 import SensorStatus, SensorStatusEncoder063
-from plotfeed.proto.utc import NS
 
 
 class Asterix062:
@@ -121,13 +119,13 @@ class Asterix062:
 
 def _smoothed_truth(sensor: Sensor) -> SmoothedTruth:
     part = sensor.tracks if isinstance(sensor, TrackingSensorKeys) else TracksKeys()
-    period_ns = round(sensor.scan.period_s * NS)
+    period_ns = sensor.scan.period_ns
     rule = TrackRule(
         confirm_hits=part.confirm_hits,
         confirm_window=part.confirm_window,
         drop_misses=part.drop_misses,
         period_ns=period_ns,
-        patience_ns=period_ns // 2 if isinstance(sensor.scan, RotatingScan) else 0,
+        patience_ns=period_ns // 2 if sensor.scan.rotates else 0,
     )
     return SmoothedTruth(rule, part.smoothing_scans)
 

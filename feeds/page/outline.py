@@ -12,8 +12,7 @@ from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.geometry import enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, RotatingScan, VolumeKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, VolumeKeys
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Floats, Ints
 
@@ -76,6 +75,7 @@ def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, 
     return {
         "id": sensor.id,
         "type": sensor.type,
+        "label": sensor.label,
         "preset": sensor.preset,
         "east_m": position_m[0],
         "north_m": position_m[1],
@@ -84,21 +84,19 @@ def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, 
         "azimuth_min_deg": cover.min_deg if cover else 0.0,
         "azimuth_span_deg": cover.span_deg if cover else 360.0,
         "period_s": sensor.scan.period_s,
-        "rotates": isinstance(sensor.scan, RotatingScan),
+        "rotates": sensor.scan.rotates,
         "false_alarms_per_scan": sensor.model(scene.scene.site).false_alarms_per_scan,
         "transmitters": _transmitters(scene, sensor),
-        "pfa": getattr(sensor, "pfa", None),
+        "pfa": sensor.false_alarm_probability,
         "loss_db": getattr(sensor, "loss_db", None),
     }
 
 
 def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:
     """Those of opportunity, which stand elsewhere."""
-    if not isinstance(sensor, PassiveRadarKeys):
-        return []
     site = scene.scene.site
     here = Placements(site, [])
-    places = [(t.id, enu_from(here.site, site, t.place)) for t in sensor.transmitters]
+    places = [(t.id, enu_from(here.site, site, t.place)) for t in sensor.illuminators]
     return [
         {"id": name, "east_m": round(float(enu_m[0]), 1), "north_m": round(float(enu_m[1]), 1)}
         for name, enu_m in places

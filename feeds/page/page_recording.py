@@ -15,9 +15,8 @@ from typing import Self
 
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.replaying.replay_settings import Selection
-from plotfeed.feeds.scene.changes import sensor_in
 from plotfeed.feeds.scene.scene import Scene, parsed
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -66,7 +65,7 @@ class RecordedSettings:
     def _take(self, message: Recorded) -> None:
         """What is no change of such a sensor is none."""
         try:
-            sensor = sensor_in(json.dumps(json.loads(message.payload)["in_force"]))
+            sensor = sensor_of(json.loads(message.payload)["in_force"])
         except (ValueError, KeyError, TypeError, RecursionError):  # pydantic's are ValueErrors
             return
         changes = self._changes.get(sensor.id)

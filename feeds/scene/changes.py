@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.proto.errors import PlotfeedError
 
 FIXED = frozenset(
@@ -17,8 +17,6 @@ FIXED = frozenset(
 """Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats."""
 PFA_FACTOR = "pfa_factor"
 """Stands for a `pfa` so many times the scene's own."""
-
-_SENSOR: TypeAdapter[Sensor] = TypeAdapter(Sensor)
 
 
 class ChangeError(PlotfeedError):
@@ -42,16 +40,11 @@ def changed(sensor: Sensor, *changes: Mapping[str, Any]) -> Sensor:
             raise ChangeError([(key, "cannot change while the sensor is at work") for key in fixed])
         tree = merged(tree, _with_pfa(sensor, change))
     try:
-        return _SENSOR.validate_python(tree)
+        return sensor_of(tree)
     except ValidationError as error:
         variant = f"{sensor.type}."  # pydantic says which of all sensors it took it for
         problems = [(k.removeprefix(variant), text) for k, text in problems_of(error, tree)]
         raise ChangeError(problems) from None
-
-
-def sensor_in(text: str) -> Sensor:
-    """A sensor from its keys as JSON; raises pydantic's `ValidationError`."""
-    return _SENSOR.validate_json(text)
 
 
 def merged(
@@ -77,7 +70,7 @@ def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
     """With a factor on the probability of a false alarm worked out."""
     if PFA_FACTOR not in change:
         return change
-    factor, pfa = change[PFA_FACTOR], getattr(sensor, "pfa", None)
+    factor, pfa = change[PFA_FACTOR], sensor.false_alarm_probability
     if pfa is None:
         raise ChangeError([(PFA_FACTOR, f"sensor {sensor.id!r} has no pfa")])
     if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0 < factor < 1e15:

@@ -15,6 +15,17 @@ PLOT_BATCH = "plotfeed.v1.PlotBatch"
 SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 
 
+@dataclass(frozen=True, slots=True)
+class SentCategory:
+    """A category of ASTERIX that a format brings, and from which of its sensors."""
+
+    summary: str
+    rotates: bool = False
+    """Only of a beam that turns."""
+    has_illuminators: bool = False
+    """Only of a receiver of echoes whose transmitters stand elsewhere."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFormat:
     """A format as scenes name it, and what its messages can and cannot say."""
@@ -29,7 +40,7 @@ class ReportFormat:
     """What they are."""
     message: str = ""
     """The protobuf message that they are; empty for ASTERIX."""
-    categories: Mapping[int, str] = field(default_factory=dict)
+    categories: Mapping[int, SentCategory] = field(default_factory=dict)
     """Of ASTERIX: the format's own category first, then its companions, and what they bring."""
     tells_tracks: bool = False
     """It brings tracks, and no plots."""
@@ -42,7 +53,7 @@ class ReportFormat:
 
 
 def asterix(
-    categories: Mapping[int, str],
+    categories: Mapping[int, SentCategory],
     *,
     tells_tracks: bool = False,
     tells_heights: bool = False,
@@ -56,7 +67,7 @@ def asterix(
         name=f"asterix-{own:03d}",
         topic=f"asterix/{own:03d}",
         content_type=asterix_content_type(own),
-        summary=categories[own],
+        summary=categories[own].summary,
         categories=categories,
         tells_tracks=tells_tracks,
         tells_heights=tells_heights,
@@ -76,26 +87,34 @@ def protobuf_content_type(message: str) -> str:
     return f"{PROTOBUF}; messageType={message}"
 
 
-STATUS = "that the sensor works, and where it stands"
+STATUS = SentCategory("that the sensor works, and where it stands")
 
 REPORT_FORMATS: dict[str, ReportFormat] = {
     row.name: row
     for row in (
         asterix(
             {
-                15: "measurement plots",
-                16: "transmitters, receivers and pairs of a passive radar",
+                15: SentCategory("measurement plots"),
+                16: SentCategory(
+                    "transmitters, receivers and pairs of a passive radar", has_illuminators=True
+                ),
                 25: STATUS,
             }
         ),
         asterix(
-            {48: "target reports", 34: "north marker and sector crossings"},
+            {
+                48: SentCategory("target reports"),
+                34: SentCategory("north marker and sector crossings", rotates=True),
+            },
             tells_heights=True,
             tells_run_lengths=True,
             range_step_m=RHO_LSB_M,
         ),
-        asterix({62: "tracks", 63: "that the sensor works"}, tells_tracks=True),
-        asterix({205: "bearings", 25: STATUS}, needs_azimuth=True),
+        asterix(
+            {62: SentCategory("tracks"), 63: SentCategory("that the sensor works")},
+            tells_tracks=True,
+        ),
+        asterix({205: SentCategory("bearings"), 25: STATUS}, needs_azimuth=True),
         ReportFormat(
             name="plots",
             topic="plots",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any
 
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.feeds.scene.commands import Command
 from plotfeed.feeds.scene.drones import COOPERATIVE
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 
 OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 OF_SENSOR = ("sensor",)
@@ -61,32 +62,24 @@ def flows() -> list[Flow]:
 
 def types_that_report(name: str) -> tuple[str, ...]:
     """Sensor types whose scene may ask for that format."""
-    return tuple(t for t, formats in reports_of_types().items() if name in formats)
+    return tuple(kind for kind, keys in SENSORS.items() if name in keys.formats)
 
 
-def reports_of_types() -> dict[str, tuple[str, ...]]:
-    """Formats that a scene may ask of each sensor type."""
-    union, _ = get_args(Sensor)
-    found = {}
-    for part in get_args(union):
-        (name,) = get_args(part.model_fields["type"].annotation)
-        literal, _ = get_args(part.model_fields["report"].annotation)
-        found[name] = get_args(literal)
-    return found
+def _with_illuminators(types: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(t for t in types if SENSORS[t].geometry is SensorGeometry.BISTATIC)
 
 
 def _of_format(name: str) -> Iterator[Flow]:
     sensors = types_that_report(name)
     facts = FORMATS[name].facts
     if facts.categories:
-        for category, summary in facts.categories.items():
-            passive_alone = category == 16
+        for category, sent in facts.categories.items():
             yield _asterix(
                 category,
-                summary,
+                sent.summary,
                 address=f"{{prefix}}/{{sensor}}/asterix/{category:03d}",
                 attributes=OF_SECTOR,
-                sensors=("passive_radar",) if passive_alone else sensors,
+                sensors=_with_illuminators(sensors) if sent.has_illuminators else sensors,
             )
     elif name == "plots":
         yield Flow(

@@ -12,7 +12,6 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.feeds.sensing.rotating import RotatingBeam
 from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
 from plotfeed.models.beam.scan import Sector
@@ -20,7 +19,6 @@ from plotfeed.models.beam.sweep import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.state import Looks, Plots
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
 
 NS_IN_MS = 1e6
 
@@ -31,8 +29,8 @@ class EmulatedSensor:
     def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
         self.sensor = sensor
         self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
-        self.period_ns = round(sensor.scan.period_s * NS)
-        self.sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
+        self.period_ns = sensor.scan.period_ns
+        self.sectors = sensor.scan.sectors
         self._site = scene.scene.site
         self._trajectories = trajectories
         self._formats = formats_of(scene, sensor)

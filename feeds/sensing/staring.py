@@ -10,7 +10,7 @@ import numpy as np
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
-from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.beam.sweep import CULLED_FROM
 from plotfeed.models.chance import Chance, Purpose
@@ -68,10 +68,8 @@ class SensorSite:
         return cls(
             frame=frame,
             axes=frame if sensor.bias is None else sensor.bias.axes(frame),
-            readings=readings_of(
-                sensor.bias, sensor.drift, chance, round(sensor.scan.period_s * NS)
-            ),
-            reads_bistatic_ranges=isinstance(sensor, PassiveRadarKeys),
+            readings=readings_of(sensor.bias, sensor.drift, chance, sensor.scan.period_ns),
+            reads_bistatic_ranges=sensor.geometry is SensorGeometry.BISTATIC,
             clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
             errs=sensor.bias is not None or sensor.drift is not None,
             tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),

@@ -11,8 +11,6 @@ from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
@@ -26,7 +24,7 @@ from plotfeed.proto.sapient.encode_detections import (
     TRANSMITTER,
     Manner,
 )
-from plotfeed.proto.sapient.encode_node import Field, Node, NodeType, SapientQuantity
+from plotfeed.proto.sapient.encode_node import Field, Node, SapientQuantity
 from plotfeed.proto.sapient.envelope import node_id
 from plotfeed.proto.utc import NS
 
@@ -61,16 +59,6 @@ class Groups:
         return sector.scan * self._sectors + sector.index
 
 
-NODE_TYPES: dict[str, NodeType] = {
-    "active_radar": "RADAR",
-    "mimo_radar": "RADAR",
-    "passive_radar": "RADAR",
-    "acoustic": "ACOUSTIC",
-    "rf": "PASSIVE_RF",
-    "camera": "CAMERA",
-}
-
-
 @dataclass(frozen=True, slots=True)
 class Measures:
     """What the plots of a sensor hold."""
@@ -84,24 +72,23 @@ class Measures:
 
 def groups_of(sensor: Sensor) -> Groups:
     """Which of its sectors are reported together."""
-    sectors = sensor.scan.sectors if isinstance(sensor.scan, RotatingScan) else 1
-    return Groups(round(sensor.scan.period_s * NS), sectors)
+    return Groups(sensor.scan.period_ns, sensor.scan.sectors)
 
 
 def manner_of(scene: Scene, sensor: Sensor) -> Manner:
     """What its detections say."""
     settings = scene.sapient
     confidence = settings.detection_confidence
-    pfa = getattr(sensor, "pfa", None)
+    pfa = sensor.false_alarm_probability
     if confidence is None and pfa is not None:
         confidence = 1.0 - pfa
     return Manner(
         detection_confidence=confidence,
         default_class=settings.default_class,
         class_confidence=settings.default_class_confidence,
-        band_hz=_band_hz(sensor),
-        transmitters=_transmitters(sensor),
-        tells_age=isinstance(sensor.scan, RotatingScan) or groups_of(sensor).size > 1,
+        band_hz=sensor.band_hz,
+        transmitters=tuple(t.id for t in sensor.illuminators),
+        tells_age=sensor.scan.rotates or groups_of(sensor).size > 1,
     )
 
 
@@ -114,13 +101,13 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         seed=scene.scene.seed,
         sensor=sensor.id,
         node_id=node_id(scene.scene.seed, sensor.id),
-        node_type=NODE_TYPES.get(sensor.type, "OTHER"),
+        node_type=sensor.sapient_type,
         sub_type=sensor.type.replace("_", " "),
         latitude_deg=frame.latitude_deg,
         longitude_deg=frame.longitude_deg,
         height_m=frame.height_m,
         field=_field(sensor),
-        scanning=isinstance(sensor.scan, RotatingScan),
+        scanning=sensor.scan.rotates,
         settle_s=sensor.scan.period_s,
         latency_s=groups_of(sensor).longest_ns / NS,
         status_interval_s=scene.sapient.status_interval_s,
@@ -169,7 +156,7 @@ def measures_of(scene: Scene, sensor: Sensor) -> Measures:
 
 def _predicted(site: Site, sensor: Sensor) -> Prediction:
     field = _field(sensor)
-    band_hz = _band_hz(sensor) or (0.0, 0.0)
+    band_hz = sensor.band_hz or (0.0, 0.0)
     enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
     return sensor.model(site).predict(
         Targets(
@@ -203,19 +190,6 @@ def _field(sensor: Sensor) -> Field:
     )
 
 
-def _transmitters(sensor: Sensor) -> tuple[str, ...]:
-    """Of a sensor that says by whose signal it found something."""
-    if not isinstance(sensor, PassiveRadarKeys):
-        return ()
-    return tuple(t.id for t in sensor.transmitters)
-
-
-def _band_hz(sensor: Sensor) -> tuple[float, float] | None:
-    """Of a receiver of what drones emit."""
-    low_hz, high_hz = (getattr(sensor, f"frequency_{end}_hz", None) for end in ("min", "max"))
-    return None if low_hz is None or high_hz is None else (low_hz, high_hz)
-
-
 def _objects(manner: Manner, measures: Measures) -> tuple[SapientQuantity, ...]:
     rate = BISTATIC_RANGE_RATE if manner.transmitters else RANGE_RATE
     told = {
@@ -243,5 +217,4 @@ def _signals(manner: Manner) -> tuple[SapientQuantity, ...]:
 def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
     if manner.default_class is not None:
         return (manner.default_class,)
-    found = (getattr(sensor, "kind", ""), *getattr(sensor, "decodes", ()))
-    return tuple(name for name in found if name)
+    return sensor.classes

@@ -4,7 +4,6 @@ import { SENSOR_COLOURS } from "./colours.js";
 import { askedLoss } from "./strips.js";
 
 const byId = (id) => document.getElementById(id);
-const TYPES = { active_radar: "radar", mimo_radar: "MIMO radar", passive_radar: "passive radar", acoustic: "acoustic", rf: "RF", range_gate: "range gate" };
 const DEGRADED_PFA = 10; // times
 const DEGRADED_LOSS_DB = 6;
 const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPrecision(digits)));
@@ -45,7 +44,7 @@ export class Sensors {
     box.checked = !this.hidden.has(sensor.id);
     box.addEventListener("change", () => { this.hidden[box.checked ? "delete" : "add"](sensor.id); this.onHide(); });
     button.firstChild.dataset.colour = number % SENSOR_COLOURS;
-    button.append(`${sensor.id} · ${TYPES[sensor.type] ?? sensor.type}`);
+    button.append(`${sensor.id} · ${sensor.label}`);
     button.title = sensor.preset ? `${sensor.id}: ${sensor.preset}` : sensor.id;
     button.addEventListener("click", () => this.choose(sensor.id));
     this.#rows.set(sensor.id, { row, button, rate: row.children[2], state: row.children[3] });

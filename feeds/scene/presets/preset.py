@@ -10,11 +10,11 @@ from functools import cache, cached_property
 from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.presets.rules import AnyRule, CatalogueTable, PresetTarget
 from plotfeed.feeds.scene.presets.solver import derive
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 from plotfeed.proto.errors import PlotfeedError
 
@@ -23,8 +23,6 @@ SCENE_ONLY = {*SensorKeys.model_fields, "type", "report"}
 
 MAX_SHOWN = 60
 """Characters of what somebody wrote that an error repeats."""
-
-_SENSOR: TypeAdapter[Sensor] = TypeAdapter(Sensor)
 
 
 class PresetError(PlotfeedError):
@@ -100,7 +98,7 @@ class Preset(CatalogueTable):
     @cached_property
     def sensor(self) -> Sensor:
         """The sensor of a scene that gives no key of its own."""
-        return _SENSOR.validate_python({**self.keys, "id": self.name})
+        return sensor_of({**self.keys, "id": self.name})
 
     def marked_keys(self) -> Iterator[MarkedKey]:
         """Every key of the sensor, in the order in which the sensor has them."""

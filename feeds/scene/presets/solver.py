@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import TypeAdapter
-
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.presets.rules import (
     AnyRule,
@@ -17,7 +15,7 @@ from plotfeed.feeds.scene.presets.rules import (
     Solve,
     targets,
 )
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.proto.errors import PlotfeedError
 
 SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
@@ -26,8 +24,6 @@ MARGIN = 1e-9
 """By how much a goal is overshot, so that rounding does not leave the model below it."""
 BRACKETS = {"_w": (1e-9, 1e9), "_db": (-200.0, 200.0), "_deg": (0.0, 90.0), "_m": (0.0, 1e4)}
 """Where the value of a key of that unit is looked for."""
-
-_SENSOR: TypeAdapter[Sensor] = TypeAdapter(Sensor)
 
 
 def derive(
@@ -47,7 +43,7 @@ def derive(
         return derived
     # Something that a scene may say, until it is found.
     start = {key: max(_bracket(key)[0], 0.0) for key in solves}
-    sensor = _SENSOR.validate_python({**given, **derived, **start, "type": kind, "id": "preset"})
+    sensor = sensor_of({**given, **derived, **start, "type": kind, "id": "preset"})
     for key, rule in solves.items():
         derived[key] = _solved(sensor, key, rule.solve, target)
         sensor = sensor.model_copy(update={key: derived[key]})

@@ -1,29 +1,79 @@
-"""The sensors that a scene can name: the keys of each, and the model that they make."""
+"""The sensors that a scene can name: the keys of each, and the model that they make.
+
+`register` adds another, from within this package or from outside.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from functools import cache, reduce
+from operator import or_
+from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import Field
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
 
 from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys, MimoRadarKeys
 from plotfeed.feeds.scene.sensors.range_gate_keys import RangeGateKeys
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 
-Sensor = Annotated[
-    AcousticKeys | ActiveRadarKeys | MimoRadarKeys | PassiveRadarKeys | RangeGateKeys | RfKeys,
-    Field(discriminator="type"),
-]
-"""Any of them; `type` tells which."""
+SENSORS: dict[str, type[SensorKeys]] = {}
+"""The keys of every sensor, by its `type`."""
 
-__all__ = [
-    "AcousticSensor",
-    "ActiveRadarSensor",
-    "MimoRadarSensor",
-    "PassiveRadarSensor",
-    "RangeGateSensor",
-    "RfSensor",
-    "Sensor",
-]
+_Keys = TypeVar("_Keys", bound=SensorKeys)
+
+
+def register(keys: type[_Keys]) -> type[_Keys]:
+    """Let scenes name a sensor of these keys: `@register` above their class does."""
+    if keys.type_name() in SENSORS:
+        raise ValueError(f"there is a sensor of type {keys.type_name()} already")
+    SENSORS[keys.type_name()] = keys
+    _adapter.cache_clear()
+    return keys
+
+
+@cache
+def _adapter() -> TypeAdapter[Any]:
+    """Of any sensor that is registered."""
+    union: Any = Annotated[reduce(or_, SENSORS.values()), Field(discriminator="type")]
+    return TypeAdapter(union)
+
+
+def sensor_of(tree: Mapping[str, Any]) -> SensorKeys:
+    """A sensor from its keys; `type` tells which. Raises pydantic's `ValidationError`."""
+    found: SensorKeys = _adapter().validate_python(tree)
+    return found
+
+
+class _OfAnyType:
+    """Lets pydantic validate and describe sensors of all types that are registered by then."""
+
+    def __get_pydantic_core_schema__(
+        self, _source: object, _handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(sensor_of)
+
+    def __get_pydantic_json_schema__(
+        self, _schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return handler(_adapter().core_schema)
+
+
+Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]
+"""Any of them."""
+
+for _keys in (
+    AcousticKeys,
+    ActiveRadarKeys,
+    MimoRadarKeys,
+    PassiveRadarKeys,
+    RangeGateKeys,
+    RfKeys,
+):
+    register(_keys)
+
+__all__ = ["SENSORS", "Sensor", "SensorKeys", "register", "sensor_of"]

@@ -8,7 +8,12 @@ import numpy as np
 from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Beamwidth, Decibels, Loss, NotNegative, Probability, Site
-from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    AzimuthCoverKeys,
+    Reports,
+    SensorGeometry,
+    StaringScan,
+)
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 
@@ -19,11 +24,14 @@ SHORTEST_LISTENING_S = 0.1
 class AcousticKeys(AzimuthCoverKeys):
     """A microphone array, which hears bearings. The defaults are the paper's typical values."""
 
+    label = "acoustic"
+    geometry = SensorGeometry.BEARINGS
+    sapient_type = "ACOUSTIC"
+    formats = ("asterix-015", "plots", "sapient")
+
     type: Literal["acoustic"]
     """Which model."""
-    report: Annotated[
-        tuple[Literal["asterix-015", "plots", "sapient"], ...], Field(strict=False, min_length=1)
-    ] = ()
+    report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along."""
     scan: StaringScan
     """How it scans."""
@@ -74,6 +82,11 @@ class AcousticKeys(AzimuthCoverKeys):
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
         """The category made for such sensors, and all that was measured."""
         return ("asterix-015", "plots")
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The one name for everything, if there is one."""
+        return (self.kind,) if self.kind else ()
 
     def model(self, _site: Site, /) -> MicrophoneArray:
         """The model; gain and absorption that are not given follow from the other keys."""

@@ -10,13 +10,9 @@ from pydantic import Field, model_validator
 from plotfeed.feeds.scene.fields import (
     Beamwidth,
     Elevation,
-    Frequency,
-    Location,
-    Name,
     NotNegative,
     Positive,
     Probability,
-    SceneTable,
     Site,
 )
 from plotfeed.feeds.scene.geometry import enu_from, frame_at
@@ -26,8 +22,14 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MultipathKeys,
     multipath_of,
 )
-from plotfeed.feeds.scene.sensors.sensor_keys import StaringScan, VolumeKeys
-from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    IlluminatorKeys,
+    Reports,
+    SensorGeometry,
+    StaringScan,
+    TrackingSensorKeys,
+    VolumeKeys,
+)
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.multipath import MAN_MADE, external_noise_db
@@ -44,32 +46,17 @@ BLURRED_DEG = 26.0
 """Closer to the baseline, an error of bistatic range is over ten times larger in short range."""
 
 
-class IlluminatorKeys(SceneTable):
-    """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
-
-    id: Name
-    """For people, and for warnings."""
-    erp_w: Positive
-    """Effective radiated power, over a half-wave dipole."""
-    frequency_hz: Frequency
-    """Of the carrier."""
-    bandwidth_hz: Positive
-    """Of the signal that is correlated; the bistatic range is resolved to c over it."""
-    place: Location
-    """Of the antenna."""
-    external_noise_db: float | None = None
-    """In this channel, in place of the sensor's."""
-
-
 class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
+    label = "passive radar"
+    geometry = SensorGeometry.BISTATIC
+    sapient_type = "RADAR"
+    formats = ("asterix-015", "asterix-062", "plots", "sapient")
+
     type: Literal["passive_radar"]
     """Which model."""
-    report: Annotated[
-        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
-        Field(strict=False, min_length=1),
-    ] = ()
+    report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along, and 016; asterix-062 brings 063."""
     scan: StaringScan
     """How it scans."""
@@ -162,6 +149,11 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
                 "give external_noise_db"
             )
         return noise_db
+
+    @property
+    def illuminators(self) -> tuple[IlluminatorKeys, ...]:
+        """All of its transmitters."""
+        return self.transmitters
 
     def model(self, site: Site, /) -> PassiveRadar:
         """The model, with the transmitters as the receiver sees them."""

@@ -21,21 +21,27 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.geometry import enu_from, frame_at
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
     MultipathKeys,
     PulsedDopplerKeys,
     multipath_of,
 )
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan, Scan, StaringScan, VolumeKeys
-from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    Reports,
+    Scan,
+    SensorGeometry,
+    StaringScan,
+    TrackingSensorKeys,
+    VolumeKeys,
+)
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging
@@ -44,10 +50,11 @@ if TYPE_CHECKING:
 class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
-    report: Annotated[
-        tuple[Literal["asterix-015", "asterix-048", "asterix-062", "plots", "sapient"], ...],
-        Field(strict=False, min_length=1),
-    ] = ()
+    geometry = SensorGeometry.MONOSTATIC
+    sapient_type = "RADAR"
+    formats = ("asterix-015", "asterix-048", "asterix-062", "plots", "sapient")
+
+    report: Reports = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
     else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
     scan: Scan
@@ -124,12 +131,13 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
     def _coarse_format(self, site: Site) -> list[str]:
         strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
         best_m = float(self.model(site).sigmas(np.array([strongest_snr]))[0, 0])
-        added_m = RHO_LSB_M / 12**0.5
-        if "asterix-048" not in self.report or added_m <= best_m:
-            return []
+        asked = [REPORT_FORMATS[name] for name in dict.fromkeys(self.report)]
         return [
-            f"asterix-048 counts range in steps of {RHO_LSB_M:.3g} m, an error of {added_m:.2g} m "
-            f"beside the radar's own of {best_m:.2g} m for a strong echo"
+            f"{row.name} counts range in steps of {row.range_step_m:.3g} m, an error of "
+            f"{row.range_step_m / 12**0.5:.2g} m beside the radar's own of {best_m:.2g} m for a "
+            "strong echo"
+            for row in asked
+            if row.range_step_m / 12**0.5 > best_m
         ]
 
     def _polar(self) -> dict[str, Any]:
@@ -138,7 +146,9 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
         return {name: getattr(self, name) for name in names} | {
             "azimuth_cover": self.azimuth_cover,
             "gain_rx_dbi": self._gain_rx_dbi(),
-            "measures_run_length": "asterix-048" in self.report,
+            "measures_run_length": any(
+                REPORT_FORMATS[name].tells_run_lengths for name in self.report
+            ),
             "multipath": multipath_of(self.multipath),
             "doppler": self._doppler(),
             "merging": self._merging(),
@@ -174,6 +184,8 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
 class ActiveRadarKeys(PolarRadarKeys):
     """A quasi-monostatic active radar. The defaults are the paper's typical values."""
 
+    label = "radar"
+
     type: Literal["active_radar"]
     """Which model."""
     scan: Scan
@@ -196,7 +208,7 @@ class ActiveRadarKeys(PolarRadarKeys):
         return [*self._short_dwell(), *super().warnings(site)]
 
     def _short_dwell(self) -> list[str]:
-        if not isinstance(self.scan, RotatingScan):
+        if not self.scan.rotates:
             return []
         beam_deg = min(self.receive_beams * self.azimuth_beamwidth_deg, 360.0)
         on_target_s = self.scan.period_s * beam_deg / 360
@@ -222,6 +234,8 @@ class MimoRadarKeys(PolarRadarKeys):
 
     It looks everywhere at once. The defaults are the paper's typical values.
     """
+
+    label = "MIMO radar"
 
     type: Literal["mimo_radar"]
     """Which model."""

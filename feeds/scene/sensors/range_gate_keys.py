@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
-
-from pydantic import Field
+from typing import Literal
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, Site
-from plotfeed.feeds.scene.sensors.sensor_keys import StaringScan
-from plotfeed.feeds.scene.sensors.track_keys import TrackingSensorKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    Reports,
+    SensorGeometry,
+    StaringScan,
+    TrackingSensorKeys,
+)
 from plotfeed.models.sensors.range_gate import RangeGate
 
 
 class RangeGateKeys(TrackingSensorKeys):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
 
+    label = "range gate"
+    geometry = SensorGeometry.MONOSTATIC
+    sapient_type = "OTHER"
+    formats = ("asterix-015", "asterix-062", "plots", "sapient")
+
     type: Literal["range_gate"]
     """Which model."""
-    report: Annotated[
-        tuple[Literal["asterix-015", "asterix-062", "plots", "sapient"], ...],
-        Field(strict=False, min_length=1),
-    ] = ()
+    report: Reports = ()
     """Without it, plots."""
     scan: StaringScan
     """How it scans."""

@@ -17,8 +17,14 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys, multipath_of
-from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    AzimuthCoverKeys,
+    Reports,
+    SensorGeometry,
+    StaringScan,
+)
 from plotfeed.models.sensors.rf import RfDirectionFinder as RfModel
 
 MAX_SAMPLES = 1e8
@@ -46,11 +52,14 @@ class LogDistance(SceneTable):
 class RfKeys(AzimuthCoverKeys):
     """A receiver of what drones emit: control, video, remote identification."""
 
+    label = "RF"
+    geometry = SensorGeometry.BEARINGS
+    sapient_type = "PASSIVE_RF"
+    formats = ("asterix-205", "plots", "sapient")
+
     type: Literal["rf"]
     """Which model."""
-    report: Annotated[
-        tuple[Literal["asterix-205", "plots", "sapient"], ...], Field(strict=False, min_length=1)
-    ] = ()
+    report: Reports = ()
     """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
     scan: StaringScan
     """How it scans."""
@@ -120,9 +129,20 @@ class RfKeys(AzimuthCoverKeys):
     def _reports_what_it_finds(self) -> Self:
         if self.measures_azimuth and self.baseline_m is None:
             raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
-        if "asterix-205" in self.report and not self.measures_azimuth:
-            raise ValueError("report: asterix-205 carries bearings, and measures_azimuth is off")
+        for name in self.report:
+            if REPORT_FORMATS[name].needs_azimuth and not self.measures_azimuth:
+                raise ValueError(f"report: {name} carries bearings, and measures_azimuth is off")
         return self
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """The band's ends."""
+        return self.frequency_min_hz, self.frequency_max_hz
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Kinds of emission that it reads."""
+        return tuple(name for name in self.decodes if name)
 
     def _heard_at_once_hz(self) -> float:
         if self.instantaneous_bandwidth_hz is not None:

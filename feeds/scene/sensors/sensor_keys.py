@@ -1,16 +1,27 @@
-"""What all sensors of a scene have in common."""
+"""What all sensors of a scene have in common: keys, and the traits that tell their kinds apart.
+
+A sensor is added in three files: its model, its keys, which derive from `SensorKeys`, and a line
+that registers them (`feeds.scene.sensors`). Everything that formats, the page and the chart have to
+know of its kind is a trait, a class attribute of the keys; one that is missing is an error when the
+class is defined.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from enum import Enum
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, GetJsonSchemaHandler, ValidationError, field_validator, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, InitErrorDetails
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
     Elevation,
     Enu,
+    Frequency,
+    Location,
     Name,
     NotNegative,
     Positive,
@@ -18,6 +29,7 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DriftKeys
 from plotfeed.models.beam.cover import AzimuthCover
 from plotfeed.models.sensors.sensor_model import SensorModel
@@ -72,6 +84,11 @@ class _Periodic(SceneTable):
             raise ValueError("jitter_ms: at most a fiftieth of period_s")
         return self
 
+    @property
+    def period_ns(self) -> int:
+        """Of a scan."""
+        return round(self.period_s * NS)
+
 
 class RotatingScan(_Periodic):
     """A beam that turns clockwise, through true north at whole multiples of its period."""
@@ -81,6 +98,11 @@ class RotatingScan(_Periodic):
     sectors: Annotated[int, Field(ge=4, le=256)] = 32
     """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
 
+    @property
+    def rotates(self) -> bool:
+        """Whether a beam turns."""
+        return True
+
 
 class StaringScan(_Periodic):
     """A sensor that looks everywhere at once, at whole multiples of its period."""
@@ -88,12 +110,66 @@ class StaringScan(_Periodic):
     kind: Literal["staring"]
     """Which way of scanning."""
 
+    @property
+    def rotates(self) -> bool:
+        """Whether a beam turns."""
+        return False
+
+    @property
+    def sectors(self) -> int:
+        """Reports a scan."""
+        return 1
+
 
 Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
 
 
+class SensorGeometry(Enum):
+    """Along which path a sensor measures range, if it does."""
+
+    MONOSTATIC = "there and back"
+    BISTATIC = "from a transmitter elsewhere to the target and on to the sensor, less the baseline"
+    BEARINGS = "none: it measures no range"
+
+
+class IlluminatorKeys(SceneTable):
+    """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
+
+    id: Name
+    """For people, and for warnings."""
+    erp_w: Positive
+    """Effective radiated power, over a half-wave dipole."""
+    frequency_hz: Frequency
+    """Of the carrier."""
+    bandwidth_hz: Positive
+    """Of the signal that is correlated; the bistatic range is resolved to c over it."""
+    place: Location
+    """Of the antenna."""
+    external_noise_db: float | None = None
+    """In this channel, in place of the sensor's."""
+
+
+TRAITS = ("label", "geometry", "sapient_type", "formats")
+Reports = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+"""Formats, by the names that `report_formats` has for them; of a sensor, those of its trait."""
+
+
 class SensorKeys(SceneTable):
     """A [[sensor]] of the scene."""
+
+    label: ClassVar[str]
+    """What people call such a sensor."""
+    geometry: ClassVar[SensorGeometry]
+    sapient_type: ClassVar[Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]]
+    """What it is to SAPIENT."""
+    formats: ClassVar[tuple[str, ...]]
+    """Those that a scene may ask of it, by name."""
+
+    if TYPE_CHECKING:  # keys of every sensor, which stand where each of them has them
+        type: str
+        report: Reports
+        scan: Scan
+        range_max_m: float
 
     id: Name
     """A level of its topics, so without `/`, `+`, `#` or space."""
@@ -116,6 +192,49 @@ class SensorKeys(SceneTable):
     drift: DriftKeys | None = None
     """Errors that change slowly; without it, none."""
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        """Refuse a sensor whose traits do not say what it is."""
+        super().__pydantic_init_subclass__(**kwargs)
+        if "type" not in cls.model_fields:
+            return  # what several sensors have in common
+        missing = [name for name in TRAITS if not hasattr(cls, name)]
+        if missing:
+            raise TypeError(f"{cls.__name__} lacks the traits {', '.join(missing)}")
+        for name in cls.formats:
+            if REPORT_FORMATS[name].tells_tracks and not issubclass(cls, TrackingSensorKeys):
+                raise TypeError(f"{cls.__name__} reports tracks without being TrackingSensorKeys")
+
+    @classmethod
+    def type_name(cls) -> str:
+        """The `type` that tells such a sensor from others."""
+        return str(get_args(cls.model_fields["type"].annotation)[0])
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """With the formats that may be asked for."""
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        keys = handler.resolve_ref_schema(schema)["properties"]
+        if "report" in keys:
+            keys["report"]["items"] = {"enum": list(cls.formats), "type": "string"}
+        return schema
+
+    @field_validator("report", check_fields=False)
+    @classmethod
+    def _can_report(cls, report: tuple[str, ...]) -> tuple[str, ...]:
+        named = [repr(name) for name in cls.formats]
+        expected = f"{', '.join(named[:-1])} or {named[-1]}" if named[1:] else named[0]
+        wrong = [
+            InitErrorDetails(type="literal_error", loc=(i,), input=name, ctx={"expected": expected})
+            for i, name in enumerate(report)
+            if name not in cls.formats
+        ]
+        if wrong:
+            raise ValidationError.from_exception_data("report", wrong)
+        return report
+
     @model_validator(mode="before")
     @classmethod
     def _reports_as_usual(cls, keys: Any) -> Any:
@@ -132,6 +251,35 @@ class SensorKeys(SceneTable):
     def model(self, site: Site, /) -> SensorModel:
         """The model that these keys make, at that site."""
         raise NotImplementedError
+
+    @property
+    def illuminators(self) -> tuple[IlluminatorKeys, ...]:
+        """The transmitters elsewhere whose echoes a bistatic sensor receives."""
+        return ()
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """Lowest and highest frequency that a receiver of emissions hears."""
+        return None
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """What it calls what it finds, if it classifies."""
+        return ()
+
+    def categories(self, report: str) -> list[int]:
+        """The categories of ASTERIX that a format brings from this sensor, its own first."""
+        return [
+            number
+            for number, sent in REPORT_FORMATS[report].categories.items()
+            if (self.scan.rotates or not sent.rotates)
+            and (self.illuminators or not sent.has_illuminators)
+        ]
+
+    @property
+    def false_alarm_probability(self) -> float | None:
+        """In a cell, if it decides by that."""
+        return getattr(self, "pfa", None)
 
     def warnings(self, _site: Site, /) -> list[str]:
         """What is legal and still looks wrong; for `check`."""
@@ -177,3 +325,29 @@ class VolumeKeys(AzimuthCoverKeys):
         if not self.elevation_min_deg < self.elevation_max_deg:
             raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
         return self
+
+
+class TracksKeys(SceneTable):
+    """How tracks begin and end, and how smooth they are: used by asterix-062 alone."""
+
+    confirm_hits: Annotated[int, Field(ge=1, le=50)] = 3
+    """Detections of a drone with which a track begins, among its last `confirm_window` looks."""
+    confirm_window: Annotated[int, Field(ge=1, le=50)] = 5
+    """Looks among which they are counted."""
+    drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
+    """Looks in a row without a detection after which it ends."""
+    smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
+    """Memory of the filter: a plot that is so many scans old weighs 1/e."""
+
+    @model_validator(mode="after")
+    def _can_begin(self) -> Self:
+        if self.confirm_hits > self.confirm_window:
+            raise ValueError("confirm_hits: must not exceed confirm_window")
+        return self
+
+
+class TrackingSensorKeys(SensorKeys):
+    """A sensor that may report tracks."""
+
+    tracks: TracksKeys = TracksKeys()
+    """For asterix-062."""

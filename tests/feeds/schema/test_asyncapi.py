@@ -20,8 +20,9 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.commands import parsed
 from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.scene import sensors
 from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.feeds.schema.flows import REQUIRED, reports_of_types
+from plotfeed.feeds.schema.flows import REQUIRED
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused
@@ -97,7 +98,7 @@ DRONE = held("near", 45.0, 20.0, 100.0, rcs_m2=1.0, sound_power_db=110.0, emitte
 
 def scene(**mqtt: Any) -> Scene:
     """Every type of sensor, each with every format that it can report in."""
-    assert {s["type"] for s in SENSORS} == reports_of_types().keys()
+    assert {s["type"] for s in SENSORS} == sensors.SENSORS.keys()
     return from_tree(
         {
             "scene": {
@@ -108,7 +109,7 @@ def scene(**mqtt: Any) -> Scene:
             "telemetry": {"geoid_undulation_m": 51.0},
             "mqtt": {"prefix": PREFIX, **mqtt},
             "cooperative": {},
-            "sensor": [s | {"report": list(reports_of_types()[s["type"]])} for s in SENSORS],
+            "sensor": [s | {"report": list(sensors.SENSORS[s["type"]].formats)} for s in SENSORS],
             "drone": [DRONE],
         },
         Path("scene.toml"),
@@ -252,8 +253,8 @@ def test_every_reference_leads_somewhere(api: dict[str, Any]) -> None:
 
 
 def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
-    for kind, formats in reports_of_types().items():
-        for name in formats:
+    for kind, keys in sensors.SENSORS.items():
+        for name in keys.formats:
             assert name in FORMATS
             category = name.removeprefix("asterix-")
             channel = api["channels"][f"asterix-{category}" if category != name else name]

@@ -53,7 +53,7 @@ SECTION_4 = {
     "elevation_min_deg": -2.0,
     "elevation_max_deg": 28.0,
 }
-SENSOR = TypeAdapter(Sensor)
+SENSOR: TypeAdapter[Sensor] = TypeAdapter(Sensor)
 
 
 def sensor(**changes):
