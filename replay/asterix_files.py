@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from itertools import chain, pairwise
 from typing import BinaryIO
@@ -16,15 +17,15 @@ from plotfeed.replay.asterix_blocks import (
     is_asterix,
     time_of_day_ns,
 )
-from plotfeed.replay.octets import Octets
-from plotfeed.replay.recorded import Damages, Recorded
+from plotfeed.replay.octets import OctetsReader
+from plotfeed.replay.recorded import Recorded, RecordingWriter
 from plotfeed.replay.times import BEHIND_NS, DayClock, ahead_ns
 
 Timed = tuple[bytes, int | None]
 """A data block, and the time of day of its first record if that has one."""
 
 
-class RawReader:
+class RawReader(OctetsReader):
     """The data blocks of a file, each a message. Nothing tells where the next one is after damage.
 
     A message is of the time of day of its block's first record, and if that has none, or one that
@@ -33,16 +34,9 @@ class RawReader:
     """
 
     def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
-        self._octets = Octets(file)
+        super().__init__(file)
         self._clock = DayClock(date_utc_ns)
         self._first_utc_ns = date_utc_ns
-        self.damage = Damages()
-        self.skipped = 0
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._octets.at
 
     def messages(self) -> Iterator[Recorded]:
         """Each data block, on the topic asterix/CATEGORY."""
@@ -98,8 +92,11 @@ def _alone(before_ns: int | None, time_ns: int, after_ns: int | None) -> bool:
     return near_by and ahead_ns(before_ns, time_ns) > BEHIND_NS
 
 
-class RawWriter:
-    """Data blocks back to back. Of what they came with, nothing is kept."""
+class BlocksWriter(RecordingWriter):
+    """Writes the data blocks of messages that are ASTERIX, and nothing of what came after them."""
+
+    lost: str
+    """What a file of this format does not say."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -109,20 +106,33 @@ class RawWriter:
         """Write a message; why it cannot be held, or None."""
         if not is_asterix(message.content_type, message.payload):
             return "no ASTERIX"
-        octets = block_octets(message.payload)
-        self._trailers += octets < len(message.payload)
-        self._file.write(message.payload[:octets])
+        blocks = message.payload[: block_octets(message.payload)]
+        framed = self.framed(message, blocks)
+        if isinstance(framed, str):
+            return framed
+        self._trailers += len(blocks) < len(message.payload)
+        self._file.write(framed)
         return None
+
+    @abstractmethod
+    def framed(self, message: Recorded, blocks: bytes) -> bytes | str:
+        """The octets that stand in the file for a message, or why none can."""
 
     def notes(self) -> list[str]:
         """What was lost of messages that are in the file."""
-        notes = ["it has no times but those of day that its records have, and no topics"]
-        if self._trailers:
-            notes.append(f"{self._trailers} messages lost what came after their data blocks")
-        return notes
+        if not self._trailers:
+            return [self.lost]
+        return [self.lost, f"{self._trailers} messages lost what came after their data blocks"]
 
-    def close(self) -> None:
-        """Nothing is left to be written."""
+
+class RawWriter(BlocksWriter):
+    """Data blocks back to back. Of what they came with, nothing is kept."""
+
+    lost = "it has no times but those of day that its records have, and no topics"
+
+    def framed(self, _message: Recorded, blocks: bytes) -> bytes:
+        """The data blocks as they are."""
+        return blocks
 
 
 TICK_NS = 10_000_000
@@ -137,20 +147,13 @@ ERROR, LINE, DAY = "final-error", "final-line", "final-day"
 """Properties that keep what a frame says and a message does not."""
 
 
-class FinalReader:
+class FinalReader(OctetsReader):
     """The frames of a file, each a message. After damage it goes on behind the next trailer."""
 
     def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
-        self._octets = Octets(file)
+        super().__init__(file)
         self._clock = DayClock(date_utc_ns)
         self._last_utc_ns = date_utc_ns
-        self.damage = Damages()
-        self.skipped = 0
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._octets.at
 
     def messages(self) -> Iterator[Recorded]:
         """Each frame, on the topic line/LINE/asterix."""
@@ -206,45 +209,30 @@ class FinalReader:
         )
 
 
-class FinalWriter:
+class FinalWriter(BlocksWriter):
     """ASTERIX in frames. Times are rounded to 10 ms.
 
     Error, line and day of a frame that was read stay; else the line is the number of the topic, of
     those in the file, and the others are 0.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._lines: dict[str, int] = {}
-        self._trailers = 0
+    lost = "its clock counts 10 ms, and it has no date"
 
-    def write(self, message: Recorded) -> str | None:
-        """Write a message; why it cannot be held, or None."""
-        if not is_asterix(message.content_type, message.payload):
-            return "no ASTERIX"
-        blocks = message.payload[: block_octets(message.payload)]
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__(file)
+        self._lines: dict[str, int] = {}
+
+    def framed(self, message: Recorded, blocks: bytes) -> bytes | str:
+        """Header, data blocks and trailer; the header's fields are kept if they can be."""
         length = MIN_FRAME_OCTETS + len(blocks)
         if length > MAX_FRAME_OCTETS:
             return f"longer than a frame's {MAX_FRAME_OCTETS} octets"
-        self._trailers += len(blocks) < len(message.payload)
         kept = dict(message.properties)
         error, day = _octet(kept.get(ERROR), 0), _octet(kept.get(DAY), 0)
         line = _octet(kept.get(LINE), self._line(message.topic))
         ticks = ticks_of_day(message.log_time_ns)
-        self._file.write(
-            _HEADER.pack(length, error, line, day, ticks >> 16, ticks & 0xFFFF) + blocks + TRAILER
-        )
-        return None
-
-    def notes(self) -> list[str]:
-        """What was lost of messages that are in the file."""
-        notes = ["its clock counts 10 ms, and it has no date"]
-        if self._trailers:
-            notes.append(f"{self._trailers} messages lost what came after their data blocks")
-        return notes
-
-    def close(self) -> None:
-        """Nothing is left to be written."""
+        head = _HEADER.pack(length, error, line, day, ticks >> 16, ticks & 0xFFFF)
+        return head + blocks + TRAILER
 
     def _line(self, topic: str) -> int:
         if len(self._lines) > 0xFF and topic not in self._lines:

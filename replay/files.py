@@ -1,22 +1,22 @@
-"""Which format a recording is in, by what it begins with and then by its suffix; its reader."""
+"""The formats of recordings: how each is told, read and written, and what it can hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.asterix_blocks import HEADER_OCTETS
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
 from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
-from plotfeed.replay.recorded import Damage, Recorded
+from plotfeed.replay.recorded import Damage, Recorded, RecordingReader, RecordingWriter
 
 MCAP_MAGIC = b"\x89MCAP"
 HEAD_OCTETS = 1 << 16
@@ -35,180 +35,25 @@ class FileFormat(StrEnum):
     CSV = "csv"
 
 
-SUFFIXES: Mapping[str, FileFormat] = {
-    ".mcap": FileFormat.MCAP,
-    ".pcap": FileFormat.PCAP,
-    ".cap": FileFormat.PCAP,
-    ".pcapng": FileFormat.PCAPNG,
-    ".ntar": FileFormat.PCAPNG,
-    ".ff": FileFormat.FINAL,
-    ".final": FileFormat.FINAL,
-    ".ast": FileFormat.RAW,
-    ".asterix": FileFormat.RAW,
-    ".raw": FileFormat.RAW,
-    ".jsonl": FileFormat.JSON,
-    ".ndjson": FileFormat.JSON,
-    ".csv": FileFormat.CSV,
-}
-DATELESS = (FileFormat.FINAL, FileFormat.RAW)
-"""Formats that have times of day alone."""
-HOLD_STAGES = (FileFormat.MCAP, FileFormat.JSON)
-"""Formats that hold messages before their link beside those after it."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FormatFacts:
+    """What a format is like."""
+
+    suffixes: tuple[str, ...]
+    begins: Callable[[bytes], bool] = lambda _: False
+    """Whether files of the format begin with these octets."""
+    reader: Callable[[BinaryIO, int], RecordingReader] | None = None
+    """Reads a file whose first day begins at that time, UTC in ns; None if it is only written."""
+    writer: Callable[[BinaryIO], RecordingWriter] | None = None
+    """None if the format is only read."""
+    has_dates: bool = True
+    """Whether there is more than times of day."""
+    holds_stages: bool = False
+    """Whether messages before their link stand beside those after it."""
 
 
-class RecordingReader(Protocol):
-    """Reads a recording from its start to its end."""
-
-    @property
-    def damage(self) -> list[Damage]:
-        """Found so far."""
-
-    @property
-    def skipped(self) -> int:
-        """Parts that are whole and hold no message, so far."""
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-
-    def messages(self) -> Iterator[Recorded]:
-        """Those of the file, once."""
-
-
-class RecordingWriter(Protocol):
-    """Writes a recording to a file, which stays open."""
-
-    def write(self, message: Recorded, /) -> str | None:
-        """Write a message; in a few words why it cannot be held, or None."""
-
-    def notes(self) -> list[str]:
-        """Lines that say what was lost of messages that are in the file."""
-
-    def close(self) -> None:
-        """Write what is still to be written."""
-
-
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """A file that is open for reading."""
-
-    reader: RecordingReader
-    format: FileFormat
-    octets: int
-
-
-def format_of(path: Path) -> FileFormat:
-    """Of a file that is there. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
-    with path.open("rb") as file:
-        head = file.read(HEAD_OCTETS)
-    found = format_of_content(head) or SUFFIXES.get(path.suffix.lower())
-    if found is None:
-        what = "its content is no recording that is known" if head else "it is empty"
-        raise PlotfeedError(f"{path}: {what}, nor is its suffix one")
-    return found
-
-
-def format_of_suffix(path: Path) -> FileFormat:
-    """Of a file that is to be written; raises `PlotfeedError`."""
-    found = SUFFIXES.get(path.suffix.lower())
-    if found is None:
-        raise PlotfeedError(f"{path}: expected one of the suffixes {', '.join(SUFFIXES)}")
-    return found
-
-
-def format_of_content(head: bytes) -> FileFormat | None:
-    """Of a file that begins with these octets; None if they tell none."""
-    if head.startswith(MCAP_MAGIC):
-        return FileFormat.MCAP
-    if head[:4] in PCAP_FORMATS:
-        return FileFormat.PCAP
-    if head.startswith(SECTION):
-        return FileFormat.PCAPNG
-    if head.lstrip().startswith((b'{"', b"{ ")):
-        return FileFormat.JSON
-    if _is_final(head):
-        return FileFormat.FINAL
-    return FileFormat.RAW if _is_raw(head) else None
-
-
-@contextmanager
-def open_recording(
-    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0
-) -> Iterator[Recording]:
-    """A file, in the format that it is in unless another is said.
-
-    `date_utc_ns` is midnight of the day on which a file without dates begins. Raises
-    `PlotfeedError` if the format cannot be told or read, and `OSError`.
-    """
-    form = form or format_of(path)
-    if form is FileFormat.CSV:
-        raise PlotfeedError(f"{path}: {form} is only written")
-    with path.open("rb") as file:
-        yield Recording(_reader_of(file, form, date_utc_ns), form, path.stat().st_size)
-
-
-class FileSource:
-    """A file that is read as often as is asked for; arguments are those of `open_recording`."""
-
-    def __init__(self, path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0) -> None:
-        self._path = path
-        self._form = form or format_of(path)
-        self._date_utc_ns = date_utc_ns
-        self.damage: list[Damage] = []
-        """As the last pass has found it so far."""
-
-    def messages(
-        self, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[Recorded]:
-        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
-        with open_recording(self._path, self._form, date_utc_ns=self._date_utc_ns) as recording:
-            self.damage = recording.reader.damage
-            for message in recording.reader.messages():
-                t_ns = message.log_time_ns
-                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
-                    yield message
-
-
-def writer_to(file: BinaryIO, form: FileFormat) -> RecordingWriter:
-    """Writes that format to a file; raises `PlotfeedError` for one that is only read."""
-    if form is FileFormat.CSV:
-        from plotfeed.replay.plots_csv import PlotsCsvWriter
-
-        return PlotsCsvWriter(file)
-    if form is FileFormat.MCAP:
-        from plotfeed.replay.mcap.log_format import (
-            McapWriter,
-        )
-
-        return McapWriter(file)
-    if form not in _WRITERS:
-        raise PlotfeedError(f"{form} is only read; pcap holds the same")
-    return _WRITERS[form](file)
-
-
-_READERS: Mapping[FileFormat, Callable[[BinaryIO, int], RecordingReader]] = {
-    FileFormat.PCAP: lambda file, _: PcapReader(file),
-    FileFormat.PCAPNG: lambda file, _: PcapngReader(file),
-    FileFormat.FINAL: lambda file, date_utc_ns: FinalReader(file, date_utc_ns=date_utc_ns),
-    FileFormat.RAW: lambda file, date_utc_ns: RawReader(file, date_utc_ns=date_utc_ns),
-    FileFormat.JSON: lambda file, _: JsonLinesReader(file),
-}
-_WRITERS: Mapping[FileFormat, Callable[[BinaryIO], RecordingWriter]] = {
-    FileFormat.PCAP: PcapWriter,
-    FileFormat.FINAL: FinalWriter,
-    FileFormat.RAW: RawWriter,
-    FileFormat.JSON: JsonLinesWriter,
-}
-
-
-def _reader_of(file: BinaryIO, form: FileFormat, date_utc_ns: int) -> RecordingReader:
-    if form is FileFormat.MCAP:
-        from plotfeed.replay.mcap.log_format import (
-            McapReader,
-        )
-
-        return McapReader(file)
-    return _READERS[form](file, date_utc_ns)
+def _is_json(head: bytes) -> bool:
+    return head.lstrip().startswith((b'{"', b"{ "))
 
 
 def _is_final(head: bytes) -> bool:
@@ -226,3 +71,177 @@ def _is_raw(head: bytes) -> bool:
         at += length
         whole += at <= len(head)
     return whole > 0 and (at <= len(head) or whole > 1 or len(head) == HEAD_OCTETS)
+
+
+def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:
+    from plotfeed.replay.mcap.mcap_reader import McapReader
+
+    return McapReader(file)
+
+
+def _mcap_writer(file: BinaryIO) -> RecordingWriter:
+    from plotfeed.replay.mcap.mcap_writer import McapWriter
+
+    return McapWriter(file)
+
+
+def _csv_writer(file: BinaryIO) -> RecordingWriter:
+    from plotfeed.replay.plots_csv import PlotsCsvWriter
+
+    return PlotsCsvWriter(file)
+
+
+FORMATS: Mapping[FileFormat, FormatFacts] = {
+    FileFormat.MCAP: FormatFacts(
+        suffixes=(".mcap",),
+        begins=lambda head: head.startswith(MCAP_MAGIC),
+        reader=_mcap_reader,
+        writer=_mcap_writer,
+        holds_stages=True,
+    ),
+    FileFormat.PCAP: FormatFacts(
+        suffixes=(".pcap", ".cap"),
+        begins=lambda head: head[:4] in PCAP_FORMATS,
+        reader=lambda file, _: PcapReader(file),
+        writer=PcapWriter,
+    ),
+    FileFormat.PCAPNG: FormatFacts(
+        suffixes=(".pcapng", ".ntar"),
+        begins=lambda head: head.startswith(SECTION),
+        reader=lambda file, _: PcapngReader(file),
+    ),
+    FileFormat.JSON: FormatFacts(
+        suffixes=(".jsonl", ".ndjson"),
+        begins=_is_json,
+        reader=lambda file, _: JsonLinesReader(file),
+        writer=JsonLinesWriter,
+        holds_stages=True,
+    ),
+    FileFormat.FINAL: FormatFacts(
+        suffixes=(".ff", ".final"),
+        begins=_is_final,
+        reader=lambda file, date_utc_ns: FinalReader(file, date_utc_ns=date_utc_ns),
+        writer=FinalWriter,
+        has_dates=False,
+    ),
+    FileFormat.RAW: FormatFacts(
+        suffixes=(".ast", ".asterix", ".raw"),
+        begins=_is_raw,
+        reader=lambda file, date_utc_ns: RawReader(file, date_utc_ns=date_utc_ns),
+        writer=RawWriter,
+        has_dates=False,
+    ),
+    FileFormat.CSV: FormatFacts(suffixes=(".csv",), writer=_csv_writer),
+}
+"""In the order in which a file's beginning is tried: lines of JSON can look like raw blocks."""
+SUFFIXES = {suffix: form for form in FileFormat for suffix in FORMATS[form].suffixes}
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A file that is open for reading."""
+
+    reader: RecordingReader
+    format: FileFormat
+    octets: int
+
+    @property
+    def has_dates(self) -> bool:
+        """Whether there is more than times of day."""
+        return FORMATS[self.format].has_dates
+
+
+def format_of(path: Path) -> FileFormat:
+    """Of a file that is there. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_OCTETS)
+    found = format_of_content(head) or SUFFIXES.get(path.suffix.lower())
+    if found is None:
+        what = "its content is no recording that is known" if head else "it is empty"
+        raise PlotfeedError(f"{path}: {what}, nor is its suffix one")
+    return found
+
+
+def format_of_content(head: bytes) -> FileFormat | None:
+    """Of a file that begins with these octets; None if they tell none."""
+    return next((form for form, facts in FORMATS.items() if facts.begins(head)), None)
+
+
+def format_of_suffix(path: Path) -> FileFormat:
+    """Of a file that is to be written; raises `PlotfeedError`."""
+    found = SUFFIXES.get(path.suffix.lower())
+    if found is None:
+        raise PlotfeedError(f"{path}: expected one of the suffixes {', '.join(SUFFIXES)}")
+    return found
+
+
+def writer_to(file: BinaryIO, form: FileFormat) -> RecordingWriter:
+    """Writes that format to a file; raises `PlotfeedError` for one that is only read."""
+    writer = FORMATS[form].writer
+    if writer is None:
+        raise PlotfeedError(f"{form} is only read; pcap holds the same")
+    return writer(file)
+
+
+@contextmanager
+def open_recording(
+    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0
+) -> Iterator[Recording]:
+    """A file, in the format that it is in unless another is said.
+
+    `date_utc_ns` is midnight of the day on which a file without dates begins. Raises
+    `PlotfeedError` if the format cannot be told or read, and `OSError`.
+    """
+    form = form or format_of(path)
+    reader = FORMATS[form].reader
+    if reader is None:
+        raise PlotfeedError(f"{path}: {form} is only written")
+    with path.open("rb") as file:
+        try:
+            opened = reader(file, date_utc_ns)
+        except DecodeError as error:
+            raise PlotfeedError(f"{path}: {error}") from None
+        yield Recording(opened, form, path.stat().st_size)
+
+
+class RepeatableRecording(Protocol):
+    """A recording that is read as often as is asked for, and from any time on."""
+
+    @property
+    def damage(self) -> Sequence[Damage]:
+        """As the last pass has found it so far."""
+
+    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        """Messages of log times from `start_ns` on and before `end_ns`."""
+
+
+class FileSource:
+    """A file that has no index; each pass reads all of it."""
+
+    def __init__(self, path: Path, form: FileFormat, date_utc_ns: int) -> None:
+        self._path = path
+        self._form = form
+        self._date_utc_ns = date_utc_ns
+        self.damage: Sequence[Damage] = []
+
+    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
+        with open_recording(self._path, self._form, date_utc_ns=self._date_utc_ns) as recording:
+            self.damage = recording.reader.damage
+            for message in recording.reader.messages():
+                t_ns = message.log_time_ns
+                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
+                    yield message
+
+
+@contextmanager
+def open_repeatable(path: Path, *, date_utc_ns: int = 0) -> Iterator[RepeatableRecording]:
+    """A file to be read more than once; as `open_recording`."""
+    form = format_of(path)
+    if form is not FileFormat.MCAP:
+        yield FileSource(path, form, date_utc_ns)
+        return
+    from plotfeed.replay.mcap.mcap_reader import McapReader
+
+    with McapReader(path) as reader:
+        yield reader

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.recorded import Damages, Recorded, Stage
+from plotfeed.replay.recorded import Recorded, RecordingReader, RecordingWriter, Stage
 from plotfeed.replay.times import LATEST_NS
 
 MAX_LINE_OCTETS = 1 << 26
@@ -54,21 +54,24 @@ def from_json(line: bytes) -> Recorded:
     )
 
 
-class JsonLinesReader:
+class JsonLinesReader(RecordingReader):
     """The messages of a file. A line that is none is damage, and the next one is read."""
 
     def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
         self._file = file
-        self.at = 0
+        self._read = 0
+
+    @property
+    def at(self) -> int:
         """Octets of the file that were read."""
-        self.damage = Damages()
-        self.skipped = 0
+        return self._read
 
     def messages(self) -> Iterator[Recorded]:
         """The message of each line that is not blank."""
         while line := self._file.readline(MAX_LINE_OCTETS):
-            begin = self.at
-            self.at += len(line)
+            begin = self._read
+            self._read += len(line)
             if len(line) == MAX_LINE_OCTETS and not line.endswith(b"\n"):
                 self.damage.add(begin, f"a line of more than {MAX_LINE_OCTETS} octets")
                 self._skip_line()
@@ -86,10 +89,10 @@ class JsonLinesReader:
         line = b"-"
         while line and not line.endswith(b"\n"):
             line = self._file.readline(MAX_LINE_OCTETS)
-            self.at += len(line)
+            self._read += len(line)
 
 
-class JsonLinesWriter:
+class JsonLinesWriter(RecordingWriter):
     """Everything that a message has, a line each."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -99,13 +102,6 @@ class JsonLinesWriter:
         """Write a message; nothing cannot be held."""
         self._file.write(to_json(message).encode("ascii") + b"\n")
         return None
-
-    def notes(self) -> list[str]:
-        """Nothing is lost."""
-        return []
-
-    def close(self) -> None:
-        """Nothing is left to be written."""
 
 
 def _time(fields: dict[str, Any], name: str) -> int:

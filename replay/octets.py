@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import BinaryIO
 
+from plotfeed.replay.recorded import RecordingReader
+
 CHUNK_OCTETS = 1 << 18
 
 
@@ -68,3 +70,16 @@ class Octets:
         self._start += self._next
         self._next = 0
         self._buffer = b"".join(pieces)
+
+
+class OctetsReader(RecordingReader):
+    """Reads a file whose messages lie one behind the other."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
+        self._octets = Octets(file)
+
+    @property
+    def at(self) -> int:
+        """Octets of the file that were read."""
+        return self._octets.at

@@ -19,7 +19,7 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots, plots_in_batch
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, RecordingWriter
 
 COLUMNS = (
     "time_utc",
@@ -46,7 +46,7 @@ COLUMNS = (
 )
 
 
-class PlotsCsvWriter:
+class PlotsCsvWriter(RecordingWriter):
     """Rows of the plots in messages; a message that cannot hold plots is left out."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -68,9 +68,6 @@ class PlotsCsvWriter:
     def notes(self) -> list[str]:
         """What a table of plots is not."""
         return ["it holds plots, not messages, and is not read back"]
-
-    def close(self) -> None:
-        """Nothing is left to be written."""
 
     def _flush(self) -> None:
         self._file.write(self._text.getvalue().encode())

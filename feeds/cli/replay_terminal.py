@@ -21,15 +21,12 @@ from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, WayOut, ways_out
-from plotfeed.feeds.replaying.read_ahead import ReplaySource
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayTotals
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.files import FileFormat, FileSource, format_of
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.files import RepeatableRecording, open_repeatable
 from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
-from plotfeed.replay.recorded import Damage
 
 SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
@@ -108,28 +105,13 @@ def replay_in_terminal(
 
     `date_utc_ns` is midnight of the day on which a file without dates begins.
     """
-    with opened(path, date_utc_ns) as (source, damage):
-        return asyncio.run(_replay(path, source, damage, destinations, settings, as_json=as_json))
-
-
-@contextlib.contextmanager
-def opened(
-    path: Path, date_utc_ns: int = 0
-) -> Iterator[tuple[ReplaySource, Callable[[], Sequence[Damage]]]]:
-    """A file as a source, and what of it could not be read so far."""
-    form = format_of(path)
-    if form is FileFormat.MCAP:
-        with LogReader(path) as log:
-            yield log, lambda: log.damage
-    else:
-        source = FileSource(path, form, date_utc_ns=date_utc_ns)
-        yield source, lambda: source.damage
+    with open_repeatable(path, date_utc_ns=date_utc_ns) as source:
+        return asyncio.run(_replay(path, source, destinations, settings, as_json=as_json))
 
 
 async def _replay(
     path: Path,
-    source: ReplaySource,
-    damage: Callable[[], Sequence[Damage]],
+    source: RepeatableRecording,
     destinations: Destinations,
     settings: ReplaySettings,
     *,
@@ -154,7 +136,7 @@ async def _replay(
     else:
         click.echo(("\r\033[K" if sys.stdout.isatty() else "") + _line(totals, settings, took_s))
         _tell_of_the_rest(totals)
-    found = damage()
+    found = source.damage
     for each in found[:MAX_DAMAGES_TOLD]:
         click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
     if signal.SIGINT in signals:

@@ -21,7 +21,7 @@ from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.contents import library_of
-from plotfeed.replay.mcap.log_reader import LogReader, LogSummary
+from plotfeed.replay.mcap.mcap_reader import McapReader, McapSummary
 from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_CHANGES = 10_000
@@ -36,7 +36,7 @@ class RecordedSettings:
         self._changes: dict[str, list[tuple[int, Sensor]]] = {s.id: [] for s in scene.sensor}
 
     @classmethod
-    def read(cls, scene: Scene, log: LogReader) -> Self:
+    def read(cls, scene: Scene, log: McapReader) -> Self:
         """From all of a recording."""
         found = cls(scene)
         topics = {f"{scene.mqtt.prefix}/{sensor.id}/settings" for sensor in scene.sensor}
@@ -145,7 +145,7 @@ class PageRecording:
     def open(cls, path: Path) -> Self:
         """Read it to its end; raises `PlotfeedError` in one line if it cannot be shown."""
         try:
-            with LogReader(path) as log:
+            with McapReader(path) as log:
                 return cls._of(path, log)
         except OSError as error:
             raise PlotfeedError(f"{path.name}: {error.strerror or error}") from None
@@ -154,7 +154,7 @@ class PageRecording:
             raise PlotfeedError(f"{path.name}: {line}") from None
 
     @classmethod
-    def _of(cls, path: Path, log: LogReader) -> Self:
+    def _of(cls, path: Path, log: McapReader) -> Self:
         summary = log.summary()
         scene = _scene(path, log)
         series = summary.counts.keys()
@@ -185,7 +185,7 @@ class PageRecording:
         )
 
 
-def _scene(path: Path, log: LogReader) -> Scene:
+def _scene(path: Path, log: McapReader) -> Scene:
     attachment = log.attachment(SCENE_NAME)
     if attachment is None:
         raise PlotfeedError("it holds no scene, which says where sensors stand: plotfeed replay")
@@ -196,7 +196,7 @@ def _is_sent(series: ChannelKey) -> bool:
     return Selection().takes(series.topic, series.content_type, series.stage)
 
 
-def _has_before(summary: LogSummary) -> bool:
+def _has_before(summary: McapSummary) -> bool:
     return any(series.stage is Stage.BEFORE for series in summary.counts)
 
 

@@ -17,7 +17,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import MeasuredPlots, plots_in_batch
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import Recorded
 
@@ -153,7 +153,7 @@ class RecordedSectors:
     """Reads a recording from a time on, as far as it is asked to; it may be used in a thread."""
 
     def __init__(
-        self, log: LogReader, recording: PageRecording, drones: DroneNumbers, from_ns: int
+        self, log: McapReader, recording: PageRecording, drones: DroneNumbers, from_ns: int
     ) -> None:
         self.read_ns = from_ns
         """Log time as far as which it has read."""

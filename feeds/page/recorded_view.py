@@ -25,7 +25,7 @@ from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots, TruthState
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 
 KEPT = 12
 """Places of a drone, the latest ones."""
@@ -125,7 +125,7 @@ class RecordedView:
         self._sensors: dict[str, Sensor] = {}
         self._told_ns = recording.start_ns
 
-    def open(self, log: LogReader) -> None:
+    def open(self, log: McapReader) -> None:
         """Read from the beginning."""
         self._log = log
         self._sectors = self._from(self._recording.start_ns)

@@ -20,7 +20,7 @@ from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Sta
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.pacing import speed_of
 
 LOOK_EVERY_S = 0.1
@@ -60,8 +60,8 @@ class ReplayShow:
         to = Destinations(brokers=tuple(addresses))
         path = self.recording.path
         with (  # which takes its time where a file has no index
-            await asyncio.to_thread(LogReader, path) as sent,
-            await asyncio.to_thread(LogReader, path) as shown,
+            await asyncio.to_thread(McapReader, path) as sent,
+            await asyncio.to_thread(McapReader, path) as shown,
         ):
             self._shown.open(shown)
             self._tell()

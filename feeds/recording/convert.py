@@ -16,19 +16,17 @@ import click
 from plotfeed.feeds.console.progress import with_progress
 from plotfeed.feeds.console.whole_file import part_file
 from plotfeed.feeds.messages.topic_filter import checked, matches
-from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.files import (
-    DATELESS,
-    HOLD_STAGES,
+    FORMATS,
     FileFormat,
     Recording,
-    RecordingWriter,
     format_of_suffix,
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import Recorded, RecordingWriter, Stage
 
 WHAT_LEFT = (Stage.AFTER, Stage.RECEIVED)
 """What a format without stages holds unless it is told otherwise."""
@@ -86,10 +84,10 @@ def convert(
         checked(topic_filter)
     totals = ConversionCounts()
     with (
-        _opened(source, from_format, date_utc_ns or 0) as recording,
+        open_recording(source, from_format, date_utc_ns=date_utc_ns or 0) as recording,
         _new_file(source, target, force=force) as (file, keep),
     ):
-        if recording.format in DATELESS and date_utc_ns is None:
+        if not recording.has_dates and date_utc_ns is None:
             totals.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
         writer = writer_to(file, to_format)
         _copy_attachments(recording, writer, totals)
@@ -149,15 +147,6 @@ def _moment(text: str | None) -> Callable[[int], int] | None:
 
 
 @contextmanager
-def _opened(path: Path, form: FileFormat | None, date_utc_ns: int) -> Iterator[Recording]:
-    try:
-        with open_recording(path, form, date_utc_ns=date_utc_ns) as recording:
-            yield recording
-    except DecodeError as error:
-        raise PlotfeedError(f"{path}: {error}") from None
-
-
-@contextmanager
 def _new_file(
     source: Path, target: Path, *, force: bool
 ) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
@@ -184,7 +173,7 @@ def _chosen(
     messages: Iterator[Recorded], wanted: Wanted, form: FileFormat, totals: ConversionCounts
 ) -> Iterator[Recorded]:
     """Those that are asked for; the others are counted where nobody asked for fewer."""
-    stages = wanted.stages or (Stage if form in HOLD_STAGES else WHAT_LEFT)
+    stages = wanted.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
     start_ns = end_ns = None
     for message in messages:
         if not totals.read:
@@ -219,20 +208,11 @@ def _write(writer: RecordingWriter, message: Recorded, totals: ConversionCounts)
 def _copy_attachments(
     recording: Recording, writer: RecordingWriter, totals: ConversionCounts
 ) -> None:
-    if recording.format is not FileFormat.MCAP:
-        return
-    from plotfeed.replay.mcap.log_format import (
-        McapReader,
-        McapWriter,
-    )
-
-    if not isinstance(recording.reader, McapReader):
-        return
-    for attachment in recording.reader.attachments():
-        if isinstance(writer, McapWriter):
-            writer.attach(attachment)
-        else:
-            totals.notes.append(f"the attachment {attachment.name!a} was left out")
+    reader = recording.reader
+    for name in dict.fromkeys(entry.name for entry in reader.attachments()):
+        attachment = reader.attachment(name)
+        if attachment is not None and not writer.attach(attachment):
+            totals.notes.append(f"the attachment {name!a} was left out")
 
 
 def _notes(recording: Recording, writer: RecordingWriter, form: FileFormat) -> list[str]:

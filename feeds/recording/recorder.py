@@ -13,14 +13,12 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.proto.errors import EncodeError, PlotfeedError
-from plotfeed.replay.mcap.log_writer import LogWriter
-from plotfeed.replay.mcap.records import Attachment
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +76,7 @@ class Recorder:
             ) from None
         self._thread = ThreadPoolExecutor(1, "record")
         try:
-            self._log = LogWriter(
+            self._mcap = McapWriter(
                 self._file,
                 attachments=attachments,
                 library=f"plotfeed {version('plotfeed')}",
@@ -145,9 +143,7 @@ class Recorder:
         if not self._waits and self._given - self._done >= MAX_WAITING_CHUNKS:
             self.dropped += 1
             return
-        try:
-            self._log.write(recorded)
-        except EncodeError:
+        if self._mcap.write(recorded) is not None:
             self.refused += 1
             return
         self.messages += 1
@@ -158,7 +154,7 @@ class Recorder:
         while not self._closed and not self.failure:
             await asyncio.sleep(FLUSH_EVERY_S)
             if not self._closed and self._given - self._done < MAX_WAITING_CHUNKS:
-                self._log.flush()
+                self._mcap.flush()
 
     def close(self) -> None:
         """End the file with its index, and wait until it is written."""
@@ -175,12 +171,7 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _take(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
@@ -216,7 +207,7 @@ class Recorder:
             self._room.release()
 
     def _end(self) -> None:
-        self._log.close()
+        self._mcap.close()
         self._release()
 
     def _release(self) -> None:

@@ -16,9 +16,8 @@ from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder, scene_attach
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.records import Attachment
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 SESSION_TOPIC = "/session"
 CONTROL_TOPIC = "/control"
@@ -85,7 +84,7 @@ class SessionRecord:
     @classmethod
     def open(cls, path: Path) -> SessionRecord:
         """Raises `PlotfeedError` if it is not the record of a session."""
-        with LogReader(path) as log:
+        with McapReader(path) as log:
             summary = log.summary()
             for message in log.messages():
                 if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
@@ -103,8 +102,8 @@ class SessionRecord:
     def scene(self, folder: Path) -> Scene:
         """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
         root = folder.resolve()
-        with LogReader(self.path) as log:
-            names = [entry.name for entry in log.summary().attachments]
+        with McapReader(self.path) as log:
+            names = [entry.name for entry in log.attachments()]
             if SCENE_NAME not in names:
                 raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
             for name in names:
@@ -125,7 +124,7 @@ class RecordedTelemetry(Observer):
     def begun(self, session: RunningSession) -> None:
         """Read from the beginning."""
         self._session = session
-        self._log = LogReader(self._path)
+        self._log = McapReader(self._path)
         self._messages = self._log.messages(stages=[Stage.TELEMETRY])
         self._next: Recorded | None = None
         self._turn()

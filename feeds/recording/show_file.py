@@ -18,7 +18,7 @@ from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
 from plotfeed.replay.asterix_files import RawReader
-from plotfeed.replay.files import DATELESS, FileFormat, Recording, open_recording
+from plotfeed.replay.files import Recording, open_recording
 from plotfeed.replay.recorded import Damage, Recorded
 from plotfeed.replay.summary import Summary
 
@@ -55,7 +55,7 @@ def _lines(recording: Recording, *, as_json: bool, categories: Categories) -> It
     reader = recording.reader
     if isinstance(reader, RawReader):
         return _raw_lines(reader, as_json=as_json, categories=categories)
-    dated = recording.format not in DATELESS
+    dated = recording.has_dates
     line_of = partial(_message_lines, dated=dated, as_json=as_json, categories=categories)
     return (line for message in reader.messages() for line in line_of(message))
 
@@ -111,7 +111,7 @@ def _print_summary(path: Path, recording: Recording, summary: Summary, *, as_jso
 
 
 def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
-    dated = recording.format not in DATELESS
+    dated = recording.has_dates
     yield (
         f"{path}: {recording.format}, {summary.messages} messages, {summary.octets} octets, "
         f"{summary.duration_s:.3f} s"
@@ -130,8 +130,8 @@ def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
     yield from _table(summary)
     if recording.reader.skipped:
         yield f"  {recording.reader.skipped} packets hold no UDP"
-    for name, octets in _attachments(recording):
-        yield f"  attachment {printable(name)}, {octets} octets"
+    for entry in recording.reader.attachments():
+        yield f"  attachment {printable(entry.name)}, {entry.octets} octets"
     if not dated:
         yield f"  {recording.format} has no date"
 
@@ -160,7 +160,7 @@ def _columns(rows: list[tuple[str, ...]], left: int) -> Iterable[str]:
 
 
 def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:
-    dated = recording.format not in DATELESS
+    dated = recording.has_dates
     time = partial(_time_or_none, dated=dated)
     return {
         "file": str(path),
@@ -192,20 +192,12 @@ def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, An
             }
             for (topic, stage, kind), series in sorted(summary.series.items())
         ],
-        "attachments": [{"name": name, "octets": n} for name, n in _attachments(recording)],
+        "attachments": [
+            {"name": entry.name, "octets": entry.octets} for entry in recording.reader.attachments()
+        ],
         "packets_without_udp": recording.reader.skipped,
         "damage": [_damage(each) for each in recording.reader.damage],
     }
-
-
-def _attachments(recording: Recording) -> list[tuple[str, int]]:
-    if recording.format is not FileFormat.MCAP:
-        return []
-    from plotfeed.replay.mcap.log_format import McapReader
-
-    if not isinstance(recording.reader, McapReader):
-        return []
-    return [(each.name, each.octets) for each in recording.reader.log.summary().attachments]
 
 
 def _damage(damage: Damage) -> dict[str, Any]:

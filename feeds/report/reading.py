@@ -20,7 +20,7 @@ from plotfeed.feeds.report.recorded_plots import KINDS, Join, SectorKey, Truth, 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Damage, Recorded, Stage
 
 MAX_LINKS = 100
@@ -129,7 +129,7 @@ class _Reading:
     def __init__(self, path: Path, file: BinaryIO) -> None:
         self._path = path
         self._file = file
-        self._log = LogReader(file)
+        self._log = McapReader(file)
         self._found = Counted(damage=self._log.damage)
         series = list(self._log.summary().counts)
         self._truths = _truths(series)
@@ -170,7 +170,7 @@ class _Reading:
 
     def _asked_alarms(self) -> Mapping[str, AskedAlarms]:
         """By sensor; empty where the file has no scene that can be used."""
-        attachments = self._log.summary().attachments
+        attachments = self._log.attachments()
         if all(attachment.name != SCENE_NAME for attachment in attachments):
             return {}
         from plotfeed.feeds.report.false_alarm_tally import asked_alarms

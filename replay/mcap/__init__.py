@@ -1,1 +1,1 @@
-"""The native log, MCAP: records, chunks, channels and index, read and written."""
+"""MCAP, in which everything that a message has is kept: records, chunks, channels and index."""

@@ -1,4 +1,4 @@
-"""Channels of the native log: what a series of messages has in common, its schema."""
+"""Channels of MCAP: what a series of messages has in common, its schema and its properties."""
 
 from __future__ import annotations
 

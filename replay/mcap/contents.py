@@ -1,4 +1,4 @@
-"""What is known of a native log before its messages are read, and the index that tells it."""
+"""What is known of an MCAP file before its messages are read, and the index that tells it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import Channel, channel_of
-from plotfeed.replay.mcap.records import HEAD, MAGIC, MAX_RECORD_OCTETS, AttachmentEntry, Fields
-from plotfeed.replay.recorded import Damages
+from plotfeed.replay.mcap.records import HEAD, MAGIC, MAX_RECORD_OCTETS, Fields
+from plotfeed.replay.recorded import AttachmentEntry, Damages
 
 
 class TimeSpan(NamedTuple):
@@ -51,7 +51,7 @@ class Contents:
             self.channels[number] = channel_of(topic, encoding, schema, fields.texts())
 
 
-class LogSource:
+class McapSource:
     """A file that is read at any place; its end is where it was when it was opened."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -106,7 +106,7 @@ class _Counts:
     schemas = channels = attachments = chunks = -1
 
 
-def read_index(source: LogSource, damages: Damages) -> Contents | None:
+def read_index(source: McapSource, damages: Damages) -> Contents | None:
     """What the index says; None if there is none, or one that does not tell everything."""
     start = _summary_start(source, damages)
     if start is None:
@@ -120,7 +120,7 @@ def read_index(source: LogSource, damages: Damages) -> Contents | None:
         return None
 
 
-def _summary_start(source: LogSource, damages: Damages) -> int | None:
+def _summary_start(source: McapSource, damages: Damages) -> int | None:
     """Where the summary begins, if its CRC is right."""
     octets = source.at(max(0, source.octets - FOOTER.size), FOOTER.size)
     if len(octets) < FOOTER.size:
@@ -181,9 +181,9 @@ def _span(record: Fields) -> TimeSpan:
 
 
 def _attachment(record: Fields) -> AttachmentEntry:
-    offset, length, _logged_ns, _created_ns, octets = record.take(struct.Struct("<QQQQQ"))
+    offset, _length, _logged_ns, _created_ns, octets = record.take(struct.Struct("<QQQQQ"))
     return AttachmentEntry(
-        name=record.text(), media_type=record.text(), octets=octets, offset=offset, length=length
+        name=record.text(), media_type=record.text(), octets=octets, offset=offset
     )
 
 

@@ -1,53 +1,25 @@
-"""Records of MCAP, the native log: numbers, limits, fields read strictly, and chunks."""
+"""Records of MCAP: numbers, limits, fields read strictly, and chunks."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from zlib import crc32
 
 import zstandard
-from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.replay.recorded import Attachment
 
 MAGIC = b"\x89MCAP0\r\n"
 """The first and the last octets of a file."""
 MAX_RECORD_OCTETS = 256 << 20
 """Of a record or a chunk's content; whatever claims to be longer is not read."""
-LAST_TIME_NS = (1 << 64) - 1
 
 HEAD = struct.Struct("<BQ")
 """Opcode, and octets that follow."""
 MESSAGE = struct.Struct("<BQHIQQ")
 """Head, channel, sequence, log time and publish time of a message; its payload follows."""
 MESSAGE_FIELDS_OCTETS = MESSAGE.size - HEAD.size
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Attachment:
-    """A file within the file, such as the scene."""
-
-    name: str
-    media_type: str
-    data: bytes
-    log_time_ns: int = 0
-    """UTC since 1970: when it was put there."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AttachmentEntry:
-    """Where an attachment is."""
-
-    name: str
-    media_type: str
-    octets: int
-    """Of its data."""
-    offset: int
-    """Of its record in the file."""
-    length: int
-    """Of its record, octets."""
 
 
 class Fields:
@@ -120,47 +92,8 @@ def attachment_of(body: bytes) -> Attachment:
 
 FIELDS = struct.Struct("<QQQI")
 """First and last log time, octets when uncompressed and their CRC; name and content follow."""
-ZSTD_LEVEL = 1
-"""Higher levels take longer and make the messages of sensors hardly smaller."""
 MOST_SHRUNK = {"": 1, "zstd": 1 << 15, "lz4": 255}
 """Octets that one octet can stand for: of zstd, 4 octets are a run of 128 KiB at most."""
-
-
-def packed(records: bytes, first_ns: int, last_ns: int) -> tuple[bytes, int]:
-    """The record of a chunk, and how many octets of it are the compressed content."""
-    content = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(records)
-    name = b"\4\0\0\0zstd"
-    fields = FIELDS.pack(first_ns, last_ns, len(records), crc32(records))
-    size = len(content).to_bytes(8, "little")
-    length = len(fields) + len(name) + len(size) + len(content)
-    return b"".join((HEAD.pack(Opcode.CHUNK, length), fields, name, size, content)), len(content)
-
-
-def message_index(channel_id: int, entries: Sequence[int]) -> bytes:
-    """The record that says where a channel's messages are: log time, offset, log time, ..."""
-    octets = 8 * len(entries)
-    return struct.pack(
-        f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 6 + octets, channel_id, octets, *entries
-    )
-
-
-def chunk_index(
-    first_ns: int,
-    last_ns: int,
-    *,
-    offset: int,
-    octets: int,
-    index_offsets: Mapping[int, int],
-    index_octets: int,
-    compressed_octets: int,
-    uncompressed_octets: int,
-) -> bytes:
-    """The record of the summary that says where a chunk is, and each channel's index of it."""
-    places = b"".join(struct.pack("<HQ", *place) for place in index_offsets.items())
-    fields = struct.pack("<QQQQI", first_ns, last_ns, offset, octets, len(places))
-    end = struct.pack("<QI4sQQ", index_octets, 4, b"zstd", compressed_octets, uncompressed_octets)
-    length = len(fields) + len(places) + len(end)
-    return b"".join((HEAD.pack(Opcode.CHUNK_INDEX, length), fields, places, end))
 
 
 def unpacked(body: bytes) -> bytes:

@@ -9,7 +9,6 @@ from typing import BinaryIO
 
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.octets import Octets
 from plotfeed.replay.pcap.link_layers import ETHERNET, frame
 from plotfeed.replay.pcap.packets import (
     FORMATS,
@@ -19,14 +18,14 @@ from plotfeed.replay.pcap.packets import (
     SOURCE,
     UDP_TOPIC,
     KeptPacket,
-    Packets,
+    PacketReader,
     PcapHeader,
     datagram_of,
     header_of,
     kept_in,
     ns_header,
 )
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, RecordingWriter
 
 ASTERIX_PORT = 8600
 """Of UDP, where Wireshark takes it for ASTERIX."""
@@ -34,23 +33,8 @@ MAX_PAYLOAD_OCTETS = 65_507
 MAX_TOPICS = 1 << 16
 
 
-class PcapReader:
+class PcapReader(PacketReader):
     """The UDP datagrams of a capture. Nothing tells where a packet begins after a broken length."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._octets = Octets(file)
-        self._packets = Packets()
-        self.damage = self._packets.damage
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._octets.at
-
-    @property
-    def skipped(self) -> int:
-        """Packets that hold no UDP."""
-        return self._packets.skipped
 
     def messages(self) -> Iterator[Recorded]:
         """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
@@ -62,7 +46,7 @@ class PcapReader:
         if header is None:
             self.damage.add(0, f"a header of {len(beginning)} octets; it has {HEADER_OCTETS}")
             return
-        self._packets.check_link_type(header.link_type, 20)
+        self.check_link_type(header.link_type, 20)
         yield from self._records(header)
 
     def _records(self, header: PcapHeader) -> Iterator[Recorded]:
@@ -83,12 +67,12 @@ class PcapReader:
                 self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")
                 return
             t_utc_ns = seconds * NS + fraction * header.unit_ns
-            message = self._packets.message(header, packet, length, t_utc_ns, at)
+            message = self.message(header, packet, length, t_utc_ns, at)
             if message is not None:
                 yield message
 
 
-class PcapWriter:
+class PcapWriter(RecordingWriter):
     """UDP in packets, as they were where the message was read from a capture.
 
     The file begins as the capture did that the first message is from, else it has Ethernet frames

@@ -5,18 +5,19 @@ from __future__ import annotations
 import base64
 import struct
 from functools import lru_cache
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.asterix_blocks import content_type
+from plotfeed.replay.octets import OctetsReader
 from plotfeed.replay.pcap.link_layers import (
     LINK_TYPES,
     Datagram,
     datagram_in,
     with_payload,
 )
-from plotfeed.replay.recorded import Damages, Recorded
+from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.times import LATEST_NS
 
 FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
@@ -168,13 +169,17 @@ SOURCE = "udp-source"
 """The property that says who sent a datagram: ADDRESS/PORT."""
 
 
-class Packets:
+class PacketReader(OctetsReader):
     """Makes messages of packets; notes those that are broken and counts those that are not UDP."""
 
-    def __init__(self) -> None:
-        self.damage = Damages()
-        self.skipped = 0
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__(file)
+        self._skipped = 0
+
+    @property
+    def skipped(self) -> int:
         """Packets that hold no UDP."""
+        return self._skipped
 
     def check_link_type(self, link_type: int, at: int) -> None:
         """Note at that offset that none of its packets can be read."""
@@ -195,7 +200,7 @@ class Packets:
             self.damage.add(at, str(error))
             return None
         if found is None:
-            self.skipped += 1
+            self._skipped += 1
             return None
         if not 0 <= t_utc_ns <= LATEST_NS:
             self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple
 
 from plotfeed.proto.utc import NS
-from plotfeed.replay.octets import Octets
-from plotfeed.replay.pcap.packets import MAX_PACKET_OCTETS, Packets, ns_header
+from plotfeed.replay.pcap.packets import MAX_PACKET_OCTETS, PacketReader, ns_header
 from plotfeed.replay.recorded import Recorded
 
 SECTION = b"\n\r\r\n"
@@ -50,7 +49,7 @@ class PcapngBlock(NamedTuple):
     at: int
 
 
-class PcapngReader:
+class PcapngReader(PacketReader):
     """The UDP datagrams of a capture, through all its sections.
 
     A packet without a time has that of the one before it. Nothing tells where the block after a
@@ -58,22 +57,10 @@ class PcapngReader:
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._octets = Octets(file)
-        self._packets = Packets()
-        self.damage = self._packets.damage
+        super().__init__(file)
         self._interfaces: list[Interface] = []
         self._order = ""
         self._last_utc_ns = 0
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._octets.at
-
-    @property
-    def skipped(self) -> int:
-        """Packets that hold no UDP."""
-        return self._packets.skipped
 
     def messages(self) -> Iterator[Recorded]:
         """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
@@ -140,7 +127,7 @@ class PcapngReader:
         if len(self._interfaces) == MAX_INTERFACES:
             self.damage.add(block.at, f"more interfaces than {MAX_INTERFACES}")
             return
-        self._packets.check_link_type(link_type, block.at)
+        self.check_link_type(link_type, block.at)
         resolution, offset_s = MICROSECONDS, 0
         for code, value in self._options(block.body[8:]):
             if code == TSRESOL and len(value) == 1:
@@ -190,4 +177,4 @@ class PcapngReader:
             self._last_utc_ns = interface.utc_ns(ticks)
         packet = body[at : at + captured]
         header = ns_header(interface.link_type)
-        return self._packets.message(header, packet, length, self._last_utc_ns, block.at)
+        return self.message(header, packet, length, self._last_utc_ns, block.at)

@@ -20,8 +20,8 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.log_writer import CHUNK_OCTETS, LogWriter
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 REPEATS = 5
@@ -64,7 +64,7 @@ def payloads(octets: int) -> list[bytes]:
 def write_ours(messages: list[Recorded]) -> bytes:
     """As a session does, but compressing at once."""
     file = io.BytesIO()
-    writer = LogWriter(file)
+    writer = McapWriter(file)
     for message in messages:
         writer.write(message)
     writer.close()
@@ -92,7 +92,7 @@ def write_official(messages: list[Recorded]) -> bytes:
 
 def read_ours(data: bytes) -> int:
     """How many messages."""
-    return sum(1 for _ in LogReader(io.BytesIO(data)).messages())
+    return sum(1 for _ in McapReader(io.BytesIO(data)).messages())
 
 
 def read_official(data: bytes) -> int:
@@ -146,7 +146,7 @@ def hand_over() -> None:
     message = recorded(0, payloads(100)[0])
     works: list[Callable[[], None]] = []
     ending, storing = [], []
-    writer = LogWriter(io.BytesIO(), run=works.append)
+    writer = McapWriter(io.BytesIO(), run=works.append)
     for _ in range(200):
         while writer._octets < CHUNK_OCTETS - 200:
             writer.write(message)
@@ -165,7 +165,7 @@ def seek(count: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "large.mcap"
         with path.open("wb") as file:
-            writer = LogWriter(file)
+            writer = McapWriter(file)
             for n in range(count):
                 writer.write(recorded(n, pool[n % len(pool)]))
             writer.close()
@@ -186,7 +186,7 @@ def seek(count: int) -> None:
 
 
 def _ours_at(path: Path, t_ns: int) -> None:
-    with LogReader(path) as reader:
+    with McapReader(path) as reader:
         assert next(reader.messages(t_ns)).log_time_ns == t_ns
 
 

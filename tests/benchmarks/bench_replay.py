@@ -147,12 +147,12 @@ def pcap(path: Path, messages: Sequence[Any]) -> Path:
 
 def mcap(path: Path, octets: int, count: int) -> Path:
     """A log of that many messages, 20,000 a second."""
-    from plotfeed.replay.mcap.log_writer import LogWriter
+    from plotfeed.replay.mcap.mcap_writer import McapWriter
     from plotfeed.replay.recorded import Recorded
 
     body = bytes(range(256)) * 8
     with path.open("wb", buffering=0) as file:
-        writer = LogWriter(file)
+        writer = McapWriter(file)
         for i in range(count):
             t_ns = 1_767_268_800 * S + i * 50_000
             payload = i.to_bytes(8, "big") + body[: octets - 8]

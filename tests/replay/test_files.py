@@ -12,14 +12,14 @@ from support.shared_files import shared
 
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
-    DATELESS,
+    FORMATS,
     SUFFIXES,
     FileFormat,
-    FileSource,
     format_of,
     format_of_content,
     format_of_suffix,
     open_recording,
+    open_repeatable,
     writer_to,
 )
 from plotfeed.replay.recorded import Recorded, Stage
@@ -91,7 +91,7 @@ def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
         assert (recording.reader.damage, recording.reader.skipped) == ([], 0)
         assert 0 <= recording.reader.at <= recording.octets
     assert [each.payload for each in got] == [each.payload for each in plots(3)]
-    if form not in DATELESS:
+    if FORMATS[form].has_dates:
         assert [each.log_time_ns for each in got] == [each.log_time_ns for each in plots(3)]
 
 
@@ -117,15 +117,17 @@ def test_real_recordings_are_told_by_their_content() -> None:
         assert format_of_content(path.read_bytes()) is FileFormat.FINAL
 
 
-def test_a_source_is_read_again_and_in_parts(tmp_path: Path) -> None:
-    source = FileSource(stored(tmp_path, data_of(FileFormat.PCAP)))
-    whole = list(source.messages())
-    times_ns = [each.log_time_ns for each in whole]
-    assert list(source.messages()) == whole
-    assert list(source.messages(times_ns[1], None)) == whole[1:]
-    assert list(source.messages(None, times_ns[1])) == whole[:1]
-    assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
-    assert source.damage == []
+@pytest.mark.parametrize("form", [FileFormat.PCAP, FileFormat.MCAP])
+def test_a_recording_is_read_again_and_in_parts(tmp_path: Path, form: FileFormat) -> None:
+    with open_repeatable(stored(tmp_path, data_of(form))) as source:
+        whole = list(source.messages(None, None))
+        times_ns = [each.log_time_ns for each in whole]
+        assert len(whole) == 3
+        assert list(source.messages(None, None)) == whole
+        assert list(source.messages(times_ns[1], None)) == whole[1:]
+        assert list(source.messages(None, times_ns[1])) == whole[:1]
+        assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
+        assert source.damage == []
 
 
 def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from scipy import stats
 from plotfeed.feeds.delivery.counters import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.contents import FOOTER
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000
@@ -104,7 +104,7 @@ def summary_octets(record: Path) -> int:
 
 def ledger_of(record: Path, zero_ns: int) -> Ledger:
     """The ledger in a recording."""
-    with LogReader(record) as log:
+    with McapReader(record) as log:
         handed_over = sum(1 for _ in log.messages(stages=[Stage.BEFORE]))
         entries = log.messages(topics=["plotfeed/truth"], stages=[Stage.AFTER])
         rows = [row for entry in entries for row in _rows(entry.payload, zero_ns)]

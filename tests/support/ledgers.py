@@ -20,7 +20,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
@@ -104,7 +104,7 @@ def recorded(
 def written(path: Path, messages: Iterable[Recorded]) -> Path:
     """A file of those."""
     file = io.BytesIO()
-    log = LogWriter(file)
+    log = McapWriter(file)
     for message in messages:
         log.write(message)
     log.close()

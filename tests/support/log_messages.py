@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.log_writer import LogWriter
-from plotfeed.replay.mcap.records import Attachment
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 START_NS = 1_767_268_800_000_000_000  # 2026-01-01T12:00:00Z
 MS = 1_000_000
@@ -38,7 +37,7 @@ def messages(count: int, *, octets: int = 40, step_ns: int = MS) -> list[Recorde
 def log_of(recorded: Iterable[Recorded], *, flush_every: int = 0, close: bool = True) -> bytes:
     """A whole file, or what there is of one that nobody has ended."""
     file = io.BytesIO()
-    writer = LogWriter(file, attachments=[SCENE])
+    writer = McapWriter(file, attachments=[SCENE])
     for n, each in enumerate(recorded, 1):
         writer.write(each)
         if flush_every and n % flush_every == 0:
@@ -50,7 +49,7 @@ def log_of(recorded: Iterable[Recorded], *, flush_every: int = 0, close: bool = 
     return file.getvalue()
 
 
-def read(data: bytes) -> tuple[list[Recorded], LogReader]:
+def read(data: bytes) -> tuple[list[Recorded], McapReader]:
     """All messages, and what read them."""
-    reader = LogReader(io.BytesIO(data))
+    reader = McapReader(io.BytesIO(data))
     return list(reader.messages()), reader

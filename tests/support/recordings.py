@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator
 
-from plotfeed.replay.files import RecordingReader, RecordingWriter
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, RecordingReader, RecordingWriter
 
 START_NS = 1_767_268_800_000_000_000  # 2026-01-01T12:00:00Z
 MS = 1_000_000

@@ -37,7 +37,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.pcap.libpcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -57,7 +57,7 @@ SESSION = [
 def log_file(folder: Path, recorded: Sequence[Recorded]) -> Path:
     path = folder / "session.mcap"
     with path.open("wb", buffering=0) as file:
-        writer = LogWriter(file)
+        writer = McapWriter(file)
         for each in recorded:
             writer.write(each)
         writer.close()

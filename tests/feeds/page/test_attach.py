@@ -28,7 +28,7 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
 SCENE = road.scene(
@@ -268,7 +268,7 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
     with Recorder(path) as recorder:
         show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
         await show.play(8.0, act)
-    with LogReader(path) as log:
+    with McapReader(path) as log:
         taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
     assert taken == asked
     again: list[Message] = []

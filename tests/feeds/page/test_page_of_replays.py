@@ -12,7 +12,7 @@ from support.chromium import until
 from support.live_page import MS, Live, S, live, told
 
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def recorded(run: Live, folder: Path) -> Told:
     run.page.get_by_role("button", name=STOP).click()
     until(run.page, "plotfeed.picture.news.session.recordings.length === 1")
     (path,) = folder.glob("*.mcap")
-    with LogReader(path) as log:
+    with McapReader(path) as log:
         start_ns = log.summary().start_ns
         messages = list(log.messages())
     assert start_ns

@@ -33,7 +33,7 @@ from plotfeed.feeds.scene.geometry import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def stop_recording(run: Live, folder: Path) -> dict[str, list[bytes]]:
     run.page.get_by_role("button", name="Record", exact=True).wait_for()
     (path,) = folder.glob("*.mcap")
     found: dict[str, list[bytes]] = {}
-    with LogReader(path) as log:
+    with McapReader(path) as log:
         assert not log.damage
         for message in log.messages(stages=[Stage.AFTER]):
             found.setdefault(message.topic, []).append(message.payload)

@@ -27,10 +27,9 @@ from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.sensing.scene_drones import knots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.log_writer import LogWriter
-from plotfeed.replay.mcap.records import Attachment
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 NS = 1_000_000_000
 WHOLE_S = 32.0
@@ -81,7 +80,7 @@ class Shown:
         self.view.scene(self.recording.scene)
         shown = RecordedView(self.recording, self.view)
         self.view.watch([s.id for s in self.recording.scene.sensor])
-        with LogReader(self.recording.path) as log, ThreadPoolExecutor(1) as thread:
+        with McapReader(self.recording.path) as log, ThreadPoolExecutor(1) as thread:
             shown.open(log)
             for number, (second, leap) in enumerate(steps):
                 t_ns = self.recording.start_ns + round(second * NS)
@@ -113,7 +112,7 @@ def straight(until_s: float, step_s: float = 0.1) -> list[tuple[float, bool]]:
 
 
 def messages(path: Path) -> list[Recorded]:
-    with LogReader(path) as log:
+    with McapReader(path) as log:
         return list(log.messages())
 
 
@@ -294,7 +293,7 @@ def written(path: Path, recorded: Iterable[Recorded], scene: bytes | None) -> Pa
     if scene is not None:
         attachments = [Attachment(name=SCENE_NAME, media_type="application/toml", data=scene)]
     with path.open("wb") as file:
-        log = LogWriter(file, attachments=attachments, library="plotfeed test")
+        log = McapWriter(file, attachments=attachments, library="plotfeed test")
         for each in recorded:
             log.write(each)
         log.close()
@@ -311,7 +310,7 @@ async def test_a_sensor_whose_plots_cannot_be_read_is_named(session: Path, tmp_p
 
 
 def scene_of(path: Path) -> bytes:
-    with LogReader(path) as log:
+    with McapReader(path) as log:
         found = log.attachment(SCENE_NAME)
         assert found is not None
         return found.data

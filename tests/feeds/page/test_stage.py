@@ -15,7 +15,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page.page_recording import new_path, recordings_in
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 
 
 async def ask(feed: Any, **command: Any) -> dict[str, Any]:
@@ -63,10 +63,10 @@ async def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_pat
         await asyncio.sleep(0.5)
         assert (await ask(feed, record={"stop": True}))["ok"]
         path = tmp_path / started["in_force"]["file"]
-        with LogReader(path) as log:
+        with McapReader(path) as log:
             assert log.summary().messages > 0
             assert not log.damage
-            assert [entry.name for entry in log.summary().attachments] == ["scene.toml"]
+            assert [entry.name for entry in log.attachments()] == ["scene.toml"]
 
     await staged(scene, play)
 

@@ -27,8 +27,8 @@ from plotfeed.feeds.replaying.replay_settings import Moment, Selection
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.log_writer import LogWriter
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded
 
 NS = 1_000_000_000
@@ -108,7 +108,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def sent(record: Path) -> list[Recorded]:
     """What a replay sends of it."""
     takes = Selection().takes
-    with LogReader(record) as log:
+    with McapReader(record) as log:
         return [m for m in log.messages() if takes(m.topic, m.content_type, m.stage)]
 
 
@@ -286,14 +286,14 @@ async def test_a_recording_lasts_as_long_as_anything_in_it(
     play: Callable[[Act], Any], folder: Path, record: Path
 ) -> None:
     """Its last message need not be one that is sent again, as the ledger is not."""
-    with LogReader(record) as log:
+    with McapReader(record) as log:
         attachment, first = log.attachment("scene.toml"), list(log.messages())[:40]
     assert attachment is not None
     last = replace(
         first[-1], topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
     )
     with (folder / "silent.mcap").open("wb") as file:
-        log_writer = LogWriter(file, attachments=[attachment], library="plotfeed test")
+        log_writer = McapWriter(file, attachments=[attachment], library="plotfeed test")
         for message in (*first, last):
             log_writer.write(message)
         log_writer.close()
@@ -467,10 +467,10 @@ async def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
 async def test_after_a_replay_that_fails_a_session_says_so(
     play: Callable[[Act], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def torn(_path: Path) -> LogReader:
+    def torn(_path: Path) -> McapReader:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(replay_show, "LogReader", torn)
+    monkeypatch.setattr(replay_show, "McapReader", torn)
 
     async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
         begun.waiting.clear()

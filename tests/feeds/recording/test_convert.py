@@ -18,10 +18,9 @@ from plotfeed.feeds.messages.topic_filter import checked, matches
 from plotfeed.feeds.recording.convert import Wanted, convert
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, open_recording, writer_to
-from plotfeed.replay.mcap.log_format import McapReader
-from plotfeed.replay.mcap.log_writer import LogWriter
-from plotfeed.replay.mcap.records import Attachment
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 Capture = pytest.CaptureFixture[str]
 DAY_NS = START_NS - 43_200_000_000_000
@@ -219,7 +218,7 @@ def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
     source, target = tmp_path / "killed.mcap", tmp_path / "recovered.mcap"
     scene = Attachment(name="scene.toml", media_type="application/toml", data=b"[scene]\n")
     with source.open("wb") as file:
-        log = LogWriter(file, attachments=[scene])
+        log = McapWriter(file, attachments=[scene])
         for each in plots(50):
             log.write(each)
         log.flush()
@@ -229,9 +228,9 @@ def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
     assert read(target) == plots(50)
     with open_recording(target) as recording:
         assert isinstance(recording.reader, McapReader)
-        (attachment,) = recording.reader.attachments()
-        assert (attachment.name, attachment.data) == ("scene.toml", b"[scene]\n")
-        assert recording.reader.log.summary().indexed
+        (entry,) = recording.reader.attachments()
+        assert recording.reader.attachment(entry.name) == scene
+        assert recording.reader.summary().indexed
     assert totals(capsys, target, tmp_path / "out.jsonl")["notes"] == [
         "the attachment 'scene.toml' was left out"
     ]

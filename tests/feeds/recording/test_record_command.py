@@ -20,13 +20,13 @@ from support.command import PLOTFEED, plotfeed
 from support.mqtt_client import Client
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded
 
 
-def read(path: Path) -> tuple[list[Recorded], LogReader]:
+def read(path: Path) -> tuple[list[Recorded], McapReader]:
     """The file as it is now, which may be being written."""
-    reader = LogReader(io.BytesIO(path.read_bytes()))
+    reader = McapReader(io.BytesIO(path.read_bytes()))
     return list(reader.messages()), reader
 
 

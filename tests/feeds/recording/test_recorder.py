@@ -14,7 +14,7 @@ from support.waiting import until
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, scene_attachment
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 MESSAGE = Message(
@@ -28,8 +28,8 @@ MESSAGE = Message(
 )
 
 
-def read(path: Path) -> tuple[list[Recorded], LogReader]:
-    reader = LogReader(io.BytesIO(path.read_bytes()))
+def read(path: Path) -> tuple[list[Recorded], McapReader]:
+    reader = McapReader(io.BytesIO(path.read_bytes()))
     return list(reader.messages()), reader
 
 
@@ -145,7 +145,7 @@ async def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Pat
     recorder = Recorder(tmp_path / "a.mcap")
     running = asyncio.create_task(recorder.run())
     recorder.after(MESSAGE, START_NS)
-    recorder._log.flush()
+    recorder._mcap.flush()
     recorder._thread.submit(int).result()  # it is in the file
     recorder._file.close()
     recorder.after(MESSAGE, START_NS + 1)

@@ -13,7 +13,7 @@ from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings, S
 from plotfeed.feeds.replaying.replayer import READY_NS
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 LINK = """
@@ -36,7 +36,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Record
     how = ["--broker", "none", "--speed", "max", "--duration", "10"]
     done = plotfeed("run", scene, "--record", record, *how)
     assert done.returncode == 0, done.stderr
-    with LogReader(record) as log:
+    with McapReader(record) as log:
         return scene, list(log.messages())
 
 

@@ -20,7 +20,7 @@ from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values
 from plotfeed.feeds.report.link_figures import LinkFigures
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 SECONDS = 100.0
@@ -125,7 +125,7 @@ def test_false_alarms_are_those_of_the_scene_and_its_events(reported: LedgerRepo
 def rewritten(
     session: Path, path: Path, change: Callable[[Iterable[Recorded]], Iterable[Recorded]]
 ) -> Path:
-    with LogReader(session) as log:
+    with McapReader(session) as log:
         return written(path, change(log.messages()))
 
 

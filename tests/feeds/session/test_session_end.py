@@ -25,7 +25,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 SLOW = radar("slow", period_s=0.5, sectors=8, more="[sensor.link]\nlatency_ms = 600_000.0\n")
@@ -94,7 +94,7 @@ def end_two(broker: str, folder: Path, found: dict[tuple[signal.Signals, str], E
             code, out, err = session.end(how)
             took_s = time.monotonic() - begun_s
             retained = dict(states(port, how.name)) if broker == "living" else {}
-            with LogReader(folder / f"{how.name}.mcap") as log:
+            with McapReader(folder / f"{how.name}.mcap") as log:
                 record = list(log.messages())
             found[how, broker] = Ended(code, out, err, took_s, record, retained)
 

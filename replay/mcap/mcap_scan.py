@@ -1,4 +1,4 @@
-"""Reads a native log from its beginning, where there is no index or it is broken."""
+"""Reads MCAP from its beginning, where there is no index or it is broken."""
 
 from __future__ import annotations
 
@@ -8,21 +8,20 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap.contents import Contents, LogSource, TimeSpan
+from plotfeed.replay.mcap.contents import Contents, McapSource, TimeSpan
 from plotfeed.replay.mcap.records import (
     FIELDS,
     HEAD,
-    LAST_TIME_NS,
     MAGIC,
     MESSAGE,
     MESSAGE_FIELDS_OCTETS,
     MOST_SHRUNK,
-    AttachmentEntry,
     Fields,
     attachment_of,
     unpacked,
 )
-from plotfeed.replay.recorded import Damages
+from plotfeed.replay.recorded import AttachmentEntry, Damages
+from plotfeed.replay.times import LATEST_NS
 
 LOOSE_OCTETS = 1 << 20
 """Messages outside chunks are read so many octets at a time."""
@@ -37,7 +36,7 @@ CHUNK_OCTETS = HEAD.size + FIELDS.size + 4 + 4 + 8
 _KINDS = frozenset(Opcode)
 
 
-def scan(source: LogSource, damages: Damages) -> Contents:
+def scan(source: McapSource, damages: Damages) -> Contents:
     """All that can be read of the file; what cannot is noted."""
     found = _Scan(source, damages)
     found.run()
@@ -59,7 +58,7 @@ def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 class _Scan:
-    def __init__(self, source: LogSource, damages: Damages) -> None:
+    def __init__(self, source: McapSource, damages: Damages) -> None:
         self.contents = Contents()
         self._source = source
         self._damages = damages
@@ -100,7 +99,7 @@ class _Scan:
         elif opcode == Opcode.CHUNK:
             self._take_chunk(at, end)
         elif opcode == Opcode.ATTACHMENT:
-            self._take_attachment(at, end)
+            self._take_attachment(at)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             self.contents.define(opcode, Fields(self._source.body(at)[1]))
         else:
@@ -130,7 +129,7 @@ class _Scan:
 
     def _take_records(self, at: int, data: bytes) -> tuple[int, int]:
         """First and last log time of the messages in a chunk."""
-        first_ns, last_ns, counts = LAST_TIME_NS, 0, self.contents.counts
+        first_ns, last_ns, counts = LATEST_NS, 0, self.contents.counts
         unpack = MESSAGE.unpack_from
         try:
             for opcode, body, end in records_of(data):
@@ -144,7 +143,7 @@ class _Scan:
             self._damages.add(at, f"in a chunk: {error}")
         return first_ns, last_ns
 
-    def _take_attachment(self, at: int, end: int) -> None:
+    def _take_attachment(self, at: int) -> None:
         attachment = attachment_of(self._source.body(at)[1])
         self.contents.attachments.append(
             AttachmentEntry(
@@ -152,7 +151,6 @@ class _Scan:
                 media_type=attachment.media_type,
                 octets=len(attachment.data),
                 offset=at,
-                length=end - at,
             )
         )
 

@@ -1,4 +1,4 @@
-"""Writes the native log: MCAP in zstd chunks, indexed, whole up to the last chunk at any time.
+"""Writes MCAP in zstd chunks, indexed, whole up to the last chunk at any time.
 
 The official library writes the records that are few. Those that are many are written here, since
 it takes several times as long for them, and does its compression where the messages come in.
@@ -23,17 +23,11 @@ from plotfeed.replay.mcap.channels import (
     properties_to_json,
     schema_of,
 )
-from plotfeed.replay.mcap.log_file import LogFile, record_of
-from plotfeed.replay.mcap.records import (
-    MAX_RECORD_OCTETS,
-    MESSAGE,
-    MESSAGE_FIELDS_OCTETS,
-    Attachment,
-)
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.mcap.chunk_file import ChunkFile, record_of
+from plotfeed.replay.mcap.records import MAX_RECORD_OCTETS, MESSAGE, MESSAGE_FIELDS_OCTETS
+from plotfeed.replay.recorded import Attachment, Recorded, RecordingWriter
 
 CHUNK_OCTETS = 256 << 10
-"""Uncompressed; a chunk ends as soon as it is as large."""
 MAX_PAYLOAD_OCTETS = MAX_RECORD_OCTETS // 2
 DEFINE_EVERY = 16
 """Chunks: where there is no index, the loss of one shall not make others unreadable for long."""
@@ -49,7 +43,7 @@ def _at_once(work: Callable[[], None]) -> None:
 
 
 class _Channel:
-    """One that is being written."""
+    """A channel that is being written."""
 
     __slots__ = ("defined_in", "definition", "entries", "id", "messages", "properties")
 
@@ -64,7 +58,7 @@ class _Channel:
         self.properties: _Channel | None = None
 
 
-class LogWriter:
+class McapWriter(RecordingWriter):
     """Writes messages to a file, which it does not close; best opened without a buffer.
 
     What takes long, compressing a chunk and writing it, is handed to `run`, and `OSError` is raised
@@ -80,7 +74,7 @@ class LogWriter:
         run: Run = _at_once,
     ) -> None:
         self._run = run
-        self._file = LogFile(file, library, attachments)
+        self._file = ChunkFile(file, library, attachments)
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[object, ...], _Channel] = {}
         self._last_id = 0
@@ -91,38 +85,47 @@ class LogWriter:
         """Number of the current one."""
         self._closed = False
 
-    def write(self, recorded: Recorded) -> None:
-        """Add a message; raises `EncodeError` if such a file cannot hold it."""
-        if len(recorded.payload) > MAX_PAYLOAD_OCTETS:
-            raise EncodeError(f"larger than {MAX_PAYLOAD_OCTETS} octets", field="payload")
-        stage = recorded.stage._value_  # a text: its hash is much quicker than that of an enum
-        key = (recorded.topic, recorded.content_type, stage, recorded.retain, recorded.qos)
+    def write(self, message: Recorded) -> str | None:
+        """Add a message whole; or why such a file cannot hold it, and nothing of it is there."""
+        if len(message.payload) > MAX_PAYLOAD_OCTETS:
+            return f"payload: larger than {MAX_PAYLOAD_OCTETS} octets"
+        stage = message.stage._value_  # a text: its hash is much quicker than that of an enum
+        key = (message.topic, message.content_type, stage, message.retain, message.qos)
         try:
-            channel = self._channels.get(key) or self._new_channel(key, ChannelKey.of(recorded))
-            if recorded.properties:
-                self._add_properties(channel, key, recorded)
-            self._add(channel, recorded.log_time_ns, recorded.publish_time_ns, recorded.payload)
+            channel = self._channels.get(key) or self._new_channel(key, ChannelKey.of(message))
+            if message.properties:
+                self._add_properties(channel, key, message)
+            self._add(channel, message.log_time_ns, message.publish_time_ns, message.payload)
         except UnicodeEncodeError as error:
-            raise EncodeError(
-                "expected text that UTF-8 can hold", field=ascii(error.object)[:60]
-            ) from None
+            return f"{ascii(error.object)[:60]}: expected text that UTF-8 can hold"
+        except EncodeError as error:
+            return str(error)
         if self._octets >= CHUNK_OCTETS:
-            self._end_chunk()
+            self.flush()
+        return None
 
     def flush(self) -> None:
         """End the chunk, so that what has been written is in the file and readable."""
-        self._end_chunk()
+        if not self._touched:
+            return
+        entries = {channel.id: channel.entries for channel in self._touched}
+        for channel in self._touched:
+            channel.entries = []
+        self._run(partial(self._file.add_chunk, self._parts, entries))
+        self._parts, self._octets, self._touched = [], 0, []
+        self._chunk += 1
 
-    def attach(self, attachment: Attachment) -> None:
+    def attach(self, attachment: Attachment) -> bool:
         """Put another file into the file."""
-        self._end_chunk()
+        self.flush()
         self._run(partial(self._file.attach, attachment))
+        return True
 
     def close(self) -> None:
         """End the file with its index; again does nothing."""
         if not self._closed:
             self._closed = True
-            self._end_chunk()
+            self.flush()
             self._run(self._file.end)
 
     def _add(self, channel: _Channel, log_ns: int, publish_ns: int, payload: bytes) -> None:
@@ -148,18 +151,17 @@ class LogWriter:
         self._octets += MESSAGE.size + octets
 
     def _add_properties(
-        self, channel: _Channel, key: tuple[object, ...], recorded: Recorded
+        self, channel: _Channel, key: tuple[object, ...], message: Recorded
     ) -> None:
         """Before the message itself, with the same number and times."""
         beside = channel.properties
         if beside is None:
-            beside = self._new_channel(
-                ("properties", *key), ChannelKey.of(recorded), of_properties=True
+            beside = channel.properties = self._new_channel(
+                ("properties", *key), ChannelKey.of(message), of_properties=True
             )
-            channel.properties = beside
         beside.messages = channel.messages
-        payload = properties_to_json(recorded.properties)
-        self._add(beside, recorded.log_time_ns, recorded.publish_time_ns, payload)
+        payload = properties_to_json(message.properties)
+        self._add(beside, message.log_time_ns, message.publish_time_ns, payload)
 
     def _new_channel(
         self, key: tuple[object, ...], series: ChannelKey, *, of_properties: bool = False
@@ -168,40 +170,35 @@ class LogWriter:
             raise EncodeError(f"more than {MAX_CHANNELS} channels", field="topic")
         schema_id = 0 if of_properties else self._schema(message_type_of(series))
         encoding = "json" if of_properties else encoding_of(series.content_type)
-        channel = _Channel(self._last_id + 1, b"")
-        channel.definition = record_of(
-            mcap.Channel(
-                id=channel.id,
-                topic=(PROPERTIES if of_properties else "") + series.shown_topic,
-                message_encoding=encoding if schema_id or encoding != "protobuf" else "",
-                metadata=series.metadata(of_properties=of_properties),
-                schema_id=schema_id,
-            )
+        definition = mcap.Channel(
+            id=self._last_id + 1,
+            topic=(PROPERTIES if of_properties else "") + series.shown_topic,
+            message_encoding=encoding if schema_id or encoding != "protobuf" else "",
+            metadata=series.metadata(of_properties=of_properties),
+            schema_id=schema_id,
         )
+        channel = _Channel(definition.id, record_of(definition))
         self._last_id = channel.id
         self._channels[key] = channel
-        self._file.definitions["channels"].append(channel.definition)
+        self._file.channels.append(channel.definition)
         return channel
 
     def _schema(self, message_type: str) -> int:
         """Number of a protobuf schema; 0 if there is none."""
-        found = self._schemas.get(message_type)
-        if found is not None or not message_type:
-            return found or 0
-        data = schema_of(message_type)
-        if data is None:
-            found = 0
-        else:
-            found = 1 + sum(number > 0 for number in self._schemas.values())
-            schema = mcap.Schema(id=found, name=message_type, encoding="protobuf", data=data)
-            octets = record_of(schema)
-            self._put(octets)
-            self._file.definitions["schemas"].append(octets)
-        self._schemas[message_type] = found
-        return found
+        if message_type not in self._schemas:
+            data = schema_of(message_type) if message_type else None
+            number = 0 if data is None else len(self._file.schemas) + 1
+            if data is not None:
+                schema = record_of(
+                    mcap.Schema(id=number, name=message_type, encoding="protobuf", data=data)
+                )
+                self._put(schema)
+                self._file.schemas.append(schema)
+            self._schemas[message_type] = number
+        return self._schemas[message_type]
 
     def _touch(self, channel: _Channel) -> None:
-        """It is in this chunk, with its definition if that is far away."""
+        """The channel is in this chunk, with its definition if that is far away."""
         self._touched.append(channel)
         if not channel.defined_in or self._chunk - channel.defined_in >= DEFINE_EVERY:
             self._put(channel.definition)
@@ -210,13 +207,3 @@ class LogWriter:
     def _put(self, record: bytes) -> None:
         self._parts.append(record)
         self._octets += len(record)
-
-    def _end_chunk(self) -> None:
-        if not self._touched:
-            return
-        indexes = {channel.id: channel.entries for channel in self._touched}
-        for channel in self._touched:
-            channel.entries = []
-        self._run(partial(self._file.add_chunk, self._parts, indexes))
-        self._parts, self._octets, self._touched = [], 0, []
-        self._chunk += 1

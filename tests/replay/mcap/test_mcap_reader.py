@@ -15,7 +15,7 @@ from support.log_messages import MS, SCENE, START_NS, log_of, messages, read
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey
-from plotfeed.replay.mcap.log_reader import LogReader
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 
@@ -43,7 +43,7 @@ def test_times_come_in_order_and_from_start_to_before_the_end(
         Recorded(topic="t", payload=bytes([n]), log_time_ns=at, publish_time_ns=0)
         for n, at in enumerate(offsets)
     ]
-    reader = LogReader(io.BytesIO(log_of(recorded, flush_every=flush_every)))
+    reader = McapReader(io.BytesIO(log_of(recorded, flush_every=flush_every)))
     found = list(reader.messages(start, end))
     wanted = [m for m in recorded if start <= m.log_time_ns < end]
     assert [m.log_time_ns for m in found] == sorted(m.log_time_ns for m in wanted)
@@ -53,7 +53,7 @@ def test_times_come_in_order_and_from_start_to_before_the_end(
 
 def test_topics_and_stages_can_be_asked_for() -> None:
     recorded = messages(400)
-    reader = LogReader(io.BytesIO(log_of(recorded, flush_every=30)))
+    reader = McapReader(io.BytesIO(log_of(recorded, flush_every=30)))
     topic = recorded[0].topic
     assert list(reader.messages(topics=[topic])) == [m for m in recorded if m.topic == topic]
     assert list(reader.messages(stages=[Stage.AFTER])) == recorded[1::2]
@@ -64,11 +64,12 @@ def test_topics_and_stages_can_be_asked_for() -> None:
 
 def test_the_summary_counts_each_series() -> None:
     recorded = messages(80)
-    summary = LogReader(io.BytesIO(log_of(recorded))).summary()
+    reader = McapReader(io.BytesIO(log_of(recorded)))
+    summary = reader.summary()
     assert summary.counts == dict.fromkeys((ChannelKey.of(m) for m in recorded), 10)
     assert summary.messages == 80
     assert (summary.start_ns, summary.end_ns) == (START_NS, START_NS + 79 * MS)
-    (entry,) = summary.attachments
+    (entry,) = reader.attachments()
     assert (entry.name, entry.media_type, entry.octets) == (SCENE.name, SCENE.media_type, 8)
 
 
@@ -84,7 +85,7 @@ def test_a_log_without_messages_is_one() -> None:
 def test_a_part_is_found_without_reading_the_rest() -> None:
     recorded = messages(40_000, octets=20)
     file = CountedFile(log_of(recorded))
-    reader = LogReader(file)
+    reader = McapReader(file)
     opening, size = file.octets, len(file.getvalue())
     assert opening < size / 50
     middle = START_NS + 20_000 * MS
@@ -95,7 +96,7 @@ def test_a_part_is_found_without_reading_the_rest() -> None:
 def test_a_file_of_ours_is_opened_by_its_path_and_closed(tmp_path: Path) -> None:
     path = tmp_path / "one.mcap"
     path.write_bytes(log_of(messages(3)))
-    with LogReader(path) as reader:
+    with McapReader(path) as reader:
         assert list(reader.messages()) == messages(3)
     assert reader._own is not None
     assert reader._own.closed
@@ -106,7 +107,7 @@ def test_what_is_no_mcap_is_an_error(data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     path.write_bytes(data)
     with pytest.raises(DecodeError, match="expected an MCAP file"):
-        LogReader(path)
+        McapReader(path)
 
 
 # What other tools write.

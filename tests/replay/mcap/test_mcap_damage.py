@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from support.log_messages import START_NS, log_of, messages
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap.log_reader import LogReader
-from plotfeed.replay.mcap.log_writer import DEFINE_EVERY
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import DEFINE_EVERY
 from plotfeed.replay.recorded import Recorded
 
 CHUNK = 4
@@ -33,8 +33,8 @@ RECORDED = [
 ]
 
 
-def read(data: bytes) -> tuple[list[Recorded], LogReader]:
-    reader = LogReader(io.BytesIO(data))
+def read(data: bytes) -> tuple[list[Recorded], McapReader]:
+    reader = McapReader(io.BytesIO(data))
     found = list(reader.messages())
     assert all(0 <= damage.offset <= len(data) for damage in reader.damage)
     assert all(damage.what and "\n" not in damage.what for damage in reader.damage)
@@ -89,7 +89,7 @@ def test_an_octet_left_out_or_put_in_costs_one_chunk_at_most(close: bool) -> Non
             is_little_lost(*read(changed), close=False)
 
 
-def is_little_lost(found: list[Recorded], reader: LogReader, *, close: bool) -> bool:
+def is_little_lost(found: list[Recorded], reader: McapReader, *, close: bool) -> bool:
     """One chunk, and without an index also what that alone has told of; whether it is."""
     lost = {0, 1, 2} - chunks_of(found)
     assert len(lost) <= 1 or (not close and 0 in lost)

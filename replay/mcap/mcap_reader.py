@@ -1,32 +1,29 @@
-"""Reads the native log, ours and other MCAP files: by the index or without."""
+"""Reads MCAP, ours and what others wrote: by the index or without."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO, NamedTuple, Self
 
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey, Properties, properties_of_json
-from plotfeed.replay.mcap.contents import LogSource, TimeSpan, read_index
-from plotfeed.replay.mcap.log_scan import scan
-from plotfeed.replay.mcap.records import (
-    HEAD,
-    LAST_TIME_NS,
-    MAGIC,
-    MESSAGE,
+from plotfeed.replay.mcap.contents import McapSource, TimeSpan, read_index
+from plotfeed.replay.mcap.mcap_scan import scan
+from plotfeed.replay.mcap.records import HEAD, MAGIC, MESSAGE, attachment_of, unpacked
+from plotfeed.replay.recorded import (
     Attachment,
     AttachmentEntry,
-    attachment_of,
-    unpacked,
+    Recorded,
+    RecordingReader,
+    Stage,
 )
-from plotfeed.replay.recorded import Damages, Recorded, Stage
+from plotfeed.replay.times import LATEST_NS
 
 MAX_HELD_OCTETS = 64 << 20
 """Of chunks whose times overlap, while their messages are put in order."""
@@ -34,8 +31,8 @@ _log_time = attrgetter("log_time_ns")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LogSummary:
-    """What a log holds."""
+class McapSummary:
+    """What an MCAP file holds."""
 
     counts: Mapping[ChannelKey, int]
     """Messages of each series."""
@@ -43,7 +40,6 @@ class LogSummary:
     """First log time; None without messages."""
     end_ns: int | None
     """Last log time."""
-    attachments: tuple[AttachmentEntry, ...]
     indexed: bool
     """Whether it was ended as it should, so that a part of it is found without reading the rest."""
 
@@ -53,15 +49,14 @@ class LogSummary:
         return sum(self.counts.values())
 
 
-class LogReader:
-    """An MCAP file. Raises `DecodeError` if it is none, and `OSError`."""
+class McapReader(RecordingReader):
+    """Messages of an MCAP file, by log time. Raises `DecodeError` if it is none, and `OSError`."""
 
     def __init__(self, source: Path | str | BinaryIO) -> None:
+        super().__init__()
         self._own = open(source, "rb") if isinstance(source, (Path, str)) else None  # noqa: SIM115, PTH123
-        self.damage = Damages()
-        """What of the file cannot be read. It grows as parts are read that only then show it."""
         try:
-            self._source = LogSource(self._own or source)  # type: ignore[arg-type]
+            self._source = McapSource(self._own or source)  # type: ignore[arg-type]
             self._check_magic()
             contents = read_index(self._source, self.damage)
             self._indexed = contents is not None
@@ -71,20 +66,28 @@ class LogReader:
             raise
         self._contents.spans.sort()
 
-    def summary(self) -> LogSummary:
-        """Counts, times and attachments."""
+    def summary(self) -> McapSummary:
+        """Counts and times."""
         counts: dict[ChannelKey, int] = {}
         for number, channel in self._contents.channels.items():
             if not channel.holds_properties and (count := self._contents.counts.get(number)):
                 counts[channel.series] = counts.get(channel.series, 0) + count
         spans = self._contents.spans
-        return LogSummary(
+        return McapSummary(
             counts=counts,
             start_ns=spans[0].first_ns if spans else None,
             end_ns=max(span.last_ns for span in spans) if spans else None,
-            attachments=tuple(self._contents.attachments),
             indexed=self._indexed,
         )
+
+    @property
+    def at(self) -> int:
+        """Where the file is read now."""
+        return self._source.file.tell()
+
+    def attachments(self) -> Sequence[AttachmentEntry]:
+        """Files within the file, as they come; a name may be there twice."""
+        return self._contents.attachments
 
     def attachment(self, name: str) -> Attachment | None:
         """The last attachment of that name that is whole; None if there is none."""
@@ -111,7 +114,7 @@ class LogReader:
 
         Those of one time are in the order in which they were written.
         """
-        first, end = start_ns or 0, LAST_TIME_NS + 1 if end_ns is None else end_ns
+        first, end = start_ns or 0, LATEST_NS + 1 if end_ns is None else end_ns
         wanted = self._wanted(topics, stages)
         spans = [s for s in self._contents.spans if s.last_ns >= first and s.first_ns < end]
         held: list[Recorded] = []
@@ -135,12 +138,7 @@ class LogReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _check_magic(self) -> None:
