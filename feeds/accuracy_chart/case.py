@@ -83,7 +83,7 @@ class Case:
         return {name: value for name, value in found.items() if name in self.own}
 
     def measured_precisely(self, row: int) -> dict[str, Any]:
-        """What it measures of one of the seen places, in 50 digits; from latitude and longitude."""
+        """Measurements of one of the seen places, in 50 digits, from its latitude and longitude."""
         site, place = self.frame, self.seen
         enu = precise.enu_m(
             (site.latitude_deg, site.longitude_deg, site.height_m),
@@ -281,7 +281,7 @@ def passive_snrs(model: PassiveRadar, targets: Targets) -> Floats:
 
 
 def strongest_emissions(model: RfDirectionFinder, targets: Targets) -> tuple[Emissions, Floats]:
-    """Of each target the emission with the highest ratio, and that; one row a target."""
+    """The emission with the highest ratio of each target that emits, and that ratio."""
     emissions = Emissions.of(targets)
     snr = model.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
     order = np.lexsort((-snr, emissions.target))

@@ -187,7 +187,7 @@ def _turns_ns(case: Case, calls: Sequence[Callable[[], object]]) -> Floats:
 
 
 def on_front(costs: Floats, shares: Floats) -> Ints:
-    """Those than which none is both cheaper and better, cheapest first; rows."""
+    """Rows of those than which none is both cheaper and better, cheapest first."""
     order = np.lexsort((shares, costs))
     best_before = np.minimum.accumulate(np.concatenate([[np.inf], shares[order]]))[:-1]
     return order[shares[order] < best_before]

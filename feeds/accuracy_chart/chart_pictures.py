@@ -275,7 +275,7 @@ def _log_axis(axis: Any, limits: tuple[float, float], none: float = 0.0) -> None
 
 
 def _number(value: float) -> str:
-    """As people write it, and very large and very small ones as powers of ten."""
+    """A number as people write it, a very large or very small one as a power of ten."""
     if 1e-3 <= value < 1e6:
         return f"{value:,.0f}" if value >= 1 else f"{value:g}"
     return f"$10^{{{round(np.log10(value))}}}$"
@@ -300,7 +300,7 @@ def place_labels(axes: Any, labels: Sequence[Label], renderer: Any) -> None:
 
 
 def _write(axes: Any, label: Label, point: tuple[float, float], box: Box) -> None:
-    """At the place found, in pixels from the point."""
+    """A label in its box, which is in pixels."""
     pixels_a_point = axes.figure.dpi / 72
     offset = ((box[0] - point[0]) / pixels_a_point, (box[1] - point[1]) / pixels_a_point)
     near_x = min(max(point[0], box[0]), box[2])

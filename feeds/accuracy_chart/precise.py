@@ -1,4 +1,4 @@
-"""The same physics in 50 digits, by mpmath: what the methods of a chart are judged by.
+"""Physics in 50 digits, by mpmath: what the methods of a chart are judged by.
 
 One target at a time. Numbers are taken as they come, floats too: exactly.
 """
@@ -28,7 +28,7 @@ FLATTENING = 1 / MP.mpf("298.257223563")  # WGS 84
 
 
 def number(value: Number) -> Number:
-    """That value, exactly if it is a float."""
+    """A value in 50 digits; a float exactly."""
     return MP.mpf(value)
 
 

@@ -46,11 +46,11 @@ class Places(Columns):
         return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
 
     def drawn(self, which: Ints) -> Places:
-        """Those rows, of which some may be there more than once."""
+        """Rows, of which some may be there more than once."""
         return self.holding({name: column[which] for name, column in vars(self).items()})
 
     def first(self, n: int | None) -> Places:
-        """So many, or all."""
+        """The first so many, or all."""
         return self if n is None else self.between(0, min(n, len(self)))
 
 
@@ -82,7 +82,7 @@ class _Noting(Trajectories):
 
 
 def flown(scene: Scene, n: int, rng: np.random.Generator) -> Flown:
-    """About `n` states of the scene's drones, at random times of their flights."""
+    """Some `n` states of the scene's drones, at random times of their flights."""
     trajectories = _Noting(stale_after_s=scene.telemetry.stale_after_s)
     launch(scene, trajectories, 0)
     spans = np.array([trajectories.spans[name] for name in trajectories.names], np.int64)
@@ -152,7 +152,7 @@ def places(
 
 
 def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targets:
-    """Those drones as the sensor at that frame has them before it; each its own drone."""
+    """Drones as the sensor at that frame has them before it; each place is a drone of its own."""
     enu_m = frame.from_ecef(found.ecef_m)
     n = len(found)
     emitters = signatures.emitters
@@ -201,13 +201,13 @@ def _movers(
 
 
 def _within_flights(site: LocalFrame, states: Flown, n: int, rng: np.random.Generator) -> Floats:
-    """In the box around all that is flown, along the axes of the site."""
+    """Places in the box around all that is flown, along the axes of the site."""
     enu_m = site.from_ecef(states.position_ecef_m)
     return site.to_ecef(rng.uniform(enu_m.min(axis=0), enu_m.max(axis=0), (n, 3)))
 
 
 def _within_cover(viewpoint: Viewpoint, n: int, rng: np.random.Generator) -> Floats:
-    """Uniform in range and in the angles that the sensor covers; up to 60 degrees without such."""
+    """Places uniform in range and in the angles of cover; up to 60 degrees high without such."""
     sensor = viewpoint.sensor
     low_deg = max(getattr(sensor, "elevation_min_deg", 0.0), -5.0)
     high_deg = getattr(sensor, "elevation_max_deg", 60.0)

@@ -151,7 +151,7 @@ def errors_text(errors: Mapping[str, float]) -> str:
 
 
 def share_text(share: float | None) -> str:
-    """Of the sensor's own error."""
+    """A share of the sensor's own error."""
     if share is None:
         return "all"
     if share >= 100:

@@ -155,7 +155,7 @@ def _from_north(flights: ScannedFlights, steps: int) -> Found:
 
 
 def _sector_by_sector(flights: ScannedFlights) -> Found:
-    """As the engine does it where telemetry comes in between."""
+    """The engine's search where telemetry comes in between."""
     found, border = [], None
     for sector in flights.sectors:
         met = meetings([sector], flights.case.frame, flights.trajectories, border)
@@ -165,7 +165,7 @@ def _sector_by_sector(flights: ScannedFlights) -> Found:
 
 
 def _passages(flights: ScannedFlights) -> Found:
-    """As the engine does it while nothing new comes in about the drones: a turn at once."""
+    """The engine's search while nothing new comes in about the drones: a turn at once."""
     met = meetings(flights.sectors, flights.case.frame, flights.trajectories)
     return _places(flights, met.truth)
 

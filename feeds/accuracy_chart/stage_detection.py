@@ -126,7 +126,7 @@ def _by_signals(case: Case, signals: int, exact: Floats) -> Iterator[Method]:
 
 
 def _hits(case: Case, targets: Callable[[int], Targets], numbers: int) -> tuple[Hits | None, int]:
-    """Of so few targets, at so many numbers each, that a call lasts no longer than a moment."""
+    """A draw of hits for so few targets that a call lasts no longer than a moment, and how few."""
     few = min(MOST_NUMBERS // max(numbers, 1), case.effort.references)
     some = targets(few)
     law = detection_law(case.model, some) if few else None

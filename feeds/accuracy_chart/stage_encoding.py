@@ -88,7 +88,7 @@ def _parts(case: Case) -> Parts:
 
 
 def _group(case: Case) -> list[Sector]:
-    """As many sectors as SAPIENT keeps together, so that its messages leave within them."""
+    """The sectors that SAPIENT keeps together, so that its messages leave within them."""
     scan = case.sensor.scan
     period_ns = round(scan.period_s * NS)
     n = scan.sectors if isinstance(scan, RotatingScan) else 1
@@ -100,7 +100,7 @@ def _group(case: Case) -> list[Sector]:
 
 
 def _errors(case: Case, sent: Plots, read: MeasuredPlots) -> dict[str, float]:
-    """Of what is read, for where the target was at the time that is read beside it."""
+    """Errors of what is read, for where the target was at the time that is read beside it."""
     late_s = (read.t_utc_ns - sent.t_utc_ns).astype(np.float64) / NS
     rates = _rates(case, sent)
     errors = {}

@@ -89,7 +89,7 @@ class PoissonGenerator(np.random.Generator):
 
 
 def false_alarms_stage(case: Case) -> ChartStage | None:
-    """Those of a whole scan, shared between the targets at once; None for a sensor without any."""
+    """A whole scan's, shared between the targets at once; None for a sensor without any."""
     mean, variance = alarm_moments(case.model)
     if mean == 0 or FALSE_ALARMS not in case.own:
         return None

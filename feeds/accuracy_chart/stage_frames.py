@@ -24,7 +24,7 @@ OURS = "ECEF and rotation"
 
 
 def frames_stage(case: Case) -> ChartStage:
-    """From truth in the form in which each method keeps it, geodetic or ECEF."""
+    """Range and angles from truth as each method keeps it, geodetic or ECEF."""
     n = min(case.effort.references, len(case.seen))
     true = [case.measured_precisely(row) for row in range(n)]
     return ChartStage(
@@ -151,7 +151,7 @@ def _arcs(here: LocalFrame, meridian_m: float, normal_m: float) -> FromGeodetic:
 def _differences(
     here: LocalFrame, latitude_deg: Floats, longitude_deg: Floats, height_m: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """From the sensor: of latitude and longitude, radians, and of height."""
+    """Latitude and longitude less those of the sensor, radians, and height less its own."""
     return (
         np.radians(latitude_deg - here.latitude_deg),
         np.radians(wrap_180(longitude_deg - here.longitude_deg)),

@@ -82,7 +82,7 @@ def _within(places_m: Floats, range_max_m: float) -> object:
 def propagation_methods(
     model: SensorModel, targets: Targets, antenna_m: float
 ) -> PropagationMethods | None:
-    """Those of a sensor whose antenna is so high above the site.
+    """Methods for a sensor whose antenna is so high above the site.
 
     One that is known by no more than what it predicts has them if its model knows of a ground.
     """
@@ -163,7 +163,7 @@ def _over_ground(
     pd: Callable[[Any], Floats],
     plain: str = FREE_SPACE,
 ) -> PropagationMethods:
-    """Without a ground and over one, that of the scene if it names one."""
+    """Methods without a ground and over one, that of the scene if it names one."""
     high_m = max(antenna_m, LOWEST_ANTENNA_M)
     ground = model.multipath or Multipath(reflection=REFLECTION, antenna_height_m=high_m)
     sensors = {plain: replace(model, multipath=None), TWO_RAYS: replace(model, multipath=ground)}
