@@ -9,7 +9,7 @@ JOBS ?= $(shell getconf _NPROCESSORS_ONLN)
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint bench proto pictures constraints clean
+.PHONY: demo test lint bench proto pages pictures constraints clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -54,24 +54,27 @@ bench: .venv/.ready-test
 	$(BIN)/python tests/benchmarks/write_benchmarks.py
 	$(BIN)/python tests/benchmarks/bench_scaling.py
 
-# What of the documentation is drawn or written by commands.
-pictures: .venv/.ready-test
-	$(BIN)/python docs/draw_ppi.py
-	$(BIN)/python docs/draw_section_4_active.py
-	$(BIN)/python docs/draw_section_4.py
-	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png
-	$(BIN)/python docs/write_section_4.py
-	$(BIN)/python docs/draw_speed_accuracy.py
-	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/draw_page.py; fi
-	$(BIN)/python docs/draw_report.py
+# What of the documentation is written from the code alone, in seconds.
+pages: .venv/.ready-test
 	$(BIN)/plotfeed schema >feeds/scene/examples/scene.schema.json
-	$(BIN)/python docs/write_scene_reference.py
-	$(BIN)/python docs/write_presets.py
-	$(BIN)/python docs/write_messages.py
-	$(BIN)/python docs/write_stability.py
-	$(BIN)/python docs/draw_stability.py
-	$(BIN)/python docs/write_asyncapi.py
-	$(BIN)/python docs/equation_figures.py
+	$(BIN)/plotfeed schema asyncapi >docs/asyncapi.json
+	$(BIN)/python docs/commands/write_scene_reference.py
+	$(BIN)/python docs/commands/write_presets.py
+	$(BIN)/python docs/commands/write_messages.py
+	$(BIN)/python docs/commands/write_stability.py
+
+# What is drawn and counted as well, in some minutes.
+pictures: pages
+	$(BIN)/python docs/commands/draw_ppi.py
+	$(BIN)/python docs/commands/draw_section_4_active.py
+	$(BIN)/python docs/commands/draw_section_4.py
+	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png
+	$(BIN)/python docs/commands/write_section_4.py
+	$(BIN)/python docs/commands/draw_speed_accuracy.py
+	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi
+	$(BIN)/python docs/commands/draw_report.py
+	$(BIN)/python docs/commands/draw_stability.py
+	$(BIN)/python docs/commands/equation_figures.py
 
 constraints: .venv/.ready-test
 	echo "# The versions that the tests run with; made by 'make constraints'." >constraints.new

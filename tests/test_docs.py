@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-import runpy
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import pytest
+from support.doc_commands import COMMANDS, DOCS, doc_command
 
 from plotfeed.feeds.schema.published import text_of
 from plotfeed.feeds.sensing.simulation import SimulatedPlots
 
-DOCS = Path(__file__).parents[1] / "docs"
 NOT_ON_THE_PAGE = {
     "channel",
     "run_length_deg",
@@ -24,9 +22,26 @@ NOT_ON_THE_PAGE = {
 """Columns of plots that few will ask for."""
 
 
-def test_the_page_of_messages_is_what_its_script_writes() -> None:
-    written = runpy.run_path(str(DOCS / "write_messages.py"))["page"]()
-    assert (DOCS / "messages.md").read_text() == written, "run python docs/write_messages.py"
+@pytest.mark.parametrize(
+    ("page", "command"),
+    [
+        ("messages.md", "write_messages"),
+        ("presets.md", "write_presets"),
+        ("scene.md", "write_scene_reference"),
+    ],
+)
+def test_a_page_is_what_its_command_writes(page: str, command: str) -> None:
+    assert (DOCS / page).read_text(encoding="utf-8") == doc_command(command)["page"](), (
+        f"run python docs/commands/{command}.py"
+    )
+
+
+def test_every_command_that_a_page_names_is_there() -> None:
+    named = set()
+    for page in (*DOCS.glob("*.md"), DOCS.parent / "CONTRIBUTING.md", DOCS.parent / "Makefile"):
+        named |= set(re.findall(r"docs/commands/(\w+\.py)", page.read_text()))
+    assert len(named) > 5
+    assert {name for name in named if not (COMMANDS / name).exists()} == set()
 
 
 def test_every_link_between_pages_leads_somewhere() -> None:
@@ -39,7 +54,7 @@ def test_every_link_between_pages_leads_somewhere() -> None:
 
 def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
     beside = DOCS.parent / "feeds" / "scene" / "examples" / "scene.schema.json"
-    assert beside.read_text() == f"{text_of('scene')}\n", "run make pictures"
+    assert beside.read_text() == f"{text_of('scene')}\n", "run make pages"
 
 
 def test_the_examples_in_python_do_what_their_page_says(

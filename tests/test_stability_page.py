@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import math
-import runpy
-import sys
-from functools import lru_cache
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import pytest
+from support.doc_commands import DOCS, doc_command
 
-DOCS = Path(__file__).parents[1] / "docs"
 PLAIN, OURS = 3, 5
 """Which cells of a row hold figures."""
 SLACK = {PLAIN: 10.0, OURS: 100.0}
 """Another machine's last digits may be others: the plain form's error is hardly anything else."""
 
 
-@lru_cache
 def script() -> dict[str, Any]:
-    pytest.importorskip("mpmath")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [str(DOCS), *sys.path])
-        return runpy.run_path(str(DOCS / "write_stability.py"))
+    return doc_command("write_stability")
 
 
-@lru_cache
+@cache
 def both() -> tuple[list[list[str]], list[list[str]]]:
     return cells((DOCS / "stability.md").read_text()), cells(script()["page"]())
 
@@ -43,7 +36,7 @@ def figure_of(words: str) -> float | None:
 def test_words_and_rows_are_those_that_the_script_writes() -> None:
     stored, written = both()
     assert [without_figures(row) for row in stored] == [without_figures(row) for row in written], (
-        "run python docs/write_stability.py"
+        "run python docs/commands/write_stability.py"
     )
 
 

@@ -233,8 +233,8 @@ def affine(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
 
 def main() -> None:
     """Measures, writes the table and draws the picture."""
-    sys.path.insert(0, str(PROJECT / "docs"))
-    from marks import between
+    sys.path.insert(0, str(PROJECT / "docs" / "commands"))
+    from pages import between
     from write_benchmarks import processor
 
     found = measured()

@@ -13,10 +13,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 
 from bench_page import WINDOW, child
-from marks import between
+from pages import between
 from playwright.sync_api import CDPSession, Page, sync_playwright
 from support.chromium import OPTIONS, program
 from write_benchmarks import processor

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import pytest
 
 from plotfeed.feeds.cli.show_sensors import reach_m
@@ -14,7 +11,6 @@ from plotfeed.feeds.scene.presets.solver import SITE, predicted
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.constants import C_M_S
 
-DOCS = Path(__file__).parents[3] / "docs"
 RADARS = [
     "art-midrange-3d",
     "doruk",
@@ -242,9 +238,3 @@ def test_a_preset_leaves_to_the_scene_what_is_the_scenes() -> None:
     tree = preset("doruk").model_dump() | {"assumed": {"id": {"value": "x", "note": "x"}}}
     with pytest.raises(ValueError, match="id is for the scene to say"):
         Preset.model_validate(tree)
-
-
-def test_the_page_is_what_its_script_writes() -> None:
-    written = runpy.run_path(str(DOCS / "write_presets.py"))["page"]()
-    kept = (DOCS / "presets.md").read_text(encoding="utf-8")
-    assert kept == written + "\n", "out of date: python docs/write_presets.py"

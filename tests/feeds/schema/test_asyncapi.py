@@ -206,7 +206,7 @@ def matching(api: dict[str, Any], heard: Heard) -> list[str]:
 
 
 def test_the_document_in_docs_is_the_one_of_this_code() -> None:
-    assert json.loads(DOCUMENT.read_text()) == document(), "run python docs/write_asyncapi.py"
+    assert json.loads(DOCUMENT.read_text()) == document(), "run make pages"
     assert plotfeed("schema", "asyncapi").stdout == DOCUMENT.read_text()
 
 

@@ -1,6 +1,6 @@
 """Draws docs/ppi.png: what the radar of section-4 reports while the drone comes in.
 
-python docs/draw_ppi.py
+python docs/commands/draw_ppi.py
 """
 
 from __future__ import annotations
@@ -10,14 +10,16 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from collect import START_UTC_NS, Sent, scene_with, sent_by
 from matplotlib import patheffects
 from matplotlib.colors import LinearSegmentedColormap
+from section_4 import START_UTC_NS, scene_with, simulated
+
+from plotfeed.feeds.sensing.simulation import SimulatedSensor
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
 
-PICTURE = Path(__file__).with_name("ppi.png")
+PICTURE = Path(__file__).parents[1] / "ppi.png"
 SECONDS = 240.0
 RANGE_KM = 10.0
 ZOOM_M = (420.0, 80.0)
@@ -44,34 +46,27 @@ mpl.rcParams.update(
 )
 
 
-class Plots:
-    """Columns of the plots of one run: of the drone, and false."""
+class ShownPlots:
+    """Columns of the plots of one run: of the drone, and false; and of the looks that missed."""
 
-    def __init__(self, sent: Sent) -> None:
-        rows = [
-            (
-                bool(truth.drone),
-                (plot.time_utc_ns - START_UTC_NS) / 1e9,
-                plot.range_m,
-                np.radians(plot.azimuth_deg),
-                truth.range_m,
-                np.radians(truth.azimuth_deg),
-            )
-            for plot, truth in sent.plots()
-        ]
-        table = np.array(rows)
-        true, false = table[table[:, 0] == 1, 1:], table[table[:, 0] == 0, 1:]
-        self.t_s, self.range_m, self.azimuth, self.true_range_m, self.true_azimuth = true.T
-        self.false_t_s, self.false_range_m, self.false_azimuth, _, _ = false.T
-        looks = list(sent.looks())
+    def __init__(self, seen: SimulatedSensor) -> None:
+        plots, looks = seen.plots, seen.looks
+        t_s = (plots.t_utc_ns - START_UTC_NS) / 1e9
+        true, false = plots.drone >= 0, plots.drone < 0
+        self.t_s, self.false_t_s = t_s[true], t_s[false]
+        self.range_m, self.false_range_m = plots.range_m[true], plots.range_m[false]
+        azimuth = np.radians(plots.azimuth_deg)
+        self.azimuth, self.false_azimuth = azimuth[true], azimuth[false]
+        self.true_range_m = plots.true_range_m[true]
+        self.true_azimuth = np.radians(plots.true_azimuth_deg[true])
         self.looks = len(looks)
-        missed = [(k.range_m, np.radians(k.azimuth_deg)) for k in looks if not k.detected]
-        self.missed_range_m, self.missed_azimuth = np.array(missed).reshape(-1, 2).T
+        self.missed_range_m = looks.range_m[~looks.detected]
+        self.missed_azimuth = np.radians(looks.azimuth_deg[~looks.detected])
 
 
 def draw() -> None:
     """The display at the left; what it means, and a part of it enlarged, at the right."""
-    plots = Plots(sent_by(scene_with("active"), SECONDS))
+    plots = ShownPlots(simulated(scene_with("active"), SECONDS)["active"])
     figure = plt.figure(figsize=(16, 10), dpi=100)
     display = figure.add_axes((0.03, 0.05, 0.5625, 0.9), projection="polar")
     _rose(display)
@@ -108,7 +103,7 @@ def _rose(axes: Any) -> None:
         text.set_path_effects([patheffects.withStroke(linewidth=4, foreground=SEA)])
 
 
-def _plots(axes: Any, plots: Plots) -> None:
+def _plots(axes: Any, plots: ShownPlots) -> None:
     age_s = SECONDS - plots.false_t_s
     axes.scatter(
         plots.false_azimuth,
@@ -141,7 +136,7 @@ def _plots(axes: Any, plots: Plots) -> None:
     axes.annotate(f"{SECONDS / 60:g} min ago", where, (8, 10), textcoords="offset points", **note)
 
 
-def _legend(figure: Any, plots: Plots) -> Any:
+def _legend(figure: Any, plots: ShownPlots) -> Any:
     """Words at the right, counted in this very run."""
     x = 0.635
     figure.text(x, 0.925, "What the radar reports", fontsize=23, weight="bold")
@@ -179,7 +174,7 @@ def _age_bar(figure: Any, points: Any) -> None:
     bar.ax.tick_params(length=0, labelsize=11)
 
 
-def _zoom(figure: Any, display: Any, plots: Plots) -> None:
+def _zoom(figure: Any, display: Any, plots: ShownPlots) -> None:
     """Some seconds of the approach along and across the line of sight."""
     middle = len(plots.t_s) // 8
     range_m, azimuth = plots.true_range_m[middle], plots.true_azimuth[middle]

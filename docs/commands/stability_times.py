@@ -105,7 +105,7 @@ def slope() -> Case:
 
 
 def _sum(terms: NDArray[np.float64]) -> np.float64:
-    """From the first to the last: how pairs are summed is a matter of the machine."""
+    """A sum from the first to the last: how pairs are summed is a matter of the machine."""
     return np.float64(np.cumsum(terms)[-1])
 
 

@@ -1,6 +1,6 @@
 """Draws docs/page-dark.png and page-light.png: the live page of a session, as a browser shows it.
 
-Needs Chromium and the extra test-page. python docs/draw_page.py
+Needs Chromium and the extra test-page. python docs/commands/draw_page.py
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 
-HERE = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 START_UTC_NS = 1_767_268_800_000_000_000
 SECONDS = 50.0
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
@@ -127,7 +127,7 @@ def scene() -> Scene:
         )
     general = {"name": "field-day", "seed": 4, "site": SITE}
     tree = {"scene": general, "sensor": SENSORS, "drone": drones}
-    return from_tree(tree, HERE / "field-day.toml")
+    return from_tree(tree, DOCS / "field-day.toml")
 
 
 def basemap(site: Any) -> Basemap:
@@ -157,10 +157,10 @@ def basemap(site: Any) -> Basemap:
             for kind, c in features
         ],
     }
-    path = HERE / ".basemap.geojson"
+    path = DOCS / ".basemap.geojson"
     try:
         path.write_text(json.dumps(collection))
-        return load_basemap(path.name, HERE, site)
+        return load_basemap(path.name, DOCS, site)
     finally:
         path.unlink()
 
@@ -198,12 +198,12 @@ async def draw() -> None:
         await light.click("#truth")
         await light.get_by_role("button", name="gate").click()
         await asyncio.sleep(SECONDS)
-        await dark.screenshot(path=HERE / "page-dark.png")
+        await dark.screenshot(path=DOCS / "page-dark.png")
         await _select(light)
-        await light.screenshot(path=HERE / "page-light.png")
+        await light.screenshot(path=DOCS / "page-light.png")
         await browser.close()
         session.cancel()
-    print(f"{HERE}/page-dark.png, page-light.png")
+    print(f"{DOCS}/page-dark.png, page-light.png")
 
 
 async def _select(page: Page) -> None:

@@ -1,6 +1,6 @@
 """Draws docs/report.png and writes the tables of docs/report.md: five minutes of report.toml.
 
-    python docs/draw_report.py
+    python docs/commands/draw_report.py
 
 In simulated time, so that every run draws the same.
 """
@@ -12,10 +12,11 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-DOCS = Path(__file__).parent
+from pages import between
+
+DOCS = Path(__file__).parents[1]
 PAGE, PICTURE, SCENE = DOCS / "report.md", DOCS / "report.png", DOCS / "report.toml"
 SECONDS = 300
-BEGIN, END = "<!-- written by draw_report.py -->\n```text\n", "```\n<!-- end -->\n"
 
 
 def plotfeed(*arguments: object) -> str:
@@ -35,11 +36,9 @@ def report() -> str:
 
 
 def main() -> None:
-    """Both."""
-    before, _, rest = PAGE.read_text().partition(BEGIN)
-    after = rest.partition(END)[2]
+    """Draw the picture, write the tables."""
     text = report()
-    PAGE.write_text(f"{before}{BEGIN}{text}{END}{after}")
+    between(PAGE, "report", f"```text\n{text}```")
     print(text)
 
 

@@ -38,7 +38,7 @@ def relative(found: object, exact: object) -> float:
 
 
 def in_words(error: float | str, unit: str = "") -> str:
-    """To one digit; what is rounding alone, as that."""
+    """An error to one digit; what is rounding alone, as that."""
     if isinstance(error, str):
         return error
     if math.isnan(error):
@@ -53,7 +53,7 @@ def in_words(error: float | str, unit: str = "") -> str:
 
 
 def power(exponent: int) -> str:
-    """Of ten."""
+    """A power of ten."""
     return f"10{str(exponent).translate(SUPERSCRIPT)}"
 
 

@@ -1,14 +1,19 @@
-"""Writes presets.md: every preset with the origin of each of its keys."""
+"""Writes docs/presets.md: every preset with the origin of each of its keys.
+
+python docs/commands/write_presets.py
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+from pages import table
+
 from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, why
 from plotfeed.feeds.scene.presets.preset import names, preset
 
-PAGE = Path(__file__).with_name("presets.md")
+PAGE = Path(__file__).parents[1] / "presets.md"
 
 HEAD = """# Commercial sensors as presets
 
@@ -41,16 +46,15 @@ A table such as `scan` is replaced as a whole. What was solved for stays as it w
 `noise_figure_db` costs range. `plotfeed sensors` prints this list, and `plotfeed sensors NAME` one
 preset with its Pd and errors against range.
 
-Written by `python docs/write_presets.py`.
+Written by `python docs/commands/write_presets.py`.
 """
 
 
 def page() -> str:
     """All of it."""
     found = [details(preset(name)) for name in names()]
-    return "\n".join(
-        [HEAD, *_overview(found), *(line for each in found for line in _section(each))]
-    )
+    lines = [HEAD, *_overview(found), *(line for each in found for line in _section(each))]
+    return "\n".join(lines) + "\n"
 
 
 def _overview(found: list[dict[str, Any]]) -> list[str]:
@@ -65,7 +69,7 @@ def _overview(found: list[dict[str, Any]]) -> list[str]:
         )
         for each in found
     ]
-    return _table([("preset", "product", "type", "Pd 0.8 to", "for", "source"), *rows])
+    return table(("preset", "product", "type", "Pd 0.8 to", "for", "source"), rows)
 
 
 def _section(each: dict[str, Any]) -> list[str]:
@@ -80,8 +84,11 @@ def _section(each: dict[str, Any]) -> list[str]:
         f"Target: {each['target_note']}",
         "",
     ]
-    rows = [(f"`{k['key']}`", shown_value(k["value"]), k["mark"], why(k)) for k in each["keys"]]
-    lines += _table([("key", "value", "mark", "why"), *rows])
+    rows = [
+        (f"`{k['key']}`", shown_value(k["value"]), k["mark"], why(k).replace("|", "/"))
+        for k in each["keys"]
+    ]
+    lines += table(("key", "value", "mark", "why"), rows)
     lines += [
         f"\nFor {other['target']}, Pd is 0.8 to {shown_reach(other['range_at_pd_80_percent_m'])}; "
         f"{shown_reach(other['quoted_range_m'])} are quoted. {other['note']}"
@@ -92,10 +99,5 @@ def _section(each: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _table(rows: list[tuple[str, ...]]) -> list[str]:
-    lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
-    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
-
-
 if __name__ == "__main__":
-    PAGE.write_text(page() + "\n", encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")

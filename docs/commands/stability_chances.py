@@ -24,7 +24,7 @@ def exact_pd(threshold: float, means: list[mp.mpf]) -> mp.mpf:
 
 @np.errstate(all="ignore")
 def plain_pd_unequal(threshold: float, snrs: Floats) -> float:
-    """The same in float64."""
+    """Partial fractions in float64."""
     means = 1 + snrs
     shares = [np.prod(m / (m - np.delete(means, i))) for i, m in enumerate(means)]
     return float(np.sum(np.array(shares) * np.exp(-threshold / means)))
@@ -83,20 +83,21 @@ def huge_snr() -> Case:
     )
 
 
-def exact_multiplier(n: float) -> mp.mpf:
-    """Equation 6 for a Pfa of 1e-6, in sixty digits."""
-    return mp.expm1(-mp.log(mp.mpf(1e-6)) / mp.mpf(n))
+def multiplier_errors(n: float) -> tuple[float, float]:
+    """Relative errors of equation 6 for a Pfa of 1e-6: plain form and ours."""
+    exact = mp.expm1(-mp.log(mp.mpf(1e-6)) / mp.mpf(n))
+    ours = detection.cfar_multiplier(1e-6, n)
+    return relative(1e-6 ** (-1 / n) - 1, exact), relative(ours, exact)
 
 
 def many_cells() -> Case:
-    n = 1e12
-    exact = exact_multiplier(n)
+    plain, ours = multiplier_errors(1e12)
     return Case(
         where="CFAR over 10¹² reference cells",
         plain_form="Pfa^(−1/N) − 1",
-        plain=relative(1e-6 ** (-1 / n) - 1, exact),
+        plain=plain,
         cure="expm1(−ln Pfa/N)",
-        ours=relative(detection.cfar_multiplier(1e-6, n), exact),
+        ours=ours,
         test="models/test_stability.py::test_the_multiplier_of_a_trillion_reference_cells_keeps_its_digits",
     )
 
@@ -114,15 +115,22 @@ def ties() -> Case:
     )
 
 
-def near_ties() -> Case:
-    snrs, threshold = tied(1e-7)
+def near_ties_errors(apart_db: float) -> tuple[float, float]:
+    """Relative errors of the Pd of three looks: plain form and ours."""
+    snrs, threshold = tied(apart_db)
     exact = exact_pd(threshold, [1 + mp.mpf(float(s)) for s in snrs])
+    ours = detection.pd_noncoherent_unequal(snrs, 1e-6)
+    return relative(plain_pd_unequal(threshold, snrs), exact), relative(ours, exact)
+
+
+def near_ties() -> Case:
+    plain, ours = near_ties_errors(1e-7)
     return Case(
         where="10⁻⁷ dB apart",
         plain_form="partial fractions",
-        plain=relative(plain_pd_unequal(threshold, snrs), exact),
+        plain=plain,
         cure="the same chain",
-        ours=relative(detection.pd_noncoherent_unequal(snrs, 1e-6), exact),
+        ours=ours,
         test="models/test_detection.py::test_near_ties_are_as_good_as_ties",
     )
 

@@ -1,6 +1,6 @@
 """Draws docs/stability-baseline.png and docs/stability-limits.png: errors of plain forms and ours.
 
-python docs/draw_stability.py
+python docs/commands/draw_stability.py
 """
 
 from __future__ import annotations
@@ -9,27 +9,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
-import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 from stability_case import relative
-from stability_chances import exact_multiplier, exact_pd, plain_pd_unequal, tied
+from stability_chances import multiplier_errors, near_ties_errors
 from stability_places import (
     BASELINE_M,
     TRANSMITTER_M,
     exact_detour_m,
     plain_detour_m,
-    plain_height_m,
+    pole_errors,
+    zenith_errors,
 )
 
-from plotfeed.models import detection, propagation
-from plotfeed.models.frames import ecef_to_geodetic, enu_to_aer, geodetic_to_ecef
+from plotfeed.models import propagation
 
 mpl.use("agg")
 from matplotlib import colors
 from matplotlib import pyplot as plt
 
-HERE = Path(__file__).parent
+DOCS = Path(__file__).parents[1]
 ALONG_M = np.linspace(-10_000.0, 30_000.0, 161)
 OFF_M = np.logspace(-5, 4, 91)
 LEAST, LEAST_M = 1e-17, 1e-11
@@ -79,37 +78,7 @@ def baseline() -> None:
     panels[0].set_ylabel("metres off it")
     bar = figure.colorbar(drawn, ax=panels, extend="both", ticks=10.0 ** np.arange(-16, 1, 4))
     bar.set_label("relative error of the bistatic range")
-    figure.savefig(HERE / "stability-baseline.png", dpi=110, metadata={"Software": None})
-
-
-def zenith(off_m: float) -> tuple[float, float]:
-    """Of the angle from the vertical, 10 km up."""
-    enu = np.array([off_m, 0.0, 10_000.0])
-    exact = mp.atan2(mp.mpf(off_m), 10_000) * 180 / mp.pi
-    plain = 90 - np.degrees(np.arcsin(enu[2] / np.linalg.norm(enu)))
-    return relative(plain, exact), relative(90 - enu_to_aer(enu)[1], exact)
-
-
-def pole(off_deg: float) -> tuple[float, float]:
-    """Of the height, metres."""
-    ecef_m = geodetic_to_ecef(90.0 - off_deg, 77.0, 123.0)
-    return abs(plain_height_m(ecef_m) - 123.0), abs(float(ecef_to_geodetic(ecef_m)[2]) - 123.0)
-
-
-def near_ties(apart_db: float) -> tuple[float, float]:
-    """Of the Pd of three looks."""
-    snrs, threshold = tied(apart_db)
-    exact = exact_pd(threshold, [1 + mp.mpf(float(s)) for s in snrs])
-    ours = detection.pd_noncoherent_unequal(snrs, 1e-6)
-    return relative(plain_pd_unequal(threshold, snrs), exact), relative(ours, exact)
-
-
-def cells(n: float) -> tuple[float, float]:
-    """Of the CFAR's multiplier."""
-    exact = exact_multiplier(n)
-    return relative(1e-6 ** (-1 / n) - 1, exact), relative(
-        detection.cfar_multiplier(1e-6, n), exact
-    )
+    figure.savefig(DOCS / "stability-baseline.png", dpi=110, metadata={"Software": None})
 
 
 LIMITS: tuple[tuple[str, str, str, Floats, Errors], ...] = (
@@ -118,28 +87,28 @@ LIMITS: tuple[tuple[str, str, str, Floats, Errors], ...] = (
         "metres off the vertical",
         "relative error",
         np.logspace(-5, 3, 161),
-        zenith,
+        zenith_errors,
     ),
     (
         "Height at the pole",
         "degrees from the pole",
         "error, m",
         np.logspace(-12, 1, 161),
-        pole,
+        pole_errors,
     ),
     (
         "Pd of three looks of nearly equal SNR",
         "dB apart",
         "relative error",
         np.logspace(-9, 0.5, 161),
-        near_ties,
+        near_ties_errors,
     ),
     (
         "Threshold of a CFAR",
         "reference cells",
         "relative error",
         np.logspace(0, 15, 161),
-        cells,
+        multiplier_errors,
     ),
 )
 
@@ -149,7 +118,7 @@ def limits() -> None:
     figure, panels = plt.subplots(2, 2, figsize=(12, 7.6), layout="constrained")
     for panel, (title, along, across, places, errors) in zip(panels.flat, LIMITS, strict=True):
         plain, ours = np.array([errors(float(x)) for x in places]).T
-        least = LEAST_M if errors is pole else LEAST
+        least = LEAST_M if errors is pole_errors else LEAST
         dots = {"s": 12, "linewidths": 0}
         panel.scatter(places, np.maximum(plain, least), color=PLAIN, label="plain form", **dots)
         panel.scatter(places, np.maximum(ours, least), color=OURS, label="ours", **dots)
@@ -157,10 +126,10 @@ def limits() -> None:
         panel.set_ylim(least / 5, None)
         panel.grid(alpha=0.3)
         panel.minorticks_off()
-        if errors is not cells:
+        if errors is not multiplier_errors:
             panel.invert_xaxis()
     panels[0, 0].legend(loc="upper left", markerscale=2)
-    figure.savefig(HERE / "stability-limits.png", dpi=110, metadata={"Software": None})
+    figure.savefig(DOCS / "stability-limits.png", dpi=110, metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -140,16 +140,22 @@ def straight_above() -> Case:
     )
 
 
-def near_the_zenith(off_m: float = 1e-3) -> Case:
+def zenith_errors(off_m: float) -> tuple[float, float]:
+    """Relative errors of the angle from the vertical, 10 km up: plain form and ours."""
     enu = np.array([off_m, 0.0, 10_000.0])
     exact = mp.atan2(mp.mpf(off_m), 10_000) * 180 / mp.pi
     plain = 90 - np.degrees(np.arcsin(enu[2] / np.linalg.norm(enu)))
+    return relative(plain, exact), relative(90 - enu_to_aer(enu)[1], exact)
+
+
+def near_the_zenith() -> Case:
+    plain, ours = zenith_errors(1e-3)
     return Case(
         where="angle from the vertical, 1 mm off it, 10 km up",
         plain_form="arcsine of height over range",
-        plain=relative(plain, exact),
+        plain=plain,
         cure="arctangent of height over ground range",
-        ours=relative(90 - enu_to_aer(enu)[1], exact),
+        ours=ours,
         test="models/test_stability.py::test_a_millimetre_off_the_vertical_at_10_km_is_resolved",
     )
 
@@ -180,14 +186,20 @@ def plain_height_m(ecef_m: Floats) -> float:
     return height
 
 
+def pole_errors(off_deg: float) -> tuple[float, float]:
+    """Errors of the height, metres: plain form and ours."""
+    ecef_m = geodetic_to_ecef(90.0 - off_deg, 77.0, 123.0)
+    return abs(plain_height_m(ecef_m) - 123.0), abs(float(ecef_to_geodetic(ecef_m)[2]) - 123.0)
+
+
 def pole() -> Case:
-    ecef_m = geodetic_to_ecef(90.0 - 1e-9, 77.0, 123.0)
+    plain, ours = pole_errors(1e-9)
     return Case(
         where="height 0.1 mm from the pole",
         plain_form="p over cos φ, less the radius",
-        plain=abs(plain_height_m(ecef_m) - 123.0),
+        plain=plain,
         cure="p cos φ + z sin φ − a √(1 − e² sin² φ)",
-        ours=abs(float(ecef_to_geodetic(ecef_m)[2]) - 123.0),
+        ours=ours,
         unit="m",
         test="models/test_frames.py::test_poles_have_latitude_height_and_longitude_zero",
     )

@@ -1,6 +1,6 @@
 """Writes docs/stability.md: where plain forms fail, by how much, and what ours do there.
 
-python docs/write_stability.py
+python docs/commands/write_stability.py
 """
 
 from __future__ import annotations
@@ -8,22 +8,23 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from pages import table
 from stability_case import Case, in_words
 from stability_chances import DETECTION
-from stability_effects import EFFECTS
-from stability_links import LINKS
+from stability_effects import EFFECTS, LINKS
 from stability_places import BISTATIC, FRAMES
 from stability_times import TIMES
 
-PAGE = Path(__file__).with_name("stability.md")
-TESTS = Path(__file__).parents[1] / "tests"
+PAGE = Path(__file__).parents[1] / "stability.md"
+TESTS = Path(__file__).parents[2] / "tests"
 INTRODUCTION = """# Where plain forms fail
 
-Written by `python docs/write_stability.py` (`make pictures` runs it), which computes both forms,
-and their errors against sixty digits of mpmath. Errors are relative where they have no unit; what
-begins with "under" is rounding alone, and "no number" is a NaN or an infinity. Each row is held by
-the test that its last column names.
+Written by `python docs/commands/write_stability.py` (`make pictures` runs it), which computes
+both forms, and their errors against sixty digits of mpmath. Errors are relative where they have
+no unit; what begins with "under" is rounding alone, and "no number" is a NaN or an infinity. Each
+row is held by the test that its last column names.
 """
+HEAD = ("where", "plain form", "its error", "ours", "its error", "test")
 GROUPS = (
     ("Bistatic geometry and propagation", BISTATIC),
     ("Frames and angles", FRAMES),
@@ -38,7 +39,7 @@ PICTURES = {
 
 A metre off the baseline the plain sum has lost half of its digits, and a tenth of a millimetre off
 all of them, wherever between the two; ours has the same digits everywhere
-(`python docs/draw_stability.py`).
+(`python docs/commands/draw_stability.py`).
 """,
     "Detection": """
 ![Errors on the way to four limits](stability-limits.png)
@@ -66,21 +67,19 @@ def test_is_there(name: str) -> bool:
     return file.exists() and bool(re.search(rf"^def {function}\(", file.read_text(), re.MULTILINE))
 
 
-def row(case: Case) -> str:
-    """A row of a table."""
+def row(case: Case) -> tuple[str, ...]:
+    """Cells of a table."""
     path, _, function = case.test.partition("::")
     plain, ours = in_words(case.plain, case.unit), in_words(case.ours, case.unit)
     test = f"[{function}](../tests/{path})"
-    return f"| {case.where} | {case.plain_form} | {plain} | {case.cure} | {ours} | {test} |"
+    return case.where, case.plain_form, plain, case.cure, ours, test
 
 
 def page() -> str:
     """The whole page."""
     lines = [INTRODUCTION]
     for title, rows in cases():
-        lines += [f"## {title}", "", "| where | plain form | its error | ours | its error | test |"]
-        lines += ["|---|---|---|---|---|---|", *map(row, rows)]
-        lines += [PICTURES.get(title, "")]
+        lines += [f"## {title}", "", *table(HEAD, map(row, rows)), PICTURES.get(title, "")]
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -1,6 +1,6 @@
 """Draws docs/section-4-active.png: what the radar of section-4 does, beside what theory says.
 
-    python docs/draw_section_4_active.py
+    python docs/commands/draw_section_4_active.py
 
 Drones of three sizes hover at set ranges all around the radar of scene section-4. Bars are 95 %
 intervals: of the share detected after Wilson, of the rms errors by the spread that theory gives to
@@ -10,29 +10,29 @@ The lines are computed here, apart from the models' own detection and errors.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from math import cos, radians, sin
+from collections.abc import Sequence
+from math import radians
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from collect import Sent, Tree, scene_with, sent_by
-from numpy.typing import NDArray
 from scipy.special import exp1, gammaincinv
+from section_4 import Floats, Tree, Z, along_and_across, scene_with, simulated, wilson
 
+from plotfeed.feeds.sensing.simulation import Simulation
+from plotfeed.models.frames import wrap_180
 from plotfeed.models.propagation import radar_snr
+from plotfeed.models.state import Ints
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
 
-PICTURE = Path(__file__).with_name("section-4-active.png")
+PICTURE = Path(__file__).parents[1] / "section-4-active.png"
 RANGES_M = range(1000, 10_000, 1000)
 SIZES_M2 = {0.1: "#c8553d", 0.01: "#1f7a8c", 0.001: "#5b4b8a"}
 BEARINGS = 12
 SCANS = 400
-Z = 1.959964  # of a normal distribution: 95 % lie within
-Floats = NDArray[np.float64]
 Measured = dict[tuple[float, int], Floats]
 
 mpl.rcParams.update({"font.family": "DejaVu Sans", "font.size": 12, "svg.hashsalt": "plotfeed"})
@@ -45,18 +45,14 @@ def hovering() -> list[Tree]:
             "id": f"{size_m2}-{range_m}-{k}",
             "rcs_m2": size_m2,
             "speed_m_s": 0.01,
-            "path": [_waypoint(range_m, radians((k + 0.5) * 360 / BEARINGS), d) for d in (-3, 3)],
+            "path": [
+                along_and_across(range_m, d, radians((k + 0.5) * 360 / BEARINGS)) for d in (-3, 3)
+            ],
         }
         for size_m2 in SIZES_M2
         for range_m in RANGES_M
         for k in range(BEARINGS)
     ]
-
-
-def _waypoint(range_m: float, azimuth: float, across_m: float) -> dict[str, float]:
-    east_m = range_m * sin(azimuth) + across_m * cos(azimuth)
-    north_m = range_m * cos(azimuth) - across_m * sin(azimuth)
-    return {"east_m": east_m, "north_m": north_m, "above_site_m": 50.0}
 
 
 def predicted(radar: Tree, range_m: Floats, size_m2: float) -> tuple[list[Floats], Floats]:
@@ -94,36 +90,30 @@ def predicted(radar: Tree, range_m: Floats, size_m2: float) -> tuple[list[Floats
     return values, np.sqrt(3 * inverse_square / inverse_snr**2 - 1)
 
 
-def _place(drone: str) -> tuple[float, int]:
-    size_m2, range_m, _ = drone.split("-")
-    return float(size_m2), int(range_m)
+def by_place(drones: Sequence[str], drone: Ints, values: Floats) -> Measured:
+    """Values of looks or plots of drones, (n,) or (n, 3), by the size and the range of each."""
+    found = {}
+    for row, name in enumerate(drones):
+        size_m2, range_m, _ = name.split("-")
+        found.setdefault((float(size_m2), int(range_m)), []).append(values[drone == row])
+    return {place: np.concatenate(parts) for place, parts in found.items()}
 
 
-def detections(sent: Sent) -> Measured:
+def detections(seen: Simulation) -> Measured:
     """Whether each look at a size and a range was a detection."""
-    hits = defaultdict(list)
-    for look in sent.looks():
-        hits[_place(look.drone)].append(look.detected)
-    return {place: np.array(found, dtype=np.float64) for place, found in hits.items()}
+    looks = seen["active"].looks
+    return by_place(seen.drones, looks.drone, looks.detected.astype(np.float64))
 
 
-def errors(sent: Sent) -> Measured:
+def errors(seen: Simulation) -> Measured:
     """Errors of range, azimuth and elevation of each plot of a size and a range; (n, 3)."""
-    found = defaultdict(list)
-    for plot, truth in sent.plots():
-        if truth.drone:
-            turn_deg = (plot.azimuth_deg - truth.azimuth_deg + 180) % 360 - 180
-            rise_deg = plot.elevation_deg - truth.elevation_deg
-            found[_place(truth.drone)].append((plot.range_m - truth.range_m, turn_deg, rise_deg))
-    return {place: np.array(rows) for place, rows in found.items()}
-
-
-def wilson(hits: Floats) -> tuple[float, float, float]:
-    """Share, and the ends of its 95 % interval."""
-    n, p = len(hits), float(hits.mean())
-    middle = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
-    half = Z / (1 + Z**2 / n) * np.sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
-    return p, middle - half, middle + half
+    plots = seen["active"].plots
+    found = [
+        plots.range_m - plots.true_range_m,
+        wrap_180(plots.azimuth_deg - plots.true_azimuth_deg),
+        plots.elevation_deg - plots.true_elevation_deg,
+    ]
+    return by_place(seen.drones, plots.drone, np.stack(found, axis=-1))
 
 
 def rms(values: Floats, expected: float, deviation: float) -> tuple[float, float, float]:
@@ -135,10 +125,10 @@ def rms(values: Floats, expected: float, deviation: float) -> tuple[float, float
 
 def draw() -> None:
     """Pd, then the three errors."""
-    tree = scene_with("active", hovering())
+    tree = scene_with("active", drones=hovering())
     (radar,) = tree["sensor"]
-    sent = sent_by(tree, SCANS * radar["scan"]["period_s"])
-    hits, missed_by = detections(sent), errors(sent)
+    seen = simulated(tree, SCANS * radar["scan"]["period_s"])
+    hits, missed_by = detections(seen), errors(seen)
     looks, plots = sum(map(len, hits.values())), sum(map(len, missed_by.values()))
     figure, panels = plt.subplots(2, 2, figsize=(16, 10.5), dpi=100, layout="constrained")
     line_m = np.linspace(500, 10_000, 381)
@@ -153,11 +143,11 @@ def draw() -> None:
                 here = (size_m2, range_m)
                 wanted = float(np.interp(range_m, line_m, lines[column]))
                 deviation = float(np.interp(range_m, line_m, deviations))
-                value, low, high = (
-                    rms(missed_by[here][:, column - 1], wanted, deviation)
-                    if column
-                    else wilson(hits[here])
-                )
+                if column:
+                    value, low, high = rms(missed_by[here][:, column - 1], wanted, deviation)
+                else:
+                    value = float(hits[here].mean())
+                    low, high = wilson(hits[here].sum(), len(hits[here]))
                 within[0] += low <= wanted <= high
                 within[1] += 1
                 bar = [[value - low], [high - value]]

@@ -1,6 +1,6 @@
 """Prints the figures of docs/equations.md.
 
-python docs/equation_figures.py
+python docs/commands/equation_figures.py
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from collect import scene_with
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import exp1, gammaincc, gammainccinv, gammaincinv
+from section_4 import scene_with
 
 from plotfeed.feeds.scene.scene import example
 from plotfeed.models import detection, propagation
@@ -49,7 +49,7 @@ def rms_over_printed(snr: float) -> float:
 
 
 def models() -> dict[str, Any]:
-    """Of the sensors of section-4, by their ids."""
+    """Models of the sensors of section-4, by their ids."""
     scene = example("section-4")
     return {sensor.id: sensor.model(scene.scene.site) for sensor in scene.sensor}
 
@@ -141,7 +141,7 @@ def mimo() -> None:
 
 
 def too_high(spread_db: float) -> float:
-    """By how much the Pd of the mean ratio exceeds the true one, at the worst strength."""
+    """The most by which the Pd of the mean ratio exceeds the true one."""
     others_db = np.linspace(-10, 40, 501)
     snrs = 10 ** (np.stack([others_db, others_db, others_db + spread_db], axis=-1) / 10)
     means = np.repeat(snrs.mean(axis=-1, keepdims=True), 3, axis=-1)
@@ -198,7 +198,7 @@ def passive() -> None:
 
 
 def pd_at(model: Any, range_m: float = 100.0) -> float:
-    """Of the drone at that slant range."""
+    """Pd of the drone at that slant range."""
     return float(model.predict(approaching(range_m)).pd[0])
 
 

@@ -1,6 +1,6 @@
 """Charts scene section-4: the pictures of docs/speed-accuracy.md, and its table between two marks.
 
-python docs/draw_speed_accuracy.py
+python docs/commands/draw_speed_accuracy.py
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from marks import between
+from pages import between, table
 
 from plotfeed.feeds.accuracy_chart.chart import charted
 from plotfeed.feeds.accuracy_chart.chart_command import as_values, verdict
@@ -19,15 +19,14 @@ from plotfeed.feeds.accuracy_chart.stage import Effort, errors_text, ns_text, sh
 from plotfeed.feeds.console.signals import keep_freed
 from plotfeed.feeds.scene.scene import example
 
-HERE = Path(__file__).parent
-PAGE = HERE / "speed-accuracy.md"
-PICTURES = HERE / "speed-accuracy"
+DOCS = Path(__file__).parents[1]
+PAGE, PICTURES = DOCS / "speed-accuracy.md", DOCS / "speed-accuracy"
 TARGETS = 1000
 Values = dict[str, Any]
 
 
 def tables(chart: Values) -> str:
-    """Of every sensor, and the sentence about each."""
+    """Tables of every sensor, and the sentence about each."""
     machine = chart["machine"]
     parts = [
         f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, Python "
@@ -44,17 +43,22 @@ def tables(chart: Values) -> str:
 
 
 def _rows(sensor: Values) -> list[str]:
-    rows = ["| stage | method | ns | | error added | of its own |", "|---|---|--:|---|---|--:|"]
+    rows = []
     for stage in sensor["stages"]:
-        for i, way in enumerate(stage["methods"]):
-            name = f"**{way['method']}**" if way["ours"] else way["method"]
-            ns = way["ns"]
+        for i, method in enumerate(stage["methods"]):
+            name = f"**{method['method']}**" if method["ours"] else method["method"]
+            ns = method["ns"]
             rows.append(
-                f"| {'' if i else stage['stage']} | {name}{' *' if way['on_front'] else ''} "
-                f"| {ns_text(ns['median'])} | ({ns_text(ns['low'])} to {ns_text(ns['high'])}) "
-                f"| {errors_text(way['errors'])} | {share_text(way['share'])} |"
+                (
+                    "" if i else stage["stage"],
+                    f"{name}{' *' if method['on_front'] else ''}",
+                    ns_text(ns["median"]),
+                    f"({ns_text(ns['low'])} to {ns_text(ns['high'])})",
+                    errors_text(method["errors"]),
+                    share_text(method["share"]),
+                )
             )
-    return rows
+    return table(("stage", "method", ">ns", "", "error added", ">of its own"), rows)
 
 
 def main() -> None:

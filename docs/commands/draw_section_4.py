@@ -1,6 +1,6 @@
 """Draws docs/section-4-*.png: figures 4 to 8 of the paper, from one run of the example scene.
 
-    python docs/draw_section_4.py
+    python docs/commands/draw_section_4.py
 
 The fifth, of many approaches, holds what was counted against what `plotfeed check` predicts.
 """
@@ -12,16 +12,17 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from collect import scene_with
 from matplotlib.patches import Rectangle
-from section_4_runs import (
+from section_4 import (
     SENSORS,
     TITLES,
     Floats,
     Measured,
+    Z,
     many_flights,
     one_flight,
     predictions,
+    scene_with,
 )
 
 from plotfeed.models.sensors.sensor_model import Prediction
@@ -32,10 +33,10 @@ from matplotlib import pyplot as plt
 COLOURS = {"active": "#0a7d6c", "passive": "#c8651b", "mimo": "#3b5bb5", "microphone": "#a3276f"}
 MARKERS = {"active": "o", "passive": "D", "mimo": "s", "microphone": "^"}
 GRID, QUIET, MISSED = "#dde3e6", "#5c6b73", "#9aa5ab"
+DOCS = Path(__file__).parents[1]
 FLIGHTS = 400
 BIN_M = 250.0
 NEAR_M = 450.0
-Z = 1.959964  # of a normal distribution: 95 % lie within
 Predictions = dict[str, tuple[Floats, Prediction]]
 
 mpl.rcParams.update(
@@ -70,7 +71,8 @@ def main() -> None:
     draw_drone(sensors)
     draw_angle(sensors, predicted)
     draw_distance(sensors, predicted)
-    draw_predicted(many_flights(FLIGHTS)[1], predicted)
+    flights = many_flights(FLIGHTS)
+    draw_predicted({name: Measured.by(flights[name]) for name in SENSORS}, predicted)
 
 
 def draw_map(sensors: dict[str, Measured]) -> None:
@@ -260,7 +262,7 @@ def _counted(
 
 
 def _save(figure: Any, file: str) -> None:
-    figure.savefig(Path(__file__).with_name(file), metadata={"Software": None})
+    figure.savefig(DOCS / file, metadata={"Software": None})
     plt.close(figure)
 
 

@@ -1,6 +1,6 @@
 """Writes docs/scene.md: every key of the scene file, from the JSON schema that checks it.
 
-python docs/write_scene_reference.py
+python docs/commands/write_scene_reference.py
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 
 from plotfeed.feeds.schema.published import text_of
 
-PAGE = Path(__file__).with_name("scene.md")
+PAGE = Path(__file__).parents[1] / "scene.md"
 INTRODUCTION = """# The scene file
 
-Written by `make pictures` from the schema that plotfeed checks scenes by; `plotfeed schema` prints
-that schema, for editors that complete and check TOML.
+Written by `python docs/commands/write_scene_reference.py` from the schema that plotfeed checks
+scenes by; `plotfeed schema` prints that schema, for editors that complete and check TOML.
 
 A scene is one TOML file. It names a site, the sensors that look, and the drones that the scene
 flies by itself; others may come by telemetry. Only what it names is modelled. A key that does not
@@ -205,13 +205,13 @@ def _line(text: str) -> str:
     return re.sub(r"\s+", " ", text).replace("|", "\\|").strip()
 
 
-def main() -> None:
-    """Write the page."""
+def page() -> str:
+    """The whole page."""
     reference = Reference(json.loads(text_of("scene")))
     if reference.silent:
         raise SystemExit(f"keys without a description: {', '.join(reference.silent)}")
-    PAGE.write_text("\n".join([INTRODUCTION, *reference.parts]))
+    return "\n".join([INTRODUCTION, *reference.parts])
 
 
 if __name__ == "__main__":
-    main()
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,6 +1,6 @@
 """Writes docs/messages.md: our protobuf messages, field by field, from the schema's own comments.
 
-python docs/write_messages.py
+python docs/commands/write_messages.py
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ import re
 from importlib.resources import files
 from pathlib import Path
 
-PAGE = Path(__file__).with_name("messages.md")
+PAGE = Path(__file__).parents[1] / "messages.md"
 INTRODUCTION = """# plotfeed's own messages
 
-Written by `make pictures` from [plotfeed.proto](../proto/plotfeed.proto), which `plotfeed schema
-messages` prints. The unit of a field is the end of its name: `_m` metres, `_deg` degrees, `_m_s`
-metres a second, `_db` decibels, `_dbm` decibels over a milliwatt, `_hz` hertz, `_us` microseconds,
-`_utc_ns` nanoseconds of UTC since 1970. Azimuth is clockwise from true north, elevation above the
-sensor's horizontal. An optional field that is absent was not measured or is not known; zero is a
-value. JSON is protobuf's own mapping, with these names.
+Written by `python docs/commands/write_messages.py` from
+[plotfeed.proto](../proto/plotfeed.proto), which `plotfeed schema messages` prints. The unit of a
+field is the end of its name: `_m` metres, `_deg` degrees, `_m_s` metres a second, `_db` decibels,
+`_dbm` decibels over a milliwatt, `_hz` hertz, `_us` microseconds, `_utc_ns` nanoseconds of UTC
+since 1970. Azimuth is clockwise from true north, elevation above the sensor's horizontal. An
+optional field that is absent was not measured or is not known; zero is a value. JSON is
+protobuf's own mapping, with these names.
 """
 FIELD = re.compile(r"^\s+(?:(optional|repeated) )?([\w.]+) (\w+) = (\d+);(?:\s*// (.*))?$")
 VALUE = re.compile(r"^\s+(\w+) = (\d+);(?:\s*// (.*))?$")

@@ -1,8 +1,7 @@
-"""Where effects that a scene may name, and false alarms, fail: rows of docs/stability.md."""
+"""Where effects that a scene may name, false alarms and links fail: rows of docs/stability.md."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from stability_case import Case, relative
 
+from plotfeed.feeds.impairment.losses import chain_of
+from plotfeed.feeds.scene.link_keys import GilbertElliott
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.merging import Melted
 from plotfeed.models.effects.readings import Drift
@@ -21,11 +22,14 @@ CHANNEL = np.zeros(1, np.int64)
 DOPPLER = Doppler(cells_m_s=(0.25,), spans_m_s=(60.0,), folds=True, notch_m_s=1.0, floor_m_s=0.0)
 TIME_CONSTANT_STEPS = 600.0
 NS = 1_000_000_000
+TEST_OF_CHAINS = (
+    "feeds/impairment/test_loss_chains.py::test_chains_that_hardly_ever_move_keep_their_figures"
+)
 
 
 @dataclass
 class Axes:
-    """In the place of chance: each draw is an axis of its own, so that values are coefficients."""
+    """A stand-in for chance: each draw is an axis of its own, so that values are coefficients."""
 
     axes: dict[int, int] = field(default_factory=dict)
     step: int = 0
@@ -133,11 +137,46 @@ def hardly_any_alarm() -> Case:
     )
 
 
-EFFECTS: tuple[Callable[[], Case], ...] = (
-    slow,
-    folded,
-    forgotten,
-    slow_drift,
-    over_north,
-    hardly_any_alarm,
-)
+def rare_changes() -> Case:
+    p, r = 3e-18, 1e-18
+    exact_p, exact_r = mp.mpf(p), mp.mpf(r)
+    loss = exact_p / (exact_p + exact_r)
+    exact = loss * (1 - loss) * (2 - exact_p - exact_r) / (exact_p + exact_r)
+    steps, law = np.array([[1 - r, r], [p, 1 - p]]), np.array([p, r]) / (p + r)
+    lost = np.array([1.0, 0.0])
+    try:
+        later = (law * lost) @ (np.linalg.inv(np.eye(2) - steps + law) - np.eye(2)) @ lost
+    except np.linalg.LinAlgError:
+        later = np.nan
+    plain = law[0] * (1 - law[0]) + 2 * later
+    chain = chain_of(GilbertElliott(kind="gilbert-elliott", p=p, r=r))
+    return Case(
+        where="variance of losses, states that change once in 10¹⁸ messages",
+        plain_form="inverse of I − P + 1π",
+        plain=relative(plain, exact),
+        cure="sums until a state comes again, without a subtraction",
+        ours=relative(chain.variance_per_message, exact),
+        test=TEST_OF_CHAINS,
+    )
+
+
+def endless_burst() -> Case:
+    p, r = 0.5, 1e-17
+    lost = np.array([[1 - r, 0.0], [p, 0.0]])
+    try:
+        plain = float(np.linalg.solve(np.eye(2) - lost, np.ones(2))[0])
+    except np.linalg.LinAlgError:
+        plain = float("nan")
+    chain = chain_of(GilbertElliott(kind="gilbert-elliott", p=p, r=r))
+    return Case(
+        where="mean burst, one that ends with a chance of 10⁻¹⁷",
+        plain_form="inverse of I − PE",
+        plain=relative(plain, 1 / mp.mpf(r)),
+        cure="the same sums",
+        ours=relative(chain.mean_burst, 1 / mp.mpf(r)),
+        test=TEST_OF_CHAINS,
+    )
+
+
+EFFECTS = (slow, folded, forgotten, slow_drift, over_north, hardly_any_alarm)
+LINKS = (rare_changes, endless_burst)
