@@ -32,20 +32,19 @@ def register(keys: type[_Keys]) -> type[_Keys]:
     if keys.type_name() in SENSORS:
         raise ValueError(f"there is a sensor of type {keys.type_name()} already")
     SENSORS[keys.type_name()] = keys
-    _adapter.cache_clear()
     return keys
 
 
 @cache
-def _adapter() -> TypeAdapter[Any]:
-    """Of any sensor that is registered."""
-    union: Any = Annotated[reduce(or_, SENSORS.values()), Field(discriminator="type")]
+def _adapter(*sensors: type[SensorKeys]) -> TypeAdapter[Any]:
+    """What tells sensors apart by their `type`."""
+    union: Any = Annotated[reduce(or_, sensors), Field(discriminator="type")]
     return TypeAdapter(union)
 
 
 def sensor_of(tree: Mapping[str, Any]) -> SensorKeys:
     """A sensor from its keys; `type` tells which. Raises pydantic's `ValidationError`."""
-    found: SensorKeys = _adapter().validate_python(tree)
+    found: SensorKeys = _adapter(*SENSORS.values()).validate_python(tree)
     return found
 
 
@@ -60,7 +59,7 @@ class _OfAnyType:
     def __get_pydantic_json_schema__(
         self, _schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        return handler(_adapter().core_schema)
+        return handler(_adapter(*SENSORS.values()).core_schema)
 
 
 Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]

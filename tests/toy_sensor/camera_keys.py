@@ -1,0 +1,40 @@
+"""The second file: what a scene says of a camera, and the traits that tell what it is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from toy_sensor.camera_model import Camera
+
+from plotfeed.feeds.scene.fields import Positive, Site
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    AzimuthCoverKeys,
+    Reports,
+    SensorGeometry,
+    StaringScan,
+)
+
+
+class CameraKeys(AzimuthCoverKeys):
+    """A camera that finds drones in its pictures."""
+
+    label = "camera"
+    geometry = SensorGeometry.BEARINGS
+    sapient_type = "CAMERA"
+    formats = ("asterix-015", "asterix-205", "plots", "sapient")
+
+    type: Literal["camera"]
+    """Which model."""
+    report: Reports = ()
+    """Without it, plots."""
+    scan: StaringScan
+    """How it scans."""
+    range_max_m: Positive
+    """Nothing further away is seen."""
+    sigma_deg: Annotated[float, Field(gt=0, le=10)] = 0.1
+    """Of the errors of azimuth and elevation."""
+
+    def model(self, _site: Site, /) -> Camera:
+        """The model."""
+        return Camera(range_max_m=self.range_max_m, sigma_deg=self.sigma_deg)

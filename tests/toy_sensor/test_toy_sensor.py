@@ -1,0 +1,132 @@
+"""A sensor of three files is right in every format, on the page and in the chart."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
+from support.asterix_oracle import read_blocks
+from support.road import Road, fly
+from support.sapient_rules import checked
+from toy_sensor.camera_keys import CameraKeys
+
+from plotfeed.feeds.accuracy_chart.chart import charted
+from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.page.outline import Placements, outline
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import register
+from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys
+from plotfeed.feeds.schema.flows import types_that_report
+from plotfeed.feeds.schema.published import text_of
+from plotfeed.models.frames import aer_to_enu
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.encode_015 import Geometry
+
+TRUE_DEG = [(10.0, 20.0), (80.0, 5.0)]
+WITHIN_DEG = 1.0
+
+
+@pytest.fixture
+def flown(camera_scene: Scene) -> Road:
+    return fly(camera_scene, 3.0)
+
+
+def directions_are_right(found_deg: list[tuple[float, float]]) -> None:
+    assert len(found_deg) >= 4
+    for direction in found_deg:
+        off = [np.abs(np.subtract(direction, true)).max() for true in TRUE_DEG]
+        assert min(off) < WITHIN_DEG, direction
+
+
+def test_category_015_has_its_bearings_and_calls_it_no_radar(flown: Road) -> None:
+    records = flown.records("camera", 15)
+    directions_are_right([(r.get("I015/627/AZ"), r.get("I015/628/EL")) for r in records])
+    assert {r.get("I015/020/MOMU") for r in records} == {Geometry.OTHER}
+    assert {r.get("I015/625/R") for r in records} == {None}
+    assert flown.records("camera", 25) == []  # comes up every ten seconds
+    assert flown.records("camera", 16) == []
+    theirs = [r for block in read_blocks(flown.payloads("camera/asterix/015")) for r in block]
+    assert len(theirs) == len(records)
+
+
+def test_category_205_has_its_bearings(flown: Road) -> None:
+    records = flown.records("camera", 205)
+    directions_are_right([(r.get("I205/070"), r.get("I205/200")) for r in records])
+    theirs = [r for block in read_blocks(flown.payloads("camera/asterix/205")) for r in block]
+    assert len(theirs) == len(records)
+
+
+def test_protobuf_has_its_bearings_and_no_range(flown: Road) -> None:
+    batches = [pb.PlotBatch.FromString(payload) for payload in flown.payloads("camera/plots")]
+    plots = [plot for batch in batches for plot in batch.plots]
+    directions_are_right([(plot.azimuth_deg, plot.elevation_deg) for plot in plots])
+    assert not any(plot.HasField("range_m") or plot.HasField("height_m") for plot in plots)
+
+
+def test_sapient_has_a_camera_and_its_bearings(flown: Road) -> None:
+    messages = [checked(payload) for payload in flown.payloads("camera/sapient")]
+    (definition,) = messages[0].registration.node_definition
+    assert definition.node_type == Registration.NODE_TYPE_CAMERA
+    assert list(definition.node_sub_type) == ["camera"]
+    found = [m.detection_report.range_bearing for m in messages if m.HasField("detection_report")]
+    directions_are_right([(place.azimuth, place.elevation) for place in found])
+    assert not any(place.HasField("range") for place in found)
+
+
+def test_the_page_shows_it_and_places_its_plots_at_the_end_of_its_reach(
+    camera_scene: Scene,
+) -> None:
+    placements = Placements(camera_scene.scene.site, camera_scene.sensor)
+    (shown,) = outline(camera_scene, placements, None)["sensors"]
+    assert (shown["type"], shown["label"], shown["range_max_m"]) == ("camera", "camera", 3000.0)
+    assert (shown["rotates"], shown["transmitters"]) == (False, [])
+    unknown = np.array([np.nan])
+    east_m, north_m = placements.places_m(np.zeros(1, np.int64), np.array([80.0]), unknown, unknown)
+    there_m = aer_to_enu(np.array([80.0]), np.array([0.0]), np.array([3000.0]))[0]
+    assert (east_m[0], north_m[0]) == pytest.approx((there_m[0], there_m[1]))
+
+
+def test_the_chart_has_every_format_that_it_can_report_in(camera_scene: Scene) -> None:
+    effort = replace(Effort.quick(200), references=20)
+    (found,) = charted(camera_scene, effort).sensors
+    assert found.own.keys() >= {"azimuth_deg", "elevation_deg"}
+    (encoding,) = [stage for stage in found.stages if stage.name == "encoding"]
+    errors = {method.method.name: method.method.errors for method in encoding.methods}
+    assert errors.keys() == {"asterix-015", "asterix-205", "plots", "sapient"}
+    assert all(0 <= told["azimuth_deg"] < 0.1 for told in errors.values())
+
+
+def test_schemas_have_it() -> None:
+    assert "CameraKeys" in json.loads(text_of("scene"))["$defs"]
+    assert "camera" in types_that_report("asterix-205")
+
+
+def test_a_sensor_without_a_trait_is_refused_where_it_is_defined() -> None:
+    with pytest.raises(TypeError, match="lacks the traits geometry, sapient_type"):
+
+        class _Radar(SensorKeys):
+            label = "some radar"
+            formats = ("plots",)
+            type: Literal["some_radar"]
+            report: Reports = ()
+
+
+def test_tracks_need_the_keys_of_tracks() -> None:
+    with pytest.raises(TypeError, match="reports tracks"):
+
+        class _Radar(SensorKeys):
+            label = "some radar"
+            geometry = SensorGeometry.MONOSTATIC
+            sapient_type = "RADAR"
+            formats = ("asterix-062",)
+            type: Literal["some_radar"]
+            report: Reports = ()
+
+
+def test_no_two_sensors_have_one_type() -> None:
+    with pytest.raises(ValueError, match="there is a sensor of type camera already"):
+        register(CameraKeys)
