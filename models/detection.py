@@ -49,7 +49,7 @@ def _multiplier_of_one(pfa: float, n_reference: int) -> Floats:
 
 @nan_without_warnings
 def _multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    exponent = -np.log(_probability(pfa)) / np.asarray(n_reference, dtype=np.float64)
+    exponent = -np.log(_probability(pfa)) / as_floats(n_reference)
     return as_floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
 
 
@@ -114,26 +114,34 @@ def pd_noncoherent_cfar(
 
 
 @nan_without_warnings
-def miss_noncoherent_cfar(
-    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
-) -> Floats:
-    """One less `pd_noncoherent_cfar`."""
-    test, _ = _cfar_shares(snr, pfa, n_looks, n_reference)
-    return as_floats(betainc(n_looks, n_reference, test))
-
-
 def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability of detection, sum of looks of any SNRs, noise known; (..., K) in, (...) out.
 
     The tail of the hypoexponential distribution, in place of eq 18's mean; `pfa` broadcasts
     against the leading axes.
+
+    By uniformisation of the phase-type distribution, at the rate of the noise: exponential power
+    of mean 1+S is a chain of unit exponentials that ends after each one with probability 1/(1+S),
+    so the sum crosses y when the chain through all looks outlasts a Poisson number of mean y of
+    them. Every term is positive: ties and extreme ratios cost no digits.
     """
-    return _unequal(snrs, pfa)[0]
-
-
-def miss_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
-    """One less `pd_noncoherent_unequal`."""
-    return _unequal(snrs, pfa)[1]
+    power = _power(snrs)
+    ends, goes_on = 1 / (1 + power), 1 / (1 + 1 / power)
+    threshold = threshold_noncoherent(pfa, power.shape[-1])
+    phase = np.zeros_like(power)  # the probability of being at each look after n steps
+    phase[..., 0] = 1.0
+    finished = np.zeros(power.shape[:-1])
+    pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
+    miss = np.zeros_like(pd)
+    for n in range(_poisson_terms(threshold)):
+        weight = np.exp(xlogy(n, threshold) - threshold - gammaln(n + 1))
+        pd = pd + weight * phase.sum(axis=-1)
+        miss = miss + weight * finished
+        leaving = phase * ends
+        phase = phase * goes_on
+        phase[..., 1:] += leaving[..., :-1]
+        finished = finished + leaving[..., -1]
+    return np.where(miss < pd, 1 - miss, pd)  # the smaller one has all its digits
 
 
 @nan_without_warnings
@@ -149,33 +157,17 @@ def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_tot
 
 
 @nan_without_warnings
-def miss_noncoherent_unequal_cfar(
-    snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int
-) -> Floats:
-    """One less `pd_noncoherent_unequal_cfar`."""
-    power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
-    return np.minimum(looks_chain.falling_short(power, ratio, n_reference_total), 1.0)
-
-
-@nan_without_warnings
 def pd_logistic(
     snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
 ) -> Floats:
     """Probability of detection by a listener of that sensitivity (eq 43, in dB throughout)."""
-    return as_floats(expit(_logit(snr_db, sensitivity_db, slope_per_db)))
-
-
-@nan_without_warnings
-def miss_logistic(
-    snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike = 1.0
-) -> Floats:
-    """One less `pd_logistic`."""
-    return as_floats(expit(-_logit(snr_db, sensitivity_db, slope_per_db)))
+    margin_db = as_floats(snr_db) - as_floats(sensitivity_db)
+    return as_floats(expit(margin_db * as_floats(slope_per_db)))
 
 
 def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
     """Whether each is detected (eq 8); an undefined probability never hits."""
-    probability = np.asarray(pd, dtype=np.float64)
+    probability = as_floats(pd)
     return np.asarray(rng.random(probability.shape) < probability)
 
 
@@ -208,7 +200,7 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     of 1/x is exp(y) E1(y)/(1+S) with y = t/(1+S); t is alpha times a gamma variable of order N
     over (1 + alpha/(1+S)), over which Gauss and Legendre average.
     """
-    mean = 1.0 + np.asarray(snr, dtype=np.float64)[..., None]
+    mean = 1.0 + as_floats(snr)[..., None]
     alpha = cfar_multiplier(pfa, n_reference)
     nodes, weights = unit_interval(_QUADRATURE_POINTS)
     gamma = gammaincinv(n_reference, nodes)
@@ -255,7 +247,7 @@ def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tu
 def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Minus the logarithm of eq 7."""
     alpha = cfar_multiplier(pfa, n_reference)
-    n = np.asarray(n_reference, dtype=np.float64)
+    n = as_floats(n_reference)
     return as_floats(n * np.log1p(alpha / (1 + _power(snr))))
 
 
@@ -270,52 +262,19 @@ def _cfar_shares(
     return 1 / (1 + 1 / ratio), 1 / (1 + ratio)
 
 
-@nan_without_warnings
-def _unequal(snrs: ArrayLike, pfa: ArrayLike) -> tuple[Floats, Floats]:
-    """Pd and miss by uniformisation of the phase-type distribution, at the rate of the noise.
-
-    Exponential power of mean 1+S is a chain of unit exponentials that ends after each one with
-    probability 1/(1+S), so the sum crosses y when the chain through all looks outlasts a Poisson
-    number of mean y of them. Every term is positive: ties and extreme ratios cost no digits.
-    """
-    power = _power(snrs)
-    ends, goes_on = 1 / (1 + power), 1 / (1 + 1 / power)
-    threshold = threshold_noncoherent(pfa, power.shape[-1])
-    phase = np.zeros_like(power)  # the probability of being at each look after n steps
-    phase[..., 0] = 1.0
-    finished = np.zeros(power.shape[:-1])
-    pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
-    miss = np.zeros_like(pd)
-    for n in range(_poisson_terms(threshold)):
-        weight = np.exp(xlogy(n, threshold) - threshold - gammaln(n + 1))
-        pd = pd + weight * phase.sum(axis=-1)
-        miss = miss + weight * finished
-        leaving = phase * ends
-        phase = phase * goes_on
-        phase[..., 1:] += leaving[..., :-1]
-        finished = finished + leaving[..., -1]
-    # The smaller of the two has all its digits; from it the larger one, which may not pass one.
-    return np.where(miss < pd, 1 - miss, pd), np.where(pd < miss, 1 - pd, miss)
-
-
 def _poisson_terms(mean: Floats) -> int:
     """How many terms leave less than 1e-20 of any of these Poisson distributions."""
     largest = float(np.max(mean, initial=0.0, where=np.isfinite(mean)))
     return int(largest + 9.0 * largest**0.5 + 30.0)
 
 
-def _logit(snr_db: ArrayLike, sensitivity_db: ArrayLike, slope_per_db: ArrayLike) -> Floats:
-    margin_db = np.asarray(snr_db, dtype=np.float64) - np.asarray(sensitivity_db, dtype=np.float64)
-    return margin_db * np.asarray(slope_per_db, dtype=np.float64)
-
-
 def _power(snr: ArrayLike) -> Floats:
     """A linear ratio; NaN below zero."""
-    ratio = np.asarray(snr, dtype=np.float64)
+    ratio = as_floats(snr)
     return np.where(ratio >= 0, ratio, np.nan)
 
 
 def _probability(pfa: ArrayLike) -> Floats:
     """A probability of false alarm; NaN outside (0, 1]."""
-    probability = np.asarray(pfa, dtype=np.float64)
+    probability = as_floats(pfa)
     return np.where((probability > 0) & (probability <= 1), probability, np.nan)

@@ -23,18 +23,6 @@ POISSON_BELOW_PFA = 1e-8
 
 
 @nan_without_warnings
-def mean_false_alarms(cells: ArrayLike, pfa: ArrayLike) -> Floats:
-    """Mean number of false alarms (eq 9)."""
-    return as_floats(cells) * as_floats(pfa)
-
-
-@nan_without_warnings
-def probability_none(cells: ArrayLike, pfa: ArrayLike) -> Floats:
-    """Probability that not one cell alarms."""
-    return as_floats(np.exp(as_floats(cells) * np.log1p(-as_floats(pfa))))
-
-
-@nan_without_warnings
 def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     """Probability that some cell alarms; accurate where it is tiny."""
     return as_floats(-np.expm1(as_floats(cells) * np.log1p(-as_floats(pfa))))

@@ -25,20 +25,13 @@ from plotfeed.models.state import Floats, Ints
 _BLOCK_ELEMENTS = 1 << 22
 """Of the tables behind a draw: 32 MB."""
 _QUADRATURE_POINTS = 128
-_NODE_ELEMENTS = 1 << 14
-"""Over which quadrature points go together: enough to be quick, few enough for the cache."""
 _TAIL = 36.0
 """Of an exponential, in its means: 2e-16 lies beyond."""
 
 
 def outlasting(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
     """Probability that the looks outlast the samples; (...)."""
-    return _chance(snrs, multiplier, n_samples, at_the_end=1.0, when_over=0.0)
-
-
-def falling_short(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
-    """One less `outlasting`, accurate on its own; (...)."""
-    return _chance(snrs, multiplier, n_samples, at_the_end=0.0, when_over=1.0)
+    return _chance(snrs, multiplier, n_samples, at_the_end=1.0)
 
 
 def draw_outlasting(
@@ -71,15 +64,13 @@ def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
     integral = np.zeros(width.shape)
     for node, weight in zip(nodes, weights, strict=True):
         y = np.exp(low + width * node)
-        lasting = _chance(snrs, y, n_samples, at_the_end=in_last_look, when_over=0.0)
+        lasting = _chance(snrs, y, n_samples, at_the_end=in_last_look)
         integral += weight * width * lasting
     return integral / (1 + snrs[..., -1]) / outlasting(snrs, multiplier, n_samples)
 
 
-def _chance(
-    snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: ArrayLike, when_over: float
-) -> Floats:
-    """Of what has a known chance after the last sample within each look, (K,), and without; (...).
+def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: ArrayLike) -> Floats:
+    """Of what has a known chance after the last sample within each look, (K,), else none; (...).
 
     Carried back sample by sample to the start of the first look.
     """
@@ -87,7 +78,7 @@ def _chance(
     chance = np.empty_like(ends)
     chance.T[...] = at_the_end
     for _ in range(n_samples):
-        _carry_back(chance, ends, goes_on, when_over)
+        _carry_back(chance, ends, goes_on)
     return np.asarray(chance[0])
 
 
@@ -105,7 +96,7 @@ def _draw_block(
     chances[0] = 1.0
     for n in range(n_samples):
         chances[n + 1] = chances[n]
-        _carry_back(chances[n + 1], ends, goes_on, 0.0)
+        _carry_back(chances[n + 1], ends, goes_on)
     samples_left = np.full(len(snrs), n_samples)
     reference_sum, beyond = np.zeros(len(snrs)), np.zeros(len(snrs))
     for i, mean in enumerate(1 + snrs.T):
@@ -146,12 +137,8 @@ def _odds(snrs: Floats, multiplier: Floats) -> tuple[Floats, Floats]:
     return 1 / (1 + 1 / share), 1 / (1 + share)
 
 
-def _carry_back(chance: Floats, ends: Floats, goes_on: Floats, when_over: float) -> None:
-    """From the chances within each look to those one sample before, in place; (K, ...).
-
-    `when_over` is the chance once all looks are over.
-    """
+def _carry_back(chance: Floats, ends: Floats, goes_on: Floats) -> None:
+    """From the chances within each look to those one sample before, in place; (K, ...)."""
     chance *= goes_on
-    chance[-1] += ends[-1] * when_over
     for i in range(len(chance) - 2, -1, -1):
         chance[i] += ends[i] * chance[i + 1]

@@ -224,50 +224,6 @@ def correlated_snr(
     return as_floats(time_bandwidth) / (1 + as_floats(disturbance_w) / as_floats(target_w))
 
 
-def passive_snr(
-    *,
-    erp_w: ArrayLike,
-    gain_rx_dbi: ArrayLike,
-    wavelength_m: ArrayLike,
-    rcs_m2: ArrayLike,
-    integration_s: ArrayLike,
-    bandwidth_hz: ArrayLike,
-    range_tx_m: ArrayLike,
-    range_rx_m: ArrayLike,
-    baseline_m: ArrayLike,
-    loss_db: ArrayLike,
-    external_noise_db: ArrayLike,
-    sidelobe_db: ArrayLike,
-    cancellation_db: ArrayLike,
-    line_loss_db: ArrayLike = 0.5,
-    antenna_loss_db: ArrayLike = 0.5,
-    noise_figure_db: ArrayLike = 4.0,
-) -> Floats:
-    """Mean signal-to-noise ratio, linear, of a passive radar without clutter (eqs 24 to 31)."""
-    target_w = passive_target_power_w(
-        erp_w=erp_w,
-        gain_rx_dbi=gain_rx_dbi,
-        wavelength_m=wavelength_m,
-        rcs_m2=rcs_m2,
-        range_tx_m=range_tx_m,
-        range_rx_m=range_rx_m,
-        loss_db=loss_db,
-    )
-    direct_w = direct_signal_power_w(
-        erp_w=erp_w,
-        gain_rx_dbi=gain_rx_dbi,
-        sidelobe_db=sidelobe_db,
-        cancellation_db=cancellation_db,
-        wavelength_m=wavelength_m,
-        baseline_m=baseline_m,
-    )
-    noise_w = passive_noise_power_w(
-        bandwidth_hz, external_noise_db, line_loss_db, antenna_loss_db, noise_figure_db
-    )
-    time_bandwidth = as_floats(integration_s) * as_floats(bandwidth_hz)
-    return correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
-
-
 @nan_without_warnings
 def path_loss_db(
     range_m: ArrayLike,
@@ -331,20 +287,6 @@ def ground_attenuation_db(mean_height_m: ArrayLike, range_m: ArrayLike) -> Float
     distance = as_floats(range_m)
     lift = 2 * as_floats(mean_height_m) / distance * (17 + 300 / distance)
     return np.maximum(4.8 - lift, 0.0)
-
-
-@nan_without_warnings
-def solid_angle_index_db(
-    ground_range_m: ArrayLike, source_height_m: ArrayLike, receiver_height_m: ArrayLike
-) -> Floats:
-    """What the ground's reflection adds near the source, D_omega, dB (ISO 9613-2, 7.3.2, eq 11)."""
-    source, receiver = as_floats(source_height_m), as_floats(receiver_height_m)
-    ground_m2 = as_floats(ground_range_m) ** 2
-    direct_m2, reflected_m2 = (
-        ground_m2 + (source - receiver) ** 2,
-        ground_m2 + (source + receiver) ** 2,
-    )
-    return 10 * np.log10(1 + direct_m2 / reflected_m2)
 
 
 @nan_without_warnings

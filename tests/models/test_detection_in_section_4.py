@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.passive_equations import passive_snr
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.constants import C_M_S
@@ -35,7 +36,7 @@ def test_mimo_radar_of_three_transmitters():
 
 def test_passive_radar():
     ranges = np.array([7e3, 5e3, 4e3, 3e3, 2e3])
-    snr = propagation.passive_snr(
+    snr = passive_snr(
         erp_w=10e3,
         gain_rx_dbi=2,
         wavelength_m=C_M_S / 600e6,

@@ -30,35 +30,24 @@ def linear(decibels):
     return 10 ** (np.asarray(decibels, dtype=np.float64) / 10)
 
 
-def both(snrs, pfa, n_samples):
-    return (
-        detection.pd_noncoherent_unequal_cfar(snrs, pfa, n_samples),
-        detection.miss_noncoherent_unequal_cfar(snrs, pfa, n_samples),
-    )
-
-
 @given(snr_db=st.floats(-60, 60), n_looks=st.integers(1, 8), n=cells, pfa=pfas)
 def test_equal_looks_are_a_case_of_unequal_ones(snr_db, n_looks, n, pfa):
     design = (pfa, n_looks, n * n_looks)
-    pd, miss = both(np.full(n_looks, linear(snr_db)), pfa, n * n_looks)
+    pd = detection.pd_noncoherent_unequal_cfar(np.full(n_looks, linear(snr_db)), pfa, n * n_looks)
     assert pd == pytest.approx(
         detection.pd_noncoherent_cfar(linear(snr_db), *design), rel=1e-12, abs=0
-    )
-    assert miss == pytest.approx(
-        detection.miss_noncoherent_cfar(linear(snr_db), *design), rel=1e-11, abs=1e-200
     )
 
 
 @given(snr_db=snr_dbs, n=st.integers(1, 256), pfa=pfas)
 def test_one_look_is_the_cell_averaging_cfar(snr_db, n, pfa):
-    pd, miss = both([linear(snr_db)], pfa, n)
+    pd = detection.pd_noncoherent_unequal_cfar([linear(snr_db)], pfa, n)
     assert pd == pytest.approx(detection.pd_cfar_swerling1(linear(snr_db), pfa, n), rel=1e-12)
-    assert miss == pytest.approx(detection.miss_cfar_swerling1(linear(snr_db), pfa, n), rel=1e-12)
 
 
 @given(n_looks=st.integers(1, 32), n=st.integers(1, 16), pfa=pfas)
 def test_noise_alone_alarms_at_the_stated_rate(n_looks, n, pfa):
-    pd, _ = both(np.zeros(n_looks), pfa, n * n_looks)
+    pd = detection.pd_noncoherent_unequal_cfar(np.zeros(n_looks), pfa, n * n_looks)
     assert pd == pytest.approx(pfa, rel=1e-11)
 
 
@@ -70,7 +59,9 @@ def test_unequal_looks_agree_with_rational_arithmetic(snrs_db, n, pfa):
     n_samples = n * len(snrs)
     over = float(detection.threshold_noncoherent_cfar(pfa, len(snrs), n_samples))
     exact = mimo_equations.pd(snrs, over, n_samples)
-    assert both(snrs, pfa, n_samples)[0] == pytest.approx(exact, rel=1e-12, abs=0)
+    assert detection.pd_noncoherent_unequal_cfar(snrs, pfa, n_samples) == pytest.approx(
+        exact, rel=1e-12, abs=0
+    )
 
 
 @pytest.mark.parametrize("snrs_db", [(15, 10, 5), (-100, 12, 20), (10, 10, 10.001, 3)])
@@ -83,14 +74,18 @@ def test_unequal_looks_agree_with_an_integral_over_the_threshold(snrs_db):
         return float(tail) * stats.gamma.pdf(reference, n_samples)
 
     known, _ = quad(integrand, 0, n_samples * 3, epsrel=1e-10, limit=200)
-    assert both(snrs, pfa, n_samples)[0] == pytest.approx(known, rel=1e-9)
+    assert detection.pd_noncoherent_unequal_cfar(snrs, pfa, n_samples) == pytest.approx(
+        known, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("n_samples", [4000, 40_000])
 def test_many_reference_samples_come_to_known_noise(n_samples):
     snrs = linear([14.0, 8.0, -20.0])
     known = detection.pd_noncoherent_unequal(snrs, 1e-6)
-    assert both(snrs, 1e-6, n_samples)[0] == pytest.approx(known, rel=60 / n_samples)
+    assert detection.pd_noncoherent_unequal_cfar(snrs, 1e-6, n_samples) == pytest.approx(
+        known, rel=60 / n_samples
+    )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +98,7 @@ def test_signal_level_monte_carlo_agrees(snrs_db, pfa, n, seed):
     raw, _ = mimo_equations.raw_detections(
         snrs, pfa, n_samples, trials, np.random.default_rng(seed)
     )
-    pd = float(both(snrs, pfa, n_samples)[0])
+    pd = float(detection.pd_noncoherent_unequal_cfar(snrs, pfa, n_samples))
     assert 0.05 < pd < 0.95
     assert_sum(len(raw), trials * pd, trials * pd * (1 - pd), "hits")
 
@@ -191,11 +186,9 @@ def test_mean_inverse_power_needs_no_more_points(monkeypatch):
 
 
 @given(snrs_db=several, n=cells, pfa=pfas)
-def test_hit_and_miss_make_one(snrs_db, n, pfa):
-    pd, miss = both(linear(snrs_db), pfa, n * len(snrs_db))
+def test_no_pd_passes_one(snrs_db, n, pfa):
+    pd = detection.pd_noncoherent_unequal_cfar(linear(snrs_db), pfa, n * len(snrs_db))
     assert 0 <= pd <= 1
-    assert 0 <= miss <= 1
-    assert pd + miss == pytest.approx(1, abs=1e-12)
 
 
 @given(snrs_db=several, n=cells, pfa=pfas, more_db=st.floats(0, 60), data=st.data())
@@ -203,16 +196,17 @@ def test_pd_grows_with_each_snr(snrs_db, n, pfa, more_db, data):
     which = data.draw(st.integers(0, len(snrs_db) - 1))
     louder = list(snrs_db)
     louder[which] += more_db
-    pd, miss = both(linear([snrs_db, louder]), pfa, n * len(snrs_db))
+    pd = detection.pd_noncoherent_unequal_cfar(linear([snrs_db, louder]), pfa, n * len(snrs_db))
     assert pd[1] >= pd[0] * (1 - 1e-12)
-    assert miss[1] <= miss[0] * (1 + 1e-12)
 
 
 @settings(max_examples=40)
 @given(snrs_db=several, n=st.integers(1, 10), pfa=pfas)
 def test_the_order_of_the_looks_does_not_matter(snrs_db, n, pfa):
     n_samples = n * len(snrs_db)
-    forth, back = both(linear([snrs_db, snrs_db[::-1]]), pfa, n_samples)[0]
+    forth, back = detection.pd_noncoherent_unequal_cfar(
+        linear([snrs_db, snrs_db[::-1]]), pfa, n_samples
+    )
     assert forth == pytest.approx(back, rel=1e-11)
     one, other = detection.inverse_detected_power_noncoherent(
         linear([snrs_db, snrs_db[::-1]]), pfa, n_samples
@@ -233,19 +227,17 @@ def test_draws_are_finite_and_above_their_thresholds(snrs_db, n, pfa, seed):
 
 def test_looks_beyond_all_measure_and_outside_the_domain():
     looks = [[np.inf, 0.0], [0.0, np.inf], [np.nan, 1.0], [1.0, -0.1]]
-    pd, miss = both(looks, 1e-6, 32)
+    pd = detection.pd_noncoherent_unequal_cfar(looks, 1e-6, 32)
     np.testing.assert_array_equal(pd, [1, 1, np.nan, np.nan])
-    np.testing.assert_array_equal(miss, [0, 0, np.nan, np.nan])
     power, _ = detection.draw_detected_power_noncoherent(looks, 1e-6, 32, np.random.default_rng(0))
     np.testing.assert_array_equal(power, [np.inf, np.inf, np.nan, np.nan])
     for pfa in (0.0, -0.1, 1.1, np.nan):
-        assert np.isnan(both([1.0, 2.0], pfa, 32)).all()
+        assert np.isnan(detection.pd_noncoherent_unequal_cfar([1.0, 2.0], pfa, 32)).all()
 
 
 def test_shapes_broadcast():
     for function in (
         detection.pd_noncoherent_unequal_cfar,
-        detection.miss_noncoherent_unequal_cfar,
         detection.inverse_detected_power_noncoherent,
     ):
         assert function(np.ones((4, 1, 3)), np.full(5, 1e-6), 48).shape == (4, 5)

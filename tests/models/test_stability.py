@@ -153,7 +153,6 @@ def test_a_position_of_single_precision_loses_metres_and_ours_does_not() -> None
 @pytest.mark.parametrize("snr_db", [1e3, 1e4, -1e3, -1e4])
 def test_a_listener_far_from_its_sensitivity_is_certain(snr_db: float) -> None:
     assert detection.pd_logistic(snr_db, 0.0) == (1.0 if snr_db > 0 else pytest.approx(0.0))
-    assert detection.miss_logistic(snr_db, 0.0) == (0.0 if snr_db > 710 else pytest.approx(1.0))
 
 
 def test_an_angle_a_hair_below_north_is_north() -> None:

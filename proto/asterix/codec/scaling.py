@@ -52,11 +52,6 @@ class ScalingRule:
         used = own if lsb is None else lsb
         return cls(slot.path, slot.right, part.bits, used, low, high, overflow, modulus, text)
 
-    @property
-    def of_integers(self) -> bool:
-        """Whether the column is of integers."""
-        return isinstance(self.lsb, int)
-
     def integer(self, value: object) -> int:
         """The integer for one value, in two's complement: 0 to 2**bits - 1."""
         if self.text is not None:

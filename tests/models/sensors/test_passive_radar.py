@@ -12,6 +12,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
+from support.passive_equations import passive_snr
 from support.significance import assert_counts, assert_law, assert_mean, assert_sum
 
 from plotfeed.models import propagation
@@ -113,7 +114,7 @@ def test_odds_of_each_channel_are_the_equations_put_together():
     assert looks.channel.tolist() == [0, 1] * 3
     for channel, station in enumerate(radar.transmitters):
         at = np.array(station.position_enu_m)
-        snr = propagation.passive_snr(
+        snr = passive_snr(
             erp_w=station.erp_w,
             gain_rx_dbi=2.0,
             wavelength_m=C_M_S / station.frequency_hz,
