@@ -67,13 +67,8 @@ def draw_azimuths(
     found = [np.zeros(0)]
     for start, end in cover.shares_in(sector):
         n = draw_count(cells_between(cells, start, end), pfa, rng)
-        found.append(draw_uniform(start, end, n, rng))
+        found.append(rng.uniform(start, end, n))  # eqs 10, 11
     return wrap_360(cover.min_deg + np.concatenate(found) * cover.span_deg)
-
-
-def draw_uniform(low: float, high: float, n: int, rng: np.random.Generator) -> Floats:
-    """Where in [low, high) each of `n` false alarms lies (eqs 10, 11); (n,)."""
-    return rng.uniform(low, high, n)
 
 
 def _cells_before(total_cells: int, fraction: float) -> int:

@@ -9,28 +9,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import accuracy, detection, false_alarms, propagation
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
-from plotfeed.models.state import Bools, Floats, Looks, Plots
-
-if TYPE_CHECKING:
-    from plotfeed.models.effects.readings import Readings
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
+from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots
 
 MAX_ELEVATION_DEG = 90.0
 REFERENCE_DISTANCE_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class MicrophoneArray:
+class MicrophoneArray(CellSensor):
     """What the equations need; levels in dB re 20 uPa, of the band in which the array listens.
 
     Without a beamwidth in elevation it measures none. `kind` is what it takes every sound for, ""
@@ -45,11 +40,8 @@ class MicrophoneArray:
     noise_db: float
     sensitivity_db: float
     slope_per_db: float
-    pfa: float
-    range_max_m: float
     height_above_ground_m: float
     sound_speed_m_s: float
-    azimuth_cover: AzimuthCover
     azimuth_beamwidth_deg: float
     elevation_beamwidth_deg: float | None
     azimuth_floor_deg: float
@@ -61,20 +53,10 @@ class MicrophoneArray:
         """That of sound."""
         return self.sound_speed_m_s
 
-    @property
-    def measures_range_rate(self) -> bool:
-        """It does not."""
-        return False
-
     @cached_property
     def resolution_cells(self) -> int:
         """Beams side by side in azimuth: there are no cells of range (eq 9)."""
         return max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
-
-    @property
-    def false_alarms_per_scan(self) -> float:
-        """Their mean number (eq 9)."""
-        return self.resolution_cells * self.pfa
 
     @nan_without_warnings
     def level_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:
@@ -123,31 +105,20 @@ class MicrophoneArray:
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look at each target whose sound is known and within reach."""
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
-        power_level_db = targets.sound_power_db(np.arange(len(targets)))
+        geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
+        power_level_db = targets.sound_power_db()
         heard = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
         snr_db = self.snr_db(power_level_db[heard], targets.position_enu_m[heard])
-        pd = self.pd(snr_db)
-        looks = Looks(
-            drone=targets.drone[heard],
-            channel=np.zeros(len(heard), np.int64),
-            t_utc_ns=targets.t_utc_ns[heard],
-            range_m=range_m[heard],
-            azimuth_deg=azimuth_deg[heard],
-            elevation_deg=elevation_deg[heard],
-            snr=10 ** (snr_db / 10),
-            pd=pd,
-            detected=detection.draw_hits(pd, rng),  # eq 44
-        )
-        if not looks.detected.any():
+        pd, snr = self.pd(snr_db), 10 ** (snr_db / 10)
+        detected = detection.draw_hits(pd, rng)  # eq 44
+        looks = targets.looks(heard, geometry, snr=snr, pd=pd, detected=detected)
+        if not detected.any():
             return looks, NO_PLOTS
-        hits = looks.rows(looks.detected)
-        truth = true_geometry(hits, targets, heard, looks.detected)
-        return looks, self._measure(hits, truth, targets.readings, rng)
+        return looks, self._measure(looks.rows(detected), targets, heard[detected], rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""
-        power_level_db = targets.sound_power_db(np.arange(len(targets)))
+        power_level_db = targets.sound_power_db()
         snr_db = self.snr_db(power_level_db, targets.position_enu_m)
         snr = 10 ** (snr_db / 10)
         return Prediction(
@@ -159,17 +130,11 @@ class MicrophoneArray:
         )
 
     def _measure(
-        self,
-        hits: Looks,
-        truth: dict[str, NDArray[Any]],
-        readings: Readings | None,
-        rng: np.random.Generator,
+        self, hits: Looks, targets: Targets, rows: Ints, rng: np.random.Generator
     ) -> Plots:
         """Where the sound comes from plus errors; beside it, privately, where the drone is now."""
         errors = rng.standard_normal((2, len(hits)))
-        azimuth_deg = hits.azimuth_deg
-        if readings is not None:
-            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),
             hits.elevation_deg + np.nan_to_num(errors[1] * self.sigma_elevation_deg(hits.snr)),
@@ -180,27 +145,22 @@ class MicrophoneArray:
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             drone=hits.drone,
-            **truth,
+            **targets.true_geometry(hits, rows),
         )
 
-    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
-        """Binomial over the beams and uniform in azimuth; in elevation too, from horizon to zenith.
+    def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
+        """Uniform in elevation, from horizon to zenith.
 
         Their levels lie over the sensitivity by what the tail of the logistic law leaves there: an
         exponential of mean 1/slope, in dB.
         """
-        azimuth_deg = false_alarms.draw_azimuths(
-            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
-        )
         n = len(azimuth_deg)
-        if not n:
-            return NO_PLOTS
         snr_db = self.sensitivity_db + rng.standard_exponential(n) / self.slope_per_db
         return self._plots(
             10 ** (snr_db / 10),
-            t_utc_ns=beam_times_ns(sector, azimuth_deg),
+            t_utc_ns=t_utc_ns,
             azimuth_deg=azimuth_deg,
-            elevation_deg=false_alarms.draw_uniform(0.0, MAX_ELEVATION_DEG, n, rng),
+            elevation_deg=rng.uniform(0.0, MAX_ELEVATION_DEG, n),
         )
 
     def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:

@@ -8,53 +8,28 @@ the elevation is not, so the sensor places its plots in its own horizontal plane
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, false_alarms, propagation
 from plotfeed.models.beam.scan import Sector, beam_times_ns
-from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
-from plotfeed.models.effects.finer_detection import Aside, Finer
+from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.effects.finer_detection import Hits
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.passive_signals import PassiveSignals, flat_solution
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
-from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots
-
-if TYPE_CHECKING:
-    from plotfeed.models.effects.merging import Merging
-    from plotfeed.models.effects.readings import Readings
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
+from plotfeed.models.state import Floats, Ints, Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)
 class PassiveRadar(PassiveSignals):
-    """Signals, and what is measured by them. What is None is not modelled."""
+    """Signals, and what is measured by them."""
 
-    doppler: Doppler | None = None
-    merging: Merging | None = None
-
-    @property
-    def signal_speed_m_s(self) -> None:
-        """Light takes no time worth modelling."""
-        return
-
-    @property
-    def measures_range_rate(self) -> bool:
-        """Whether its Doppler cells are modelled."""
-        return self.doppler is not None
-
-    @cached_property
-    def _finer(self) -> Finer | None:
-        """Where it models more than the usual."""
-        if self.doppler is None and self.merging is None:
-            return None
-        return Finer(doppler=self.doppler, merging=self.merging, odds=self._odds)
-
-    def _odds(self, target_w: Floats, channel: Ints) -> tuple[Floats, Floats]:
+    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
         snr = propagation.correlated_snr(
-            target_w, self.disturbance_w[channel], self.time_bandwidth[channel]
+            powers, self.disturbance_w[channel], self.time_bandwidth[channel]
         )
         return snr, self.pd(snr)
 
@@ -63,103 +38,55 @@ class PassiveRadar(PassiveSignals):
 
         A detection without a solution within range, near the baseline above all, is no plot.
         """
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
         target_w = self.target_power_w(
             targets.true_position_enu_m[covered], targets.rcs_m2(covered)
         )
         snr = self.mean_snr(target_w).ravel()
-        row = np.repeat(covered, len(self.transmitters))
-        pd = self.pd(snr)
-        looks = Looks(
-            drone=targets.drone[row],
-            channel=np.tile(np.arange(len(self.transmitters)), len(covered)),
-            t_utc_ns=targets.t_utc_ns[row],
-            range_m=range_m[row],
-            azimuth_deg=azimuth_deg[row],
-            elevation_deg=elevation_deg[row],
+        return self._looks_and_plots(
+            targets,
+            np.repeat(covered, len(self.transmitters)),
+            geometry,
+            rng,
+            powers=target_w.ravel(),
             snr=snr,
-            pd=pd,
-            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
-        )
-        if self._finer is not None:
-            return self._observe_finer(self._finer, looks, target_w.ravel(), targets, row, rng)
-        if not looks.detected.any():
-            return looks, NO_PLOTS
-        hit = looks.detected
-        hits, row = looks.rows(hit), row[hit]
-        excess_m = self._excess_m(targets, row, hits.channel)
-        columns = true_geometry(hits, targets, row)
-        target_w = target_w.ravel()[hit]
-        return looks, self._measure(hits, excess_m, target_w, columns, targets.readings, rng)
-
-    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
-        self,
-        finer: Finer,
-        looks: Looks,
-        target_w: Floats,
-        targets: Targets,
-        row: Ints,
-        rng: np.random.Generator,
-    ) -> tuple[Looks, Plots]:
-        excess_m = self._excess_m(targets, row, looks.channel)
-        rate_m_s = self._range_rates(targets, row, looks.channel)
-        aside = Aside(
-            **true_geometry(looks, targets, row),
-            range_rate_m_s=rate_m_s,
-            true_range_rate_m_s=rate_m_s,
-        )
-        looks, hits = finer.detect(looks, target_w, aside, excess_m, rng)
-        if not len(hits.echoes):
-            return looks, NO_PLOTS
-        echoes, readings = hits.echoes, targets.readings
-        return looks, self._measure(
-            echoes, echoes.range_m, hits.powers, hits.columns, readings, hits.rng
+            pd=self.pd(snr),
+            channel=np.tile(np.arange(len(self.transmitters)), len(covered)),
         )
 
-    def _excess_m(self, targets: Targets, row: Ints, channel: Ints) -> Floats:
-        """Bistatic ranges of those targets by their channels; (n,)."""
-        return propagation.bistatic_range(
-            targets.true_position_enu_m[row], self.positions_enu_m[channel]
+    def _with_range(self, looks: Looks, targets: Targets, *rows: Ints | slice) -> Looks:
+        """Looks with bistatic ranges by their channels."""
+        place_enu_m = targets.true_places_enu_m(*rows)
+        return looks.but(
+            range_m=propagation.bistatic_range(place_enu_m, self.positions_enu_m[looks.channel])
         )
 
-    def _range_rates(self, targets: Targets, row: Ints, channel: Ints) -> Floats | None:
-        """Of their bistatic ranges, if Doppler is modelled and velocities are known; (n,)."""
+    def _range_rates(self, targets: Targets, rows: Ints | slice, channel: Ints) -> Floats | None:
+        """How fast bistatic ranges grow, if Doppler is modelled and velocities are known; (n,)."""
         if self.doppler is None or targets.velocity_enu_m_s is None:
             return None
-        place, velocity = targets.true_position_enu_m[row], targets.velocity_enu_m_s[row]
+        place, velocity = targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows]
         from_transmitter = range_rate_m_s(place, velocity, self.positions_enu_m[channel])
         return range_rate_m_s(place, velocity) + from_transmitter
 
-    def _measure(  # noqa: PLR0917 - as its callers have it
-        self,
-        hits: Looks,
-        excess_m: Floats,
-        target_w: Floats,
-        columns: dict[str, NDArray[Any]],
-        readings: Readings | None,
-        rng: np.random.Generator,
-    ) -> Plots:
-        """Noise on the measured pair by the SNR of each very detection, then the inversion.
-
-        `columns` are the true ones of the plots, and what else was found out.
-        """
-        snr, _ = detection.draw_detected_snr_swerling1(hits.snr, self.pfa, self.n_reference, rng)
-        sigmas = self.sigmas(snr, self.range_resolution_m[hits.channel])
-        azimuth_deg = hits.azimuth_deg
-        if readings is not None:
-            excess_m = readings.range_m(excess_m, hits.t_utc_ns)
-            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+    def _measure(self, hits: Hits, targets: Targets) -> Plots:
+        """Noise on the measured pair by the SNR of each very detection, then the inversion."""
+        echoes, columns, rng = hits.echoes, hits.columns, hits.rng
+        snr, _ = detection.draw_detected_snr_swerling1(echoes.snr, self.pfa, self.n_reference, rng)
+        sigmas = self.sigmas(snr, self.range_resolution_m[echoes.channel])
+        excess_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
+        azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         columns["bistatic_range_m"] = excess_m + accuracy.gaussian(sigmas[0], rng)
         columns["azimuth_deg"] = wrap_360(azimuth_deg + accuracy.gaussian(sigmas[1], rng))
         if self.doppler is not None and "range_rate_m_s" in columns:
-            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
         return self._plots(
             snr,
-            target_w,
-            t_utc_ns=hits.t_utc_ns,
-            channel=hits.channel,
-            drone=hits.drone,
+            hits.powers,
+            t_utc_ns=echoes.t_utc_ns,
+            channel=echoes.channel,
+            drone=echoes.drone,
             **columns,
         )
 
@@ -170,7 +97,7 @@ class PassiveRadar(PassiveSignals):
         is Gaussian. The errors are about the mean of the flat solution, which is biased.
         """
         position_enu_m = targets.true_position_enu_m
-        target_w = self.target_power_w(position_enu_m, targets.rcs_m2(np.arange(len(targets))))
+        target_w = self.target_power_w(position_enu_m, targets.rcs_m2())
         snr = self.mean_snr(target_w)
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
@@ -234,7 +161,7 @@ class PassiveRadar(PassiveSignals):
             np.zeros(n),
             t_utc_ns=beam_times_ns(sector, azimuth_deg),
             channel=channel,
-            bistatic_range_m=false_alarms.draw_uniform(0.0, self.range_max_m, n, rng),
+            bistatic_range_m=rng.uniform(0.0, self.range_max_m, n),
             azimuth_deg=azimuth_deg,
             **columns,
         )

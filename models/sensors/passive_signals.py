@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,9 +12,9 @@ from scipy.special import ndtr
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam.cover import Volume
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.state import Floats
 
 
@@ -120,11 +121,8 @@ class Illuminator:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PassiveSignals(Volume):
-    """What the equations need. Side-lobe and cancellation levels are negative, losses positive.
-
-    `multipath` is None where it is not modelled.
-    """
+class PassiveSignals(Volume, EchoRadar, ABC):
+    """What the equations need. Side-lobe and cancellation levels are negative, losses positive."""
 
     transmitters: tuple[Illuminator, ...]
     gain_rx_dbi: float
@@ -141,7 +139,6 @@ class PassiveSignals(Volume):
     doppler_cells: int
     bistatic_range_floor_m: float
     azimuth_floor_deg: float
-    multipath: Multipath | None = None
 
     @cached_property
     def positions_enu_m(self) -> Floats:

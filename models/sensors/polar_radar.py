@@ -9,30 +9,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models import accuracy, propagation
 from plotfeed.models.beam.cover import Volume
-from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.beam.scan_draws import of_rows
 from plotfeed.models.constants import C_M_S
-from plotfeed.models.effects.doppler import Doppler, range_rate_m_s
-from plotfeed.models.effects.finer_detection import Aside, Finer
-from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.effects.finer_detection import Hits
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
-from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
-
-if TYPE_CHECKING:
-    from plotfeed.models.effects.merging import Merging
-    from plotfeed.models.effects.readings import Readings
-
-
-MEASURED_OF = ("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg")
-"""Columns of looks from which plots are made."""
+from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
+from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
 
 
 def mean_over_signals(snrs: Floats) -> Floats:
@@ -41,11 +32,11 @@ def mean_over_signals(snrs: Floats) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolarRadar(Volume, ABC):
+class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
 
     A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
-    What is None is not modelled, and run lengths are not where nobody asks for them.
+    Run lengths are not modelled where nobody asks for them.
     """
 
     frequency_hz: float
@@ -53,7 +44,6 @@ class PolarRadar(Volume, ABC):
     integration_s: float
     loss_db: float
     noise_figure_db: float
-    pfa: float
     n_reference: int
     range_resolution_m: float
     azimuth_beamwidth_deg: float
@@ -64,9 +54,6 @@ class PolarRadar(Volume, ABC):
     elevation_floor_deg: float
     measures_elevation: bool
     measures_run_length: bool = True
-    multipath: Multipath | None = None
-    doppler: Doppler | None = None
-    merging: Merging | None = None
 
     @abstractmethod
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
@@ -99,32 +86,6 @@ class PolarRadar(Volume, ABC):
         return (
             max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
         ) * self.doppler_cells
-
-    @property
-    def signal_speed_m_s(self) -> None:
-        """Light takes no time worth modelling."""
-        return
-
-    @property
-    def measures_range_rate(self) -> bool:
-        """Whether its Doppler cells are modelled."""
-        return self.doppler is not None
-
-    @cached_property
-    def _finer(self) -> Finer | None:
-        """Where it models more than the usual."""
-        if self.doppler is None and self.merging is None:
-            return None
-        return Finer(
-            doppler=self.doppler,
-            merging=self.merging,
-            odds=lambda snrs, _: (mean_over_signals(snrs), self.pd(snrs)),
-        )
-
-    @property
-    def false_alarms_per_scan(self) -> float:
-        """Their mean number (eq 9)."""
-        return self.resolution_cells * self.pfa
 
     @cached_property
     def noise_dbm(self) -> float:
@@ -160,54 +121,26 @@ class PolarRadar(Volume, ABC):
 
         Heights are left out: they take the sensor's place on Earth.
         """
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        rng = of_rows(rng, covered)
         snrs = self.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
-        pd = self.pd(snrs)
-        looks = Looks(
-            drone=targets.drone[covered],
-            channel=np.zeros(len(pd), np.int64),
-            t_utc_ns=targets.t_utc_ns[covered],
-            range_m=range_m[covered],
-            azimuth_deg=azimuth_deg[covered],
-            elevation_deg=elevation_deg[covered],
+        return self._looks_and_plots(
+            targets,
+            covered,
+            geometry,
+            of_rows(rng, covered),
+            powers=snrs,
             snr=mean_over_signals(snrs),
-            pd=pd,
-            detected=UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng),  # eq 8
+            pd=self.pd(snrs),
         )
-        if self._finer is not None:
-            return self._observe_finer(self._finer, looks, snrs, targets, covered, rng)
-        if not looks.detected.any():
-            return looks, NO_PLOTS
-        hits = rows_where(looks.detected)
-        seen = looks.picked(hits, MEASURED_OF)
-        truth = true_geometry(seen, targets, covered, hits)
-        return looks, self._measure(seen, snrs[hits], truth, targets.readings, of_rows(rng, hits))
 
-    def _observe_finer(  # noqa: PLR0917 - what observe knows so far
-        self,
-        finer: Finer,
-        looks: Looks,
-        snrs: Floats,
-        targets: Targets,
-        covered: Ints | slice,
-        rng: np.random.Generator,
-    ) -> tuple[Looks, Plots]:
-        rate_m_s = self._range_rates(targets, covered)
-        aside = Aside(
-            **true_geometry(looks, targets, covered),
-            range_rate_m_s=rate_m_s,
-            true_range_rate_m_s=rate_m_s,
-        )
-        looks, hits = finer.detect(looks, snrs, aside, looks.range_m, rng)
-        if not len(hits.echoes):
-            return looks, NO_PLOTS
-        plots = self._measure(hits.echoes, hits.powers, hits.columns, targets.readings, hits.rng)
-        return looks, plots
+    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:  # noqa: ARG002
+        return mean_over_signals(powers), self.pd(powers)
 
-    def _range_rates(self, targets: Targets, rows: Ints | slice) -> Floats | None:
-        """Of those targets, if Doppler is modelled and their velocities are known."""
+    def _with_range(self, looks: Looks, *_where: Any) -> Looks:
+        return looks
+
+    def _range_rates(self, targets: Targets, rows: Ints | slice, *_: Any) -> Floats | None:
         if self.doppler is None or targets.velocity_enu_m_s is None:
             return None
         return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
@@ -236,55 +169,36 @@ class PolarRadar(Volume, ABC):
             sigma_range_rate_m_s=sigma_rate_m_s,
         )
 
-    def _measure(
-        self,
-        hits: Looks,
-        snrs: Floats,
-        columns: dict[str, NDArray[Any]],
-        readings: Readings | None,
-        rng: np.random.Generator,
-    ) -> Plots:
-        """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection.
-
-        `columns` are the true ones of the plots, and what else was found out.
-        """
-        snr, threshold = self.draw_detected(snrs, rng)
+    def _measure(self, hits: Hits, targets: Targets) -> Plots:
+        """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection."""
+        echoes, columns, rng = hits.echoes, hits.columns, hits.rng
+        snr, threshold = self.draw_detected(hits.powers, rng)
         sigmas = self.sigmas(snr)
-        errors = rng.standard_normal((3, len(hits))) * sigmas
-        range_m, azimuth_deg = hits.range_m, hits.azimuth_deg
-        if readings is not None:
-            range_m = readings.range_m(range_m, hits.t_utc_ns)
-            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        errors = rng.standard_normal((3, len(echoes))) * sigmas
+        range_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
+        azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
-            azimuth_deg + errors[1], hits.elevation_deg + errors[2]
+            azimuth_deg + errors[1], echoes.elevation_deg + errors[2]
         )
         if self.doppler is not None and "range_rate_m_s" in columns:
-            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, hits.channel, rng)
+            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
         plots = self._plots(
             snr,
             threshold,
             sigmas,
-            t_utc_ns=hits.t_utc_ns,
+            t_utc_ns=echoes.t_utc_ns,
             range_m=range_m + errors[0],
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            drone=hits.drone,
+            drone=echoes.drone,
             **columns,
         )
         inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
         return plots.rows(inside & (plots.range_m > 0))
 
-    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
-        """The false alarms of one sector: binomial over its resolution cells, uniform in them.
-
-        Uniform in range, azimuth and elevation (eqs 9 to 12; elevation is drawn, not height).
-        """
-        azimuth_deg = false_alarms.draw_azimuths(
-            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
-        )
+    def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
+        """Uniform in range and elevation (eqs 10 to 12; elevation is drawn, not height)."""
         n = len(azimuth_deg)
-        if not n:
-            return NO_PLOTS
         snr, threshold = self.draw_detected(np.zeros((n, self.n_signals)), rng)
         columns = {}
         if self.doppler is not None:
@@ -293,21 +207,15 @@ class PolarRadar(Volume, ABC):
             snr,
             threshold,
             self.sigmas(snr),
-            t_utc_ns=beam_times_ns(sector, azimuth_deg),
-            range_m=false_alarms.draw_uniform(self.range_min_m, self.range_max_m, n, rng),
+            t_utc_ns=t_utc_ns,
+            range_m=rng.uniform(self.range_min_m, self.range_max_m, n),
             azimuth_deg=azimuth_deg,
-            elevation_deg=false_alarms.draw_uniform(
-                self.elevation_min_deg, self.elevation_max_deg, n, rng
-            ),
+            elevation_deg=rng.uniform(self.elevation_min_deg, self.elevation_max_deg, n),
             **columns,
         )
 
     def _plots(
-        self,
-        snr: Floats,
-        threshold: Floats,
-        sigmas: Floats,
-        **columns: NDArray[Any],
+        self, snr: Floats, threshold: Floats, sigmas: Floats, **columns: NDArray[Any]
     ) -> Plots:
         """With what follows from a detection's power alone: amplitude, run length, stated sigmas.
 

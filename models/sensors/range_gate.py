@@ -11,26 +11,15 @@ import numpy as np
 
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import enu_to_aer, wrap_360
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
 from plotfeed.models.state import Floats, Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeGate:
-    """The radius of the gate, and the noise on east, north and up alike."""
+class RangeGate(SensorModel):
+    """A gate of radius `range_max_m`, and the noise on east, north and up alike."""
 
-    range_max_m: float
     sigma_m: float
-
-    @property
-    def signal_speed_m_s(self) -> None:
-        """It sees at once."""
-        return
-
-    @property
-    def measures_range_rate(self) -> bool:
-        """It does not."""
-        return False
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -39,15 +28,11 @@ class RangeGate:
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Every target within the gate, its position with noise added."""
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        geometry = _, _, range_m = enu_to_aer(targets.position_enu_m)
         seen = np.flatnonzero((range_m > 0) & (range_m <= self.range_max_m))
-        looks = Looks(
-            drone=targets.drone[seen],
-            channel=np.zeros(len(seen), np.int64),
-            t_utc_ns=targets.t_utc_ns[seen],
-            range_m=range_m[seen],
-            azimuth_deg=azimuth_deg[seen],
-            elevation_deg=elevation_deg[seen],
+        looks = targets.looks(
+            seen,
+            geometry,
             snr=np.full(len(seen), np.nan),
             pd=np.ones(len(seen)),
             detected=np.ones(len(seen), np.bool_),
@@ -55,10 +40,8 @@ class RangeGate:
         noise_m = self.sigma_m * rng.standard_normal((len(seen), 3))
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
         sigmas = self._sigmas(elevation_deg, range_m)
-        if targets.readings is not None:
-            range_m = targets.readings.range_m(range_m, looks.t_utc_ns)
-            azimuth_deg = targets.readings.azimuth_deg(azimuth_deg, looks.t_utc_ns)
-            azimuth_deg = wrap_360(azimuth_deg)
+        range_m = targets.read_range_m(range_m, looks.t_utc_ns)
+        azimuth_deg = wrap_360(targets.read_azimuth_deg(azimuth_deg, looks.t_utc_ns))
         return looks, Plots.of(
             t_utc_ns=looks.t_utc_ns,
             range_m=range_m,
@@ -68,7 +51,7 @@ class RangeGate:
             sigma_azimuth_deg=sigmas[1],
             sigma_elevation_deg=sigmas[2],
             drone=looks.drone,
-            **true_geometry(looks, targets, seen),
+            **targets.true_geometry(looks, seen),
         )
 
     def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:

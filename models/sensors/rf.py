@@ -8,23 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import accuracy, detection, energy, false_alarms, propagation
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models import accuracy, detection, energy, propagation
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Texts
-
-if TYPE_CHECKING:
-    from plotfeed.models.effects.readings import Readings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +54,7 @@ class Emissions(Columns):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RfDirectionFinder:
+class RfDirectionFinder(CellSensor):
     """What the equations need.
 
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
@@ -78,11 +73,8 @@ class RfDirectionFinder:
     noise_figure_db: float
     path_loss_exponent: float
     path_loss_reference_m: float
-    pfa: float
     duty_cycle: float
     bursts_per_dwell: int
-    range_max_m: float
-    azimuth_cover: AzimuthCover
     azimuth_beams: int
     measures_azimuth: bool
     baseline_m: float
@@ -109,21 +101,6 @@ class RfDirectionFinder:
             max(round(self.instantaneous_bandwidth_hz / self.channel_bandwidth_hz), 1)
             * self.azimuth_beams
         )
-
-    @property
-    def signal_speed_m_s(self) -> None:
-        """Light takes no time worth modelling."""
-        return
-
-    @property
-    def measures_range_rate(self) -> bool:
-        """It does not."""
-        return False
-
-    @property
-    def false_alarms_per_scan(self) -> float:
-        """Their mean number (eq 9)."""
-        return self.resolution_cells * self.pfa
 
     @nan_without_warnings
     def width_in_band_hz(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
@@ -197,30 +174,25 @@ class RfDirectionFinder:
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look at each emitter of each target within cover and within the band."""
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         emissions = Emissions.of(targets)
         in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
         emissions = emissions.rows(in_band & covered)
-        source = emissions.target
         snr = self.received_snr(emissions, targets, range_m)
         pd = self.pd(emissions, snr)
-        looks = Looks(
-            drone=targets.drone[source],
-            channel=emissions.channel,
-            t_utc_ns=targets.t_utc_ns[source],
-            range_m=range_m[source],
-            azimuth_deg=azimuth_deg[source],
-            elevation_deg=elevation_deg[source],
+        detected = detection.draw_hits(pd, rng)
+        looks = targets.looks(
+            emissions.target,
+            geometry,
             snr=snr,
             pd=pd,
-            detected=detection.draw_hits(pd, rng),
+            detected=detected,
+            channel=emissions.channel,
         )
-        if not looks.detected.any():
+        if not detected.any():
             return looks, NO_PLOTS
-        hits, emissions = looks.rows(looks.detected), emissions.rows(looks.detected)
-        truth = true_geometry(hits, targets, emissions.target)
-        return looks, self._measure(hits, emissions, truth, targets.readings, rng)
+        return looks, self._measure(looks.rows(detected), emissions.rows(detected), targets, rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
@@ -258,21 +230,14 @@ class RfDirectionFinder:
         return np.sqrt(squares_deg2 / np.bincount(rows, weights, n_targets))
 
     def _measure(
-        self,
-        hits: Looks,
-        emissions: Emissions,
-        truth: dict[str, NDArray[Any]],
-        readings: Readings | None,
-        rng: np.random.Generator,
+        self, hits: Looks, emissions: Emissions, targets: Targets, rng: np.random.Generator
     ) -> Plots:
         """Directions with errors by the SNR that each very detection shows, and what was read."""
         snr = self._draw_estimated_snr(hits.snr, rng)
         errors = rng.standard_normal(len(hits))
         read = [kind in self.decodes for kind in emissions.kind]
         told = np.array(read, np.bool_) | self.classifies
-        azimuth_deg = hits.azimuth_deg
-        if readings is not None:
-            azimuth_deg = readings.azimuth_deg(azimuth_deg, hits.t_utc_ns)
+        azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         return self._plots(
             snr,
             emissions.frequency_hz,
@@ -282,26 +247,15 @@ class RfDirectionFinder:
             kind=np.where(told, emissions.kind, ""),
             identity=np.where(read, emissions.identity, ""),
             drone=hits.drone,
-            **truth,
+            **targets.true_geometry(hits, emissions.target),
         )
 
-    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
-        """Binomial over channels and beams, uniform in azimuth and over the band; of no kind."""
-        azimuth_deg = false_alarms.draw_azimuths(
-            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
-        )
+    def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
+        """Uniform over the band, of no kind."""
         n = len(azimuth_deg)
-        if not n:
-            return NO_PLOTS
-        frequency_hz = false_alarms.draw_uniform(
-            self.frequency_min_hz, self.frequency_max_hz, n, rng
-        )
-        return self._plots(
-            self._draw_estimated_snr(np.zeros(n), rng),
-            frequency_hz,
-            azimuth_deg,
-            t_utc_ns=beam_times_ns(sector, azimuth_deg),
-        )
+        frequency_hz = rng.uniform(self.frequency_min_hz, self.frequency_max_hz, n)
+        snr = self._draw_estimated_snr(np.zeros(n), rng)
+        return self._plots(snr, frequency_hz, azimuth_deg, t_utc_ns=t_utc_ns)
 
     def _draw_estimated_snr(self, snr: Floats, rng: np.random.Generator) -> Floats:
         """The SNR that the energy of each detection shows."""

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models import false_alarms
+from plotfeed.models.beam.cover import AzimuthCover
+from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.state import Floats, Ints, Looks, Plots, Signatures
+from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signatures
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.readings import Readings
@@ -44,9 +47,61 @@ class Targets:
         """Radar cross-sections of those rows; (m,)."""
         return self.signatures.rcs_m2[self.drone[rows]]
 
-    def sound_power_db(self, rows: Ints | slice = slice(None)) -> Floats:
-        """Sound power levels of those rows, dB re 1 pW; (m,)."""
-        return self.signatures.sound_power_db[self.drone[rows]]
+    def sound_power_db(self) -> Floats:
+        """Sound power levels, dB re 1 pW; (n,)."""
+        return self.signatures.sound_power_db[self.drone]
+
+    def looks(
+        self,
+        rows: Ints | slice,
+        geometry: tuple[Floats, Floats, Floats],
+        *,
+        snr: Floats,
+        pd: Floats,
+        detected: Bools,
+        channel: Ints | None = None,
+    ) -> Looks:
+        """Looks at those rows, whose geometry, azimuth, elevation and range, is that of all."""
+        azimuth_deg, elevation_deg, range_m = geometry
+        return Looks(
+            drone=self.drone[rows],
+            channel=np.zeros(len(pd), np.int64) if channel is None else channel,
+            t_utc_ns=self.t_utc_ns[rows],
+            range_m=range_m[rows],
+            azimuth_deg=azimuth_deg[rows],
+            elevation_deg=elevation_deg[rows],
+            snr=snr,
+            pd=pd,
+            detected=detected,
+        )
+
+    def true_places_enu_m(self, *rows: NDArray[Any] | slice) -> Floats:
+        """Where drones truly are: these rows, of them these; (m, 3)."""
+        place_enu_m = self.true_position_enu_m
+        for which in rows:
+            place_enu_m = place_enu_m[which]
+        return place_enu_m
+
+    def true_geometry(self, looks: Looks, *rows: NDArray[Any] | slice) -> dict[str, NDArray[Any]]:
+        """The true columns of plots of those looks, which are at these rows, of them these."""
+        azimuth_deg, elevation_deg, range_m = looks.azimuth_deg, looks.elevation_deg, looks.range_m
+        if self.true_position_enu_m is not self.position_enu_m:
+            azimuth_deg, elevation_deg, range_m = enu_to_aer(self.true_places_enu_m(*rows))
+        return {
+            "true_azimuth_deg": azimuth_deg,
+            "true_elevation_deg": elevation_deg,
+            "true_range_m": range_m,
+        }
+
+    def read_range_m(self, range_m: Floats, t_utc_ns: Ints) -> Floats:
+        """What the sensor reads in place of ranges at those times; (m,)."""
+        return range_m if self.readings is None else self.readings.range_m(range_m, t_utc_ns)
+
+    def read_azimuth_deg(self, azimuth_deg: Floats, t_utc_ns: Ints) -> Floats:
+        """What the sensor reads in place of azimuths at those times, not folded; (m,)."""
+        if self.readings is None:
+            return azimuth_deg
+        return self.readings.azimuth_deg(azimuth_deg, t_utc_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,34 +120,39 @@ class Prediction:
     sigma_range_rate_m_s: Floats | None = None
 
 
-class SensorModel(Protocol):
-    """A sensor, frozen: randomness is an argument."""
+@dataclass(frozen=True, kw_only=True)
+class SensorModel(ABC):
+    """A sensor, frozen: randomness is an argument. Nothing beyond `range_max_m` is looked at."""
 
-    @property
-    def range_max_m(self) -> float:
-        """Nothing further away is ever looked at."""
+    range_max_m: float
 
     @property
     def signal_speed_m_s(self) -> float | None:
         """How fast what it senses travels; None where that takes no time worth modelling."""
+        return None
 
     @property
     def measures_range_rate(self) -> bool:
         """Whether it needs to know how fast targets are."""
+        return False
 
     @property
+    @abstractmethod
     def false_alarms_per_scan(self) -> float:
         """Their mean number."""
 
+    @abstractmethod
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look at each target: those within cover, and the plots of those detected.
 
         Heights are left out: they take the sensor's place on Earth.
         """
 
+    @abstractmethod
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector of a scan, with the times at which they came."""
 
+    @abstractmethod
     def predict(self, targets: Targets) -> Prediction:
         """What `observe` comes to over many scans, had the targets stayed there; all in cover.
 
@@ -100,18 +160,32 @@ class SensorModel(Protocol):
         """
 
 
-def true_geometry(
-    looks: Looks, targets: Targets, *rows: NDArray[Any] | slice
-) -> dict[str, NDArray[Any]]:
-    """The true columns of plots of those looks: these rows of the targets, of them these; (n,)."""
-    azimuth_deg, elevation_deg, range_m = looks.azimuth_deg, looks.elevation_deg, looks.range_m
-    if targets.true_position_enu_m is not targets.position_enu_m:
-        position_enu_m = targets.true_position_enu_m
-        for which in rows:
-            position_enu_m = position_enu_m[which]
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(position_enu_m)
-    return {
-        "true_azimuth_deg": azimuth_deg,
-        "true_elevation_deg": elevation_deg,
-        "true_range_m": range_m,
-    }
+@dataclass(frozen=True, kw_only=True)
+class CellSensor(SensorModel, ABC):
+    """A sensor with resolution cells, each of which alarms by itself with probability `pfa`."""
+
+    pfa: float
+    azimuth_cover: AzimuthCover
+
+    @property
+    @abstractmethod
+    def resolution_cells(self) -> int:
+        """How many there are in a scan."""
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Their mean number (eq 9)."""
+        return self.resolution_cells * self.pfa
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
+        """The false alarms of one sector: binomial over its cells, uniform in azimuth (eq 9)."""
+        azimuth_deg = false_alarms.draw_azimuths(
+            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+        )
+        if not len(azimuth_deg):
+            return NO_PLOTS
+        return self.false_plots(beam_times_ns(sector, azimuth_deg), azimuth_deg, rng)
+
+    @abstractmethod
+    def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
+        """The plots of false alarms at those times and azimuths, (n,), n above 0."""

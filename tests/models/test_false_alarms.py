@@ -89,10 +89,3 @@ def test_equal_sectors_are_equal_to_a_cell_and_meet_despite_rounding(total, n):
     ]
     assert sum(parts) == total
     assert max(parts) - min(parts) <= 1
-
-
-def test_places_are_uniform():
-    places = false_alarms.draw_uniform(-30.0, 30.0, 50_000, np.random.default_rng(2))
-    assert places.shape == (50_000,)
-    assert stats.kstest(places, "uniform", (-30, 60)).pvalue > 1e-3
-    assert false_alarms.draw_uniform(0.0, 1.0, 0, np.random.default_rng(2)).shape == (0,)

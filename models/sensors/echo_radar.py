@@ -1,0 +1,95 @@
+"""What radars share, whatever they measure of echoes: the way from looks to plots."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plotfeed.models import detection
+from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.finer_detection import Aside, Finer, Hits
+from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
+from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.merging import Merging
+
+MEASURED_OF = ("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr")
+"""Columns of looks from which plots are made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EchoRadar(SensorModel, ABC):
+    """A radar, of which what is None is not modelled. The powers of its looks are (n, ...)."""
+
+    multipath: Multipath | None = None
+    doppler: Doppler | None = None
+    merging: Merging | None = None
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """Whether its Doppler cells are modelled."""
+        return self.doppler is not None
+
+    @abstractmethod
+    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
+        """Mean signal-to-noise ratio and Pd of echoes; (n, ...) and (n,) in, each (n,) out."""
+
+    @abstractmethod
+    def _range_rates(self, targets: Targets, rows: Ints | slice, channel: Ints) -> Floats | None:
+        """How fast what it measures of ranges grows, if that is modelled and known; (n,)."""
+
+    @abstractmethod
+    def _with_range(self, looks: Looks, targets: Targets, *rows: Ints | slice) -> Looks:
+        """Looks with the ranges that it measures; of these rows of targets, of them these."""
+
+    @abstractmethod
+    def _measure(self, hits: Hits, targets: Targets) -> Plots:
+        """The plots of echoes, at least one, of which ranges are what it measures."""
+
+    @cached_property
+    def _finer(self) -> Finer | None:
+        """Where it models more than the usual."""
+        if self.doppler is None and self.merging is None:
+            return None
+        return Finer(doppler=self.doppler, merging=self.merging, odds=self._odds)
+
+    def _looks_and_plots(
+        self,
+        targets: Targets,
+        rows: Ints | slice,
+        geometry: tuple[Floats, Floats, Floats],
+        rng: np.random.Generator,
+        *,
+        powers: Floats,
+        snr: Floats,
+        pd: Floats,
+        channel: Ints | None = None,
+    ) -> tuple[Looks, Plots]:
+        """Looks at those rows of targets, and the plots of those detected."""
+        detected = UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng)  # eq 8
+        looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
+        if self._finer is None:
+            if not detected.any():
+                return looks, NO_PLOTS
+            which = rows_where(detected)
+            echoes = looks.picked(which, MEASURED_OF)
+            columns = targets.true_geometry(echoes, rows, which)
+            echoes = self._with_range(echoes, targets, rows, which)
+            hits = Hits(echoes, powers[which], columns, of_rows(rng, which))
+            return looks, self._measure(hits, targets)
+        rate_m_s = self._range_rates(targets, rows, looks.channel)
+        aside = Aside(
+            **targets.true_geometry(looks, rows),
+            range_rate_m_s=rate_m_s,
+            true_range_rate_m_s=rate_m_s,
+        )
+        ranged = self._with_range(looks, targets, rows)
+        looks, hits = self._finer.detect(looks, powers, aside, ranged.range_m, rng)
+        return looks, self._measure(hits, targets) if len(hits.echoes) else NO_PLOTS
