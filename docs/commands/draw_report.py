@@ -21,7 +21,7 @@ SECONDS = 300
 
 def plotfeed(*arguments: object) -> str:
     """What the command prints."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", *map(str, arguments)]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli", *map(str, arguments)]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout  # noqa: S603
 
 

@@ -12,13 +12,17 @@ from typing import Any
 import click
 
 from plotfeed.feeds.cli.options import (
+    NEW_FILE,
+    POSITIVE,
     access_options,
+    date_option,
     flight_options,
-    how_to_read_flight,
+    part_options,
+    replay_options,
     session_options,
     take_access,
+    take_flight_options,
 )
-from plotfeed.feeds.cli.replay import replay_options
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
@@ -55,12 +59,13 @@ def demo(*, no_page: bool, **options: Any) -> int:
 
     Its live page is on port 8590 of this machine, or another where that is taken.
     """
-    from plotfeed.feeds.cli.run import run_in_terminal
+    from plotfeed.feeds.cli.run import RunSettings, run_in_terminal
     from plotfeed.feeds.scene.scene import example
 
     if no_page and options["page"] is not None:
         raise click.UsageError("--no-page contradicts --page")
-    return run_in_terminal(example("section-4"), telemetry=None, shows_page=not no_page, **options)
+    settings = RunSettings(shows_page=not no_page, **options)
+    return run_in_terminal(example("section-4"), settings)
 
 
 @cli.command()
@@ -74,13 +79,14 @@ def demo(*, no_page: bool, **options: Any) -> int:
 @session_options
 def run(scene: Path, **options: Any) -> int:
     """Run SCENE, a TOML file, or run the record of a session again."""
-    from plotfeed.feeds.cli.run import run_again, run_in_terminal
+    from plotfeed.feeds.cli.run import RunSettings, run_again, run_in_terminal
     from plotfeed.feeds.recording.session_record import is_record
     from plotfeed.feeds.scene.scene import load
 
+    settings = RunSettings(**options)
     if is_record(scene):
-        return run_again(scene, **options)
-    return run_in_terminal(load(scene), **options)
+        return run_again(scene, settings)
+    return run_in_terminal(load(scene), settings)
 
 
 @cli.command()
@@ -94,7 +100,7 @@ def run(scene: Path, **options: Any) -> int:
 @click.option("--raw", is_flag=True, help="Send positions as recorded, without smoothing.")
 @click.option("--takeoff-height-m", type=float, help="Above the ellipsoid; makes altitudes that.")
 @click.option("--geoid-undulation-m", type=float, help="Above the ellipsoid; makes altitudes that.")
-@click.option("--rcs-m2", type=click.FloatRange(min=0, min_open=True))
+@click.option("--rcs-m2", type=POSITIVE)
 @access_options
 @flight_options
 def inject(flight: Path, broker: str, **options: Any) -> int:
@@ -103,21 +109,17 @@ def inject(flight: Path, broker: str, **options: Any) -> int:
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
     address = BrokerAddress.parse(broker, **take_access(options))
-
-    names = ("columns", "altitude_reference", "gps_order", "utc_offset_h")
-    how_to_read = how_to_read_flight(**{name: options.pop(name) for name in names})
+    how_to_read = take_flight_options(options)
     return publish_flight(flight, how_to_read, FlightFeed(broker=address, **options))
 
 
 @cli.command()
 @click.argument("scene", type=click.Path(path_type=Path))
-@click.option(
-    "--rcs-m2", type=click.FloatRange(min=0, min_open=True), help="Instead of the scene's."
-)
+@click.option("--rcs-m2", type=POSITIVE, help="Instead of the scene's.")
 @click.option("--json", "as_json", is_flag=True)
 @click.option(
     "--chart",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=NEW_FILE,
     metavar="FILE",
     help="Also draw Pd and errors against range: .png, .svg or .pdf.",
 )
@@ -163,7 +165,7 @@ def chart(scene: Path, **options: Any) -> int:
 @click.option("--count", type=click.IntRange(min=1), help="End after so many; implies --list.")
 @click.option(
     "--duration",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     help="End after seconds, of what a broker has.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
@@ -198,9 +200,10 @@ def replay(recording: Path, **options: Any) -> int:
     FILE is MCAP, pcap, pcapng, FINAL, raw ASTERIX or JSON lines. In a terminal keys steer it.
     """
     from plotfeed.feeds.cli.replay import replay_as_asked
+    from plotfeed.feeds.cli.replay_options import ReplayOptions
 
     access = take_access(options)
-    return replay_as_asked(recording, DEFAULT_BROKER, access, **options)
+    return replay_as_asked(recording, DEFAULT_BROKER, access, ReplayOptions(**options))
 
 
 FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
@@ -219,13 +222,8 @@ FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
     type=click.Choice(["telemetry", "before", "after", "received"]),
     help="Only these; what has no stages takes 'after' and 'received'.",
 )
-@click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC.")
-@click.option("--end", metavar="TIME", help="As --start; what was recorded then is left out.")
-@click.option(
-    "--date",
-    type=click.DateTime(["%Y-%m-%d"]),
-    help="The first day of a file that has none: FINAL, raw.",
-)
+@part_options
+@date_option
 @click.option("--force", is_flag=True, help="Even if OUT is there already.")
 @click.option("--json", "as_json", is_flag=True, help="Totals as JSON.")
 def convert(source: Path, target: Path, **options: Any) -> int:
@@ -241,10 +239,10 @@ def convert(source: Path, target: Path, **options: Any) -> int:
 
 @cli.command()
 @click.argument("source", metavar="URL")
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("file", type=NEW_FILE)
 @click.option("--interface", metavar="NAME", help="Where a multicast group is joined.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many messages.")
-@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after seconds.")
+@click.option("--duration", type=POSITIVE, help="End after seconds.")
 @click.option("--force", is_flag=True, help="Even if FILE is there already.")
 @click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON.")
 @access_options
@@ -265,7 +263,7 @@ def record(source: str, file: Path, **options: Any) -> int:
 @click.option("--json", "as_json", is_flag=True, help="Everything, as one JSON object.")
 @click.option(
     "--chart",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=NEW_FILE,
     metavar="IMAGE",
     help="Also draw it: .png, .svg or .pdf.",
 )
@@ -326,7 +324,3 @@ def _failed(text: str, code: int) -> int:
     for line in text.splitlines():
         click.echo(f"plotfeed: {line}", err=True)
     return code
-
-
-if __name__ == "__main__":
-    main()

@@ -1,83 +1,185 @@
-"""Options that several commands share, and what becomes of them."""
+"""Options that several commands share, or of which one has many, and what becomes of them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-
-def session_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that `run` and `demo` share."""
-    for option in reversed(
-        [
-            click.option(
-                "--broker",
-                metavar="URL",
-                help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
-            ),
-            click.option(
-                "--duration", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS"
-            ),
-            click.option(
-                "--speed",
-                default="1",
-                metavar="FACTOR",
-                help="Times real time, or 'max' for as fast as possible.",
-            ),
-            click.option(
-                "--write",
-                type=click.Path(dir_okay=False, path_type=Path),
-                metavar="FILE",
-                help="Also write the ASTERIX data blocks to a raw file.",
-            ),
-            click.option(
-                "--record",
-                type=click.Path(dir_okay=False, path_type=Path),
-                metavar="FILE",
-                help="Record all that comes in and goes out, and the ledger, as MCAP.",
-            ),
-            click.option("--force", is_flag=True, help="Replace the file of --record."),
-            click.option(
-                "--metrics",
-                type=click.IntRange(1, 65535),
-                metavar="PORT",
-                help="Serve Prometheus metrics on that port of loopback.",
-            ),
-            click.option(
-                "--page",
-                metavar="[HOST:]PORT",
-                help="Serve the live page there; HOST is this machine alone unless it is given.",
-            ),
-            click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
-        ]
-    ):
-        command = option(command)
-    return command
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+POSITIVE = click.FloatRange(min=0, min_open=True)
+NOT_NEGATIVE = click.FloatRange(min=0)
 
 
-def access_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """How to get into a broker; user and password come from the environment or a file."""
-    existing = click.Path(exists=True, dir_okay=False, path_type=Path)
-    for option in reversed(
-        [
-            click.option("--ca-file", type=existing, help="Who vouches for a mqtts:// broker."),
-            click.option("--client-certificate", type=existing, help="For a broker that asks."),
-            click.option("--client-key", type=existing),
-            click.option("--credentials", type=existing, help="TOML: username, password."),
-            click.option("--mqtt-version", type=click.Choice(["5", "3.1.1", "any"]), default="any"),
-        ]
-    ):
-        command = option(command)
-    return command
+def together(*options: Decorator) -> Decorator:
+    """A decorator that gives a command all these options, told in this order."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+date_option = click.option(
+    "--date",
+    type=click.DateTime(["%Y-%m-%d"]),
+    help="The first day of a file that has none: FINAL, raw.",
+)
+part_options = together(
+    click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC."),
+    click.option("--end", metavar="TIME", help="As --start; what was recorded then is left out."),
+)
+session_options = together(
+    click.option(
+        "--broker",
+        metavar="URL",
+        help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
+    ),
+    click.option("--duration", type=POSITIVE, metavar="SECONDS"),
+    click.option(
+        "--speed",
+        default="1",
+        metavar="FACTOR",
+        help="Times real time, or 'max' for as fast as possible.",
+    ),
+    click.option(
+        "--write",
+        type=NEW_FILE,
+        metavar="FILE",
+        help="Also write the ASTERIX data blocks to a raw file.",
+    ),
+    click.option(
+        "--record",
+        type=NEW_FILE,
+        metavar="FILE",
+        help="Record all that comes in and goes out, and the ledger, as MCAP.",
+    ),
+    click.option("--force", is_flag=True, help="Replace the file of --record."),
+    click.option(
+        "--metrics",
+        type=click.IntRange(1, 65535),
+        metavar="PORT",
+        help="Serve Prometheus metrics on that port of loopback.",
+    ),
+    click.option(
+        "--page",
+        metavar="[HOST:]PORT",
+        help="Serve the live page there; HOST is this machine alone unless it is given.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
+)
+access_options = together(
+    click.option("--ca-file", type=EXISTING, help="Who vouches for a mqtts:// broker."),
+    click.option("--client-certificate", type=EXISTING, help="For a broker that asks."),
+    click.option("--client-key", type=EXISTING),
+    click.option("--credentials", type=EXISTING, help="TOML: username, password."),
+    click.option("--mqtt-version", type=click.Choice(["5", "3.1.1", "any"]), default="any"),
+)
+"""How to get into a broker; user and password come from the environment or a file."""
+flight_options = together(
+    click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        metavar="OURS=THEIRS",
+        help="A CSV's own name for one of our columns, such as latitude_deg=lat.",
+    ),
+    click.option(
+        "--altitude-reference",
+        type=click.Choice(["ellipsoid", "mean_sea_level", "above_takeoff"]),
+        help="What altitudes are above, where the file does not say.",
+    ),
+    click.option(
+        "--gps-order",
+        type=click.Choice(["lat-lon", "lon-lat"]),
+        help="Order of an SRT's GPS(...) values, where the file does not show it.",
+    ),
+    click.option(
+        "--utc-offset-h",
+        type=click.FloatRange(-14, 14),
+        default=0.0,
+        help="Of the file's local time.",
+    ),
+)
+replay_options = together(
+    click.option(
+        "--broker",
+        metavar="URL",
+        help="mqtt://HOST:PORT; loopback if there is no --udp either.",
+    ),
+    click.option(
+        "--udp",
+        multiple=True,
+        metavar="ADDRESS:PORT",
+        help="Send datagrams there; 'recorded' is where each of them once went.",
+    ),
+    click.option("--ttl", type=click.IntRange(0, 255), default=1, help="Of multicast."),
+    click.option("--interface", metavar="NAME", help="By which multicast leaves."),
+    click.option(
+        "--topic",
+        "topics",
+        multiple=True,
+        metavar="OLD=NEW",
+        help="Topics that begin with the levels of OLD begin with NEW instead.",
+    ),
+    click.option("--speed", type=click.FloatRange(0.001, 10_000), default=1.0, show_default=True),
+    click.option("--fastest", is_flag=True, help="As fast as possible, without deadlines."),
+    part_options,
+    click.option(
+        "--loop",
+        "laps",
+        is_flag=False,
+        flag_value=0,
+        default=1,
+        type=click.IntRange(min=0),
+        metavar="[N]",
+        help="So many times; without N, until it is stopped.",
+    ),
+    date_option,
+    click.option(
+        "--stage",
+        type=click.Choice(["after", "before", "telemetry"]),
+        default="after",
+        show_default=True,
+        help="What left or was heard; what sensors handed to their links; what came in.",
+    ),
+    click.option("--truth", is_flag=True, help="The ledger too."),
+    click.option(
+        "--stamps",
+        metavar="HOW",
+        help="Times inside messages: keep, now, or so many seconds later. Without it keep, "
+        "but now for telemetry.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="End with the counts as JSON."),
+    click.option(
+        "--link",
+        "links",
+        multiple=True,
+        metavar="[TOPIC=]FILE",
+        help="TOML with the keys of a scene's [sensor.link]; each sensor has one of its own.",
+    ),
+    click.option("--latency-ms", type=NOT_NEGATIVE, help="Of a link for all that has no --link."),
+    click.option("--jitter-ms", type=NOT_NEGATIVE),
+    click.option("--loss", type=click.FloatRange(0, 1), metavar="PROBABILITY"),
+    click.option(
+        "--seed",
+        type=click.IntRange(0, (1 << 63) - 1),
+        default=0,
+        show_default=True,
+        help="Of the links.",
+    ),
+)
 
 
 def take_access(options: dict[str, Any]) -> dict[str, Any]:
@@ -92,50 +194,18 @@ def take_access(options: dict[str, Any]) -> dict[str, Any]:
     return {"access": access, "versions": VERSIONS[options.pop("mqtt_version")]}
 
 
-def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that say what a flight file does not."""
-    for option in reversed(
-        [
-            click.option(
-                "--column",
-                "columns",
-                multiple=True,
-                metavar="OURS=THEIRS",
-                help="A CSV's own name for one of our columns, such as latitude_deg=lat.",
-            ),
-            click.option(
-                "--altitude-reference",
-                type=click.Choice(["ellipsoid", "mean_sea_level", "above_takeoff"]),
-                help="What altitudes are above, where the file does not say.",
-            ),
-            click.option(
-                "--gps-order",
-                type=click.Choice(["lat-lon", "lon-lat"]),
-                help="Order of an SRT's GPS(...) values, where the file does not show it.",
-            ),
-            click.option(
-                "--utc-offset-h",
-                type=click.FloatRange(-14, 14),
-                default=0.0,
-                help="Of the file's local time.",
-            ),
-        ]
-    ):
-        command = option(command)
-    return command
-
-
-def how_to_read_flight(columns: tuple[str, ...], **others: Any) -> FlightOptions:
-    """What `flight_options` gave, for the readers; raises `click.BadParameter`."""
+def take_flight_options(options: dict[str, Any]) -> FlightOptions:
+    """What `flight_options` gave, likewise, for the readers; raises `click.BadParameter`."""
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
     from plotfeed.models.state import AltitudeReference
 
-    pairs = [column.partition("=") for column in columns]
+    pairs = [column.partition("=") for column in options.pop("columns")]
     if any(not (ours and equals and theirs) for ours, equals, theirs in pairs):
         raise click.BadParameter("expected OURS=THEIRS", param_hint="--column")
-    reference = others.pop("altitude_reference")
+    reference = options.pop("altitude_reference")
     return FlightOptions(
         columns={ours: theirs for ours, _, theirs in pairs},
         altitude_reference=reference and AltitudeReference(reference),
-        **others,
+        gps_order=options.pop("gps_order"),
+        utc_offset_h=options.pop("utc_offset_h"),
     )

@@ -1,267 +1,197 @@
-"""`plotfeed replay` as its options ask for it."""
+"""A recording replayed as the command line asks, in a terminal where keys steer it."""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Sequence
-from datetime import UTC, datetime
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
-from pydantic import ValidationError
 
-from plotfeed.feeds.cli.replay_terminal import replay_in_terminal
-from plotfeed.feeds.replaying.destinations import Destinations
-from plotfeed.feeds.replaying.replay_settings import (
-    Choice,
-    LinkRule,
-    Moment,
-    ReplayError,
-    ReplaySettings,
-    Selection,
-    Stamps,
-    TopicRule,
-)
-from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
-from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.proto.utc import NS
-from plotfeed.replay.pacing import speed_of
+from plotfeed.feeds.cli.replay_options import ReplayOptions
+from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console.status_line import show_last_status, show_status
+from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.replaying.control import ReplayControl
+from plotfeed.feeds.replaying.destinations import Destinations, WayOut, ways_out
+from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.files import RepeatableRecording, open_repeatable
+from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
 
-MAX_OCTETS = 1 << 20
+MAX_DAMAGES_TOLD = 20
+FAILED = 1
 
 
-def link_rule(text: str) -> LinkRule:
-    """From FILE, for all topics, or TOPIC=FILE; raises `ReplayError`.
-
-    The file holds the keys of a scene's [sensor.link].
-    """
-    topic, equals, name = text.rpartition("=")
-    if equals and not topic:
-        raise ReplayError(f"link: expected FILE or TOPIC=FILE, not {text!r}")
-    return LinkRule(topic, link_in(Path(name)))
+SKIP_S = 10.0
+HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
 
 
-def link_in(path: Path) -> LinkSettings:
-    """The link in a file; raises `ReplayError`."""
+def _faster(control: ReplayControl) -> None:
+    control.set_speed(min(control.speed * 2, MAX_SPEED))
+
+
+def _slower(control: ReplayControl) -> None:
+    control.set_speed(max(control.speed / 2, MIN_SPEED))
+
+
+KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
+    b"\x1b[C": lambda control: control.skip(SKIP_S),
+    b"\x1b[D": lambda control: control.skip(-SKIP_S),
+    b" ": lambda control: control.toggle(),
+    b"+": _faster,
+    b"=": _faster,
+    b"-": _slower,
+    b"q": lambda control: control.stop(),
+}
+"""What a terminal sends, and what is done then; the arrows first, for they hold other keys."""
+
+
+def press(control: ReplayControl, typed: bytes) -> None:
+    """Do what keys ask for; what is no key of ours is passed over."""
+    while typed:
+        key = next((key for key in KEYS if typed.startswith(key)), typed[:1])
+        typed = typed[len(key) :]
+        if key in KEYS:
+            KEYS[key](control)
+
+
+@contextlib.contextmanager
+def steered_by_keys(control: ReplayControl, stdin: TextIO = sys.stdin) -> Iterator[bool]:
+    """Meanwhile keys steer it, inside a running loop; gives whether there are any."""
+    if not _is_ours(stdin):
+        yield False
+        return
+    terminal = stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    loop = asyncio.get_running_loop()
+    tty.setcbreak(terminal)
+    loop.add_reader(terminal, lambda: press(control, os.read(terminal, 64)))
     try:
-        with path.open("rb") as file:
-            tree = tomllib.loads(file.read(MAX_OCTETS).decode())
-    except OSError as error:
-        raise ReplayError(f"{path}: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise ReplayError(f"{path}: not TOML: {error}") from None
-    return _checked(tree, f"{path}: ")
+        yield True
+    finally:
+        loop.remove_reader(terminal)
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
-def simple_link(
-    latency_ms: float | None, jitter_ms: float | None, loss: float | None
-) -> LinkRule | None:
-    """Of all topics, with those figures; None if there are none. Raises `ReplayError`."""
-    tree: dict[str, Any] = {"latency_ms": latency_ms, "jitter_ms": jitter_ms}
-    if loss is not None:
-        tree["loss"] = {"kind": "random", "probability": loss}
-    tree = {key: value for key, value in tree.items() if value is not None}
-    return LinkRule("", _checked(tree, "link: ")) if tree else None
-
-
-def _checked(tree: dict[str, Any], where: str) -> LinkSettings:
+def _is_ours(stdin: TextIO) -> bool:
+    """Whether it is a terminal, in whose foreground we are; else asking it would stop us."""
     try:
-        return LinkSettings.model_validate(tree)
-    except ValidationError as error:
-        problems = problems_of(error, tree)
-        lines = [f"{where}{key}: {text}" if key else f"{where}{text}" for key, text in problems]
-        raise ReplayError("\n".join(lines)) from None
-
-
-RECORDED = "recorded"
+        return stdin.isatty() and os.tcgetpgrp(stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):
+        return False
 
 
 def replay_as_asked(
-    path: Path,
-    default_broker: str,
-    access: dict[str, Any],
-    *,
-    broker: str | None,
-    udp: Sequence[str],
-    ttl: int,
-    interface: str | None,
-    topics: Sequence[str],
-    speed: float,
-    fastest: bool,
-    start: str | None,
-    end: str | None,
-    laps: int,
-    date: datetime | None,
-    stage: Choice,
-    truth: bool,
-    stamps: str | None,
-    seed: int,
-    as_json: bool,
-    **links: Any,
+    path: Path, default_broker: str, access: dict[str, Any], options: ReplayOptions
 ) -> int:
-    """Replay a file; the exit code. Raises `PlotfeedError`.
-
-    `access` holds the keyword arguments of `BrokerAddress.parse`; `laps` of 0 are without end.
-    """
-    url = broker or (None if udp else default_broker)
-    destinations = Destinations(
-        brokers=() if url is None else (BrokerAddress.parse(url, **access),),
-        udp=tuple(_destination(to, ttl, interface) for to in udp if to != RECORDED),
-        recorded_udp=RECORDED in udp,
-        ttl=ttl,
-        interface=interface,
-    )
-    settings = ReplaySettings(
-        selection=Selection(stage=stage, truth=truth),
-        speed=speed_of(1.0 if fastest else speed),
-        fastest=fastest,
-        start=None if start is None else Moment.parse(start),
-        end=None if end is None else Moment.parse(end),
-        laps=laps or None,
-        stamps=Stamps.parse(stamps or ("now" if stage == "telemetry" else "keep")),
-        topics=tuple(TopicRule.parse(text) for text in topics),
-        links=_links(**links),
-        seed=seed,
-    )
-    date_utc_ns = 0 if date is None else int(date.replace(tzinfo=UTC).timestamp()) * NS
-    return replay_in_terminal(
-        path, destinations, settings, date_utc_ns=date_utc_ns, as_json=as_json
-    )
+    """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`."""
+    to, settings = options.destinations(default_broker, access), options.settings()
+    with open_repeatable(path, date_utc_ns=options.date_utc_ns) as source:
+        return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
 
 
-def _links(
+async def _replay(
+    path: Path,
+    source: RepeatableRecording,
+    to: Destinations,
+    settings: ReplaySettings,
     *,
-    links: Sequence[str],
-    latency_ms: float | None,
-    jitter_ms: float | None,
-    loss: float | None,
-) -> tuple[LinkRule, ...]:
-    """Those of topics before those of all, whatever their order on the command line."""
-    rules = [link_rule(text) for text in links]
-    simple = simple_link(latency_ms, jitter_ms, loss)
-    if simple is not None:
-        rules.append(simple)
-    return tuple(sorted(rules, key=lambda rule: -len(rule.topic)))
+    as_json: bool,
+) -> int:
+    control, totals = ReplayControl(), ReplayTotals()
+    async with ways_out(to, waits=settings.fastest) as outs:
+        with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
+            if not as_json:
+                _introduce(path, to, has_keys=has_keys)
+            status = asyncio.create_task(
+                show_status(lambda: _position(control, totals), quiet=as_json), name="status"
+            )
+            began_s = time.monotonic()
+            try:
+                await replay(source, outs, settings, control=control, totals=totals)
+            finally:
+                status.cancel()
+                await asyncio.gather(status, return_exceptions=True)
+    took_s = time.monotonic() - began_s
+    if as_json:
+        click.echo(json.dumps(_summary(totals, outs, took_s)))
+    else:
+        show_last_status(_line(totals, settings, took_s))
+        for why, count in totals.skipped.items():
+            click.echo(f"plotfeed: {count} messages were not sent: {why}", err=True)
+        for what, count in totals.left.items():
+            click.echo(f"plotfeed: times left alone {count} times: {what}", err=True)
+    found = source.damage
+    for each in found[:MAX_DAMAGES_TOLD]:
+        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+    if signal.SIGINT in signals:
+        return INTERRUPTED
+    return FAILED if totals.undelivered or (found and not totals.messages) else 0
 
 
-def _destination(to: str, ttl: int, interface: str | None) -> UdpDestination:
-    tree = {"destination": to, "ttl": ttl}
-    try:
-        if interface is not None and Endpoint.parse(to).address.is_multicast:
-            tree["interface"] = interface
-        return UdpDestination.model_validate(tree)
-    except ValidationError as error:
-        _, text = next(iter(problems_of(error, tree)))
-        raise ReplayError(f"--udp: {text}") from None
-    except ValueError as error:
-        raise ReplayError(f"--udp: {error}") from None
+def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
+    click.echo(f"{path}")
+    for broker in to.brokers:
+        click.echo(f"  MQTT  {broker}")
+    for udp in to.udp:
+        click.echo(f"  UDP   {udp.destination}")
+    if to.recorded_udp:
+        click.echo("  UDP   where each datagram once went")
+    if has_keys:
+        click.echo(HELP)
+    sys.stdout.flush()
 
 
-NOT_NEGATIVE = click.FloatRange(min=0)
+def _position(control: ReplayControl, totals: ReplayTotals) -> str:
+    lap, position_ns = control.position
+    where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(control.speed):g}"
+    return f"{where}{'  paused' if control.is_paused else ''}  messages {totals.messages}"
 
 
-def replay_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """All of them."""
-    for option in reversed([*_where(), *_when(), *_what(), *_link_options()]):
-        command = option(command)
-    return command
+def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
+    text = f"messages {totals.messages}  octets {totals.octets}  in {took_s:.2f} s"
+    if settings.fastest:
+        text += f", {totals.messages / max(took_s, 1e-9):.0f} a second"
+    else:
+        p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
+        late = f"{p50_us / 1e3:.3f} p99 {p99_us / 1e3:.3f} most {totals.worst_ns / 1e6:.3f}"
+        text += f"  late p50 {late} ms"
+    for name in ("lost", "duplicated", "undelivered", "ended"):
+        if count := getattr(totals, name):
+            text += f"  {name} {count}"
+    return text if totals.laps < 2 else f"{text}  laps {totals.laps}"
 
 
-def _where() -> list[Any]:
-    return [
-        click.option(
-            "--broker",
-            metavar="URL",
-            help="mqtt://HOST:PORT; loopback if there is no --udp either.",
-        ),
-        click.option(
-            "--udp",
-            multiple=True,
-            metavar="ADDRESS:PORT",
-            help="Send datagrams there; 'recorded' is where each of them once went.",
-        ),
-        click.option("--ttl", type=click.IntRange(0, 255), default=1, help="Of multicast."),
-        click.option("--interface", metavar="NAME", help="By which multicast leaves."),
-        click.option(
-            "--topic",
-            "topics",
-            multiple=True,
-            metavar="OLD=NEW",
-            help="Topics that begin with the levels of OLD begin with NEW instead.",
-        ),
-    ]
-
-
-def _when() -> list[Any]:
-    return [
-        click.option(
-            "--speed", type=click.FloatRange(0.001, 10_000), default=1.0, show_default=True
-        ),
-        click.option("--fastest", is_flag=True, help="As fast as possible, without deadlines."),
-        click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC."),
-        click.option(
-            "--end", metavar="TIME", help="As --start; what was recorded then is left out."
-        ),
-        click.option(
-            "--loop",
-            "laps",
-            is_flag=False,
-            flag_value=0,
-            default=1,
-            type=click.IntRange(min=0),
-            metavar="[N]",
-            help="So many times; without N, until it is stopped.",
-        ),
-        click.option(
-            "--date",
-            type=click.DateTime(["%Y-%m-%d"]),
-            help="The first day of a file that has none: FINAL, raw.",
-        ),
-    ]
-
-
-def _what() -> list[Any]:
-    return [
-        click.option(
-            "--stage",
-            type=click.Choice(["after", "before", "telemetry"]),
-            default="after",
-            show_default=True,
-            help="What left or was heard; what sensors handed to their links; what came in.",
-        ),
-        click.option("--truth", is_flag=True, help="The ledger too."),
-        click.option(
-            "--stamps",
-            metavar="HOW",
-            help="Times inside messages: keep, now, or so many seconds later. Without it keep, "
-            "but now for telemetry.",
-        ),
-        click.option("--json", "as_json", is_flag=True, help="End with the counts as JSON."),
-    ]
-
-
-def _link_options() -> list[Any]:
-    return [
-        click.option(
-            "--link",
-            "links",
-            multiple=True,
-            metavar="[TOPIC=]FILE",
-            help="TOML with the keys of a scene's [sensor.link]; each sensor has one of its own.",
-        ),
-        click.option(
-            "--latency-ms", type=NOT_NEGATIVE, help="Of a link for all that has no --link."
-        ),
-        click.option("--jitter-ms", type=NOT_NEGATIVE),
-        click.option("--loss", type=click.FloatRange(0, 1), metavar="PROBABILITY"),
-        click.option(
-            "--seed",
-            type=click.IntRange(0, (1 << 63) - 1),
-            default=0,
-            show_default=True,
-            help="Of the links.",
-        ),
-    ]
+def _summary(
+    totals: ReplayTotals, outs: Sequence[WayOut], took_s: float
+) -> dict[str, float | dict[str, int]]:
+    p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
+    return {
+        "messages": totals.messages,
+        "octets": totals.octets,
+        "laps": totals.laps,
+        "duration_s": took_s,
+        "lost": totals.lost,
+        "duplicated": totals.duplicated,
+        "undelivered": totals.undelivered,
+        "ended": totals.ended,
+        "refused": sum(getattr(out, "refused", 0) for out in outs),
+        "skipped": dict(totals.skipped),
+        "times_left_alone": dict(totals.left),
+        "lateness_p50_us": p50_us,
+        "lateness_p99_us": p99_us,
+        "lateness_p999_us": p999_us,
+        "lateness_max_us": totals.worst_ns / 1e3,
+    }

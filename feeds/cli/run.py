@@ -8,7 +8,8 @@ import json
 import logging
 import signal
 import sys
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +24,7 @@ from plotfeed.feeds.console.signals import (
     keep_freed,
     stopped_by_signals,
 )
+from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import served
 from plotfeed.feeds.recording.raw_file import RawFile
@@ -43,151 +45,123 @@ from plotfeed.proto.utc import NS
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""
-
-
-def what_is_missing() -> str:
-    """A word to whoever wants the page where its libraries are not installed; else empty."""
-    if all(find_spec(name) for name in LIBRARIES):
-        return ""
-    return "needs more: pip install 'plotfeed[page]'"
-
-
-async def with_page(
-    stop: asyncio.Event,
-    on_ready: Callable[[dict[str, str], SessionCounters], None],
-    *,
-    page: str | None,
-    another_clock: Callable[[Scene], Clock],
-    scene: Scene,
-    clock: Clock,
-    broker: str | None,
-    duration_s: float | None,
-    observers: Sequence[Observer],
-) -> SessionCounters:
-    """Sessions as the page's viewers want them; raises `PlotfeedError`.
-
-    `page` is its address. None is for the usual one, or any that is free where that is taken.
-    """
-    from plotfeed.feeds.page.page_access import (
-        DEFAULT_PORT,
-        PageAddress,
-        PageError,
-    )
-    from plotfeed.feeds.page.run_with_page import run_with_page
-
-    run = partial(
-        run_with_page,
-        scene=scene,
-        clock=clock,
-        another_clock=another_clock,
-        broker=broker,
-        duration_s=duration_s,
-        stop=stop,
-        observers=observers,
-        on_ready=on_ready,
-    )
-    if page is not None:
-        return await run(PageAddress.parse(page))
-    try:
-        return await run(PageAddress())
-    except PageError:  # before anything has begun
-        click.echo(f"port {DEFAULT_PORT} is taken: the page has another")
-        return await run(PageAddress(port=0))
-
-
-def asked_page(page: str | None, *, or_usual: bool) -> tuple[bool, str]:
-    """Whether to serve it, and what to say if not; raises `PlotfeedError` where it must be.
-
-    `or_usual` says that it is welcome even where nobody asked for it.
-    """
-    if page is None and not or_usual:
-        return False, ""
-    missing = what_is_missing()
-    if missing and page is not None:
-        raise PlotfeedError(f"the page {missing}")
-    return not missing, missing
-
-
-TERMINAL_EVERY_S = 0.5
-LOG_EVERY_S = 10.0
 FASTEST = "max"
 """In place of a speed."""
 FAILED = 1
 
+RunSession = Callable[..., Coroutine[None, None, SessionCounters]]
+"""Given `stop` and `on_ready`."""
 
-def run_in_terminal(
-    scene: Scene,
-    *,
-    broker: str | None,
-    duration: float | None,
-    speed: str,
-    write: Path | None,
-    record: Path | None,
-    telemetry: Path | None,
-    force: bool,
-    metrics: int | None,
-    page: str | None,
-    as_json: bool,
-    shows_page: bool = False,
-) -> int:
-    """Run until it ends or is stopped; the exit code.
 
-    `page` is where to serve it. With `shows_page` it is served even if nobody said where, but not
-    where nobody would be told, nor where time leaps.
-    """
-    or_usual = shows_page and not as_json and speed != FASTEST
-    serves_page, note = asked_page(page, or_usual=or_usual)
-    again = SessionRecord.open(telemetry) if telemetry else None
-    clock = _clock(scene.scene.start_utc_ns if again is None else again.start_utc_ns, speed)
-    if again is not None and duration is None and scene.scene.duration_s is None:
-        duration = (again.end_utc_ns - again.start_utc_ns) / NS
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSettings:
+    """What the options of `run` and `demo` ask for, beside the scene."""
+
+    broker: str | None
+    duration: float | None
+    """Seconds; None is as long as the scene says, or as what is run again."""
+    speed: str
+    write: Path | None
+    record: Path | None
+    force: bool
+    metrics: int | None
+    page: str | None
+    """Where to serve the page."""
+    as_json: bool
+    telemetry: Path | None = None
+    """A recorded session whose inputs are taken in again."""
+    shows_page: bool = False
+    """Whether the page is served even if nobody said where."""
+
+
+def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
+    """Run until it ends or is stopped; the exit code."""
+    serves_page, note = _page(settings)
+    again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
+    start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
+    clock, duration_s = _clock(start_utc_ns, settings.speed), settings.duration
+    if again is not None and duration_s is None and scene.scene.duration_s is None:
+        duration_s = (again.end_utc_ns - again.start_utc_ns) / NS
     with contextlib.ExitStack() as files:
-        raw = files.enter_context(RawFile(write)) if write else None
-        recorder = files.enter_context(_recorder(scene, record, clock, force)) if record else None
+        raw = recorder = None
+        if settings.write:
+            raw = files.enter_context(RawFile(settings.write))
+        if settings.record:
+            recorder = files.enter_context(
+                Recorder(
+                    settings.record,
+                    attachments=attachments_of(scene, clock.now_ns()),
+                    force=settings.force,
+                    waits=isinstance(clock, InstantClock),
+                )
+            )
         observers: list[Observer] = [raw] if raw else []
         if recorder:
             observers.append(SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth))
-        if telemetry:
-            observers.append(RecordedTelemetry(telemetry))
-        if metrics is not None:
-            observers.append(files.enter_context(served(metrics)))
-        run_so: Callable[..., Coroutine[None, None, SessionCounters]] = _plainly
-        if serves_page:
-            another_clock = partial(_clock_of, speed=speed)
-            run_so = partial(with_page, page=page, another_clock=another_clock)
-        how = partial(
-            run_so,
+        if settings.telemetry:
+            observers.append(RecordedTelemetry(settings.telemetry))
+        if settings.metrics is not None:
+            observers.append(files.enter_context(served(settings.metrics)))
+        run_session: RunSession = partial(
+            partial(_run_with_page, settings) if serves_page else run,
             scene=scene,
             clock=clock,
-            broker=broker,
-            duration_s=duration,
+            broker=settings.broker,
+            duration_s=duration_s,
             observers=observers,
         )
-        code, totals = asyncio.run(_run(scene, how, note, quiet=as_json))
-    if as_json:
+        code, totals = asyncio.run(_run(scene, run_session, note, quiet=settings.as_json))
+    if settings.as_json:
         click.echo(json.dumps(_summary(totals)))
     else:
-        click.echo(f"\r\033[K{_line(totals)}" if sys.stdout.isatty() else _line(totals))
+        show_last_status(_line(totals))
     failures = [file.failure for file in (raw, recorder) if file and file.failure]
     for failure in failures:
         click.echo(f"plotfeed: {failure}", err=True)
     return FAILED if failures else code
 
 
-def run_again(path: Path, *, telemetry: Path | None, **options: Any) -> int:
+def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
     with TemporaryDirectory(prefix="plotfeed-") as folder:
         scene = SessionRecord.open(path).scene(Path(folder))
-        return run_in_terminal(scene, telemetry=telemetry or path, **options)
+        return run_in_terminal(scene, replace(settings, telemetry=settings.telemetry or path))
 
 
-def _recorder(scene: Scene, path: Path, clock: Clock, force: bool) -> Recorder:
-    return Recorder(
-        path,
-        attachments=attachments_of(scene, clock.now_ns()),
-        force=force,
-        waits=isinstance(clock, InstantClock),
-    )
+def _page(settings: RunSettings) -> tuple[bool, str]:
+    """Whether to serve the page, and what to say if not; raises `PlotfeedError` where it must be.
+
+    Where nobody asked for it, it is not served if nobody would be told, nor where time leaps.
+    """
+    is_welcome = settings.shows_page and not settings.as_json and settings.speed != FASTEST
+    if settings.page is None and not is_welcome:
+        return False, ""
+    if all(find_spec(name) for name in LIBRARIES):
+        return True, ""
+    missing = "needs more: pip install 'plotfeed[page]'"
+    if settings.page is not None:
+        raise PlotfeedError(f"the page {missing}")
+    return False, missing
+
+
+async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
+    """Sessions as the page's viewers want them, at the page's usual port or any that is free."""
+    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError
+    from plotfeed.feeds.page.run_with_page import run_with_page
+
+    def another_clock(other: Scene) -> Clock:
+        return _clock(other.scene.start_utc_ns, settings.speed)
+
+    async def run_at(address: PageAddress) -> SessionCounters:
+        return await run_with_page(address, another_clock=another_clock, **session)
+
+    if settings.page is not None:
+        return await run_at(PageAddress.parse(settings.page))
+    try:
+        return await run_at(PageAddress())
+    except PageError:  # before anything has begun
+        click.echo(f"port {DEFAULT_PORT} is taken: the page has another")
+        return await run_at(PageAddress(port=0))
 
 
 def _clock(start_utc_ns: int | None, speed: str) -> Clock:
@@ -202,54 +176,30 @@ def _clock(start_utc_ns: int | None, speed: str) -> Clock:
     return WallClock(start_utc_ns, speed=factor)
 
 
-def _clock_of(scene: Scene, speed: str) -> Clock:
-    return _clock(scene.scene.start_utc_ns, speed)
-
-
-OnReady = Callable[[dict[str, str], SessionCounters], None]
-How = Callable[[asyncio.Event, OnReady], Coroutine[None, None, SessionCounters]]
-"""Runs a session until it is told to stop, and says when it is ready."""
-
-
-async def _plainly(
-    stop: asyncio.Event,
-    on_ready: OnReady,
-    *,
+async def _run(
     scene: Scene,
-    clock: Clock,
-    broker: str | None,
-    duration_s: float | None,
-    observers: Sequence[Observer],
-) -> SessionCounters:
-    """One session, and nothing beside it."""
-    return await run(
-        scene,
-        clock=clock,
-        broker=broker,
-        duration_s=duration_s,
-        stop=stop,
-        observers=observers,
-        on_ready=on_ready,
-    )
-
-
-async def _run(scene: Scene, how: How, note: str, *, quiet: bool) -> tuple[int, SessionCounters]:
+    run_session: RunSession,
+    note: str,
+    *,
+    quiet: bool,
+) -> tuple[int, SessionCounters]:
+    """The exit code and the counts of a session that signals stop."""
     stop = asyncio.Event()
     collect_seldom()
     keep_freed()
     asyncio.get_running_loop().set_exception_handler(partial(_stray_error, stop))
-    teller: asyncio.Task[None] | None = None
+    status: asyncio.Task[None] | None = None
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
-        nonlocal teller
+        nonlocal status
         if not quiet:
             _introduce(scene, urls, note)
-            teller = asyncio.create_task(_tell(totals), name="tell")
+            status = asyncio.create_task(show_status(lambda: _line(totals)), name="status")
 
     with stopped_by_signals(stop.set) as signals:
-        totals = await how(stop, ready)
-    if teller is not None:
-        teller.cancel()
+        totals = await run_session(stop=stop, on_ready=ready)
+    if status is not None:
+        status.cancel()
     return (INTERRUPTED if signal.SIGINT in signals else 0), totals
 
 
@@ -273,10 +223,10 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
         whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
         how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
         click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
-    ways = [f"in a browser {urls['page']}"] if "page" in urls else []
-    ways += [f"plotfeed show {url}" for name, url in urls.items() if name != "page"][:1]
-    if ways:
-        click.echo(f"look at it: {', or '.join(ways)}; stop: Ctrl-C")
+    looks = [f"in a browser {urls['page']}"] if "page" in urls else []
+    looks += [f"plotfeed show {url}" for name, url in urls.items() if name != "page"][:1]
+    if looks:
+        click.echo(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
     sys.stdout.flush()
 
 
@@ -287,42 +237,26 @@ def _topics(sensor: Sensor) -> Iterator[str]:
         yield f"asterix/{sent}" if sent else "plots (protobuf)" if name == "plots" else name
 
 
-async def _tell(totals: SessionCounters) -> None:
-    """The line of counts: over itself in a terminal, now and then in a log."""
-    in_terminal = sys.stdout.isatty()
-    while True:
-        await asyncio.sleep(TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S)
-        end = "" if in_terminal else "\n"
-        sys.stdout.write(("\r\033[K" if in_terminal else "") + _line(totals) + end)
-        sys.stdout.flush()
-
-
 def _line(totals: SessionCounters) -> str:
     p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
     text = (
         f"drones {totals.drones}  plots {totals.plots} (false {totals.false_alarms})  "
         f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
     )
-    if totals.telemetry or totals.refused:
-        text += f"  telemetry {totals.telemetry} refused {totals.refused}"
-    if totals.lost or totals.duplicated:
-        text += f"  lost {totals.lost} doubled {totals.duplicated}"
-    if totals.stale:
-        text += f"  too late for SAPIENT {totals.stale}"
-    if totals.ended:
-        text += f"  on the way at the end {totals.ended}"
-    if totals.undelivered:
-        text += f"  undelivered {totals.undelivered}"
-    if totals.missed_scans:
-        text += f"  missed scans {totals.missed_scans}"
-    return text
+    more = {
+        f"telemetry {totals.telemetry} refused {totals.refused}": totals.telemetry + totals.refused,
+        f"lost {totals.lost} doubled {totals.duplicated}": totals.lost + totals.duplicated,
+        f"too late for SAPIENT {totals.stale}": totals.stale,
+        f"on the way at the end {totals.ended}": totals.ended,
+        f"undelivered {totals.undelivered}": totals.undelivered,
+        f"missed scans {totals.missed_scans}": totals.missed_scans,
+    }
+    return "  ".join([text, *(told for told, count in more.items() if count)])
 
 
 def _summary(totals: SessionCounters) -> dict[str, float | int | str]:
     p50, p99, p999 = lateness_us(totals.lateness_ns, 50, 99, 99.9)
-    counts = {
-        name: getattr(totals, name) for name in totals.__slots__ if name not in {"lateness_ns"}
-    }
+    counts = {name: getattr(totals, name) for name in totals.__slots__ if name != "lateness_ns"}
     return {**counts, "lateness_p50_us": p50, "lateness_p99_us": p99, "lateness_p999_us": p999}
 
 

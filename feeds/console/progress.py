@@ -5,14 +5,15 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
+import click
 
 PATIENCE_S = 1.0
 BETWEEN_S = 0.1
 LOOK_EVERY = 256
+GONE = "\r\033[K\033[?25h"
+"""Takes the bar away and shows the cursor again."""
 
 T = TypeVar("T")
 
@@ -24,27 +25,15 @@ def with_progress(
     if not sys.stderr.isatty():
         yield from things
         return
-    bar: Progress | None = None
-    next_s = time.monotonic() + PATIENCE_S
+    bar = click.progressbar(length=all_, label=what, file=sys.stderr)
+    is_shown, next_s = False, time.monotonic() + PATIENCE_S
     try:
         for n, thing in enumerate(things):
             yield thing
             if n % LOOK_EVERY or time.monotonic() < next_s:
                 continue
-            next_s = time.monotonic() + BETWEEN_S
-            bar = bar or _bar(what, all_)
-            bar.update(bar.task_ids[0], completed=min(done(), all_))
+            is_shown, next_s = True, time.monotonic() + BETWEEN_S
+            bar.update(min(done(), all_) - bar.pos)
     finally:
-        if bar is not None:
-            bar.stop()
-
-
-def _bar(what: str, all_: int) -> Progress:
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TimeRemainingColumn
-
-    columns = ("{task.description}", BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
-    bar.add_task(what, total=all_)
-    bar.start()
-    return bar
+        if is_shown:
+            click.echo(GONE, file=sys.stderr, nl=False)

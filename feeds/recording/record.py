@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import click
 
 from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.topic_filter import checked
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.feeds.recording.record_udp import UdpSource
@@ -30,8 +31,6 @@ from plotfeed.replay.recorded import Recorded
 
 DEFAULT_FILTER = "plotfeed/#"
 SUFFIX = ".mcap"
-TERMINAL_EVERY_S = 0.5
-LOG_EVERY_S = 10.0
 FAILED = 1
 MAX_TOPICS = 65_536
 """That are counted."""
@@ -118,6 +117,8 @@ class _Recording:
         self._early: list[Recorded] = []
         """What comes before there is a file for it."""
         self._recorder: Recorder | None = None
+        self._told = 0
+        """Messages when the last status line was written."""
 
     async def run(self, duration_s: float | None) -> int:
         """The exit code."""
@@ -146,8 +147,10 @@ class _Recording:
             sys.stdout.flush()
         flushing = asyncio.create_task(recorder.run(), name="flush")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
-        telling = asyncio.create_task(self._tell(recorder), name="tell")
-        tasks = {flushing, stopping, telling}
+        tasks: set[asyncio.Task[Any]] = {flushing, stopping}
+        if not self._quiet:
+            status = show_status(lambda: self._status(recorder))
+            tasks.add(asyncio.create_task(status, name="status"))
         await asyncio.wait(tasks, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
         for task in tasks:
             task.cancel()
@@ -166,20 +169,10 @@ class _Recording:
         if len(self._topics) < MAX_TOPICS:
             self._topics.add(recorded.topic)
 
-    async def _tell(self, recorder: Recorder) -> None:
-        """The line of counts: over itself in a terminal, now and then in a log."""
-        in_terminal = sys.stdout.isatty()
-        messages = 0
-        while True:
-            every_s = TERMINAL_EVERY_S if in_terminal else LOG_EVERY_S
-            await asyncio.sleep(every_s)
-            if self._quiet:
-                continue
-            rate = (recorder.messages - messages) / every_s
-            messages = recorder.messages
-            text = f"{self._line(recorder)}  {rate:.0f}/s"
-            sys.stdout.write(f"\r\033[K{text}" if in_terminal else f"{text}\n")
-            sys.stdout.flush()
+    def _status(self, recorder: Recorder) -> str:
+        rate = (recorder.messages - self._told) / interval_s()
+        self._told = recorder.messages
+        return f"{self._line(recorder)}  {rate:.0f}/s"
 
     def _line(self, recorder: Recorder) -> str:
         text = (
@@ -205,8 +198,7 @@ class _Recording:
             }
             click.echo(json.dumps(totals))
         else:
-            start = "\r\033[K" if sys.stdout.isatty() else ""
-            click.echo(f"{start}{self._line(recorder)}")
+            show_last_status(self._line(recorder))
         for many, why in (
             (lost, "datagrams were lost: the socket had no room"),
             (recorder.dropped, "messages were dropped: the disk is slower"),

@@ -171,7 +171,7 @@ def mcap(path: Path, octets: int, count: int) -> Path:
 
 def by_plotfeed(path: Path, port: int, *more: str) -> dict[str, Any]:
     """Replay it; the counts."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", "replay", str(path), "--json"]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(path), "--json"]
     out = subprocess.run(
         [*command, "--udp", f"{HOST}:{port}", *more], check=True, stdout=subprocess.PIPE
     ).stdout
@@ -275,7 +275,7 @@ def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
 
 def by_broker(file: Path, url: str) -> dict[str, Any]:
     """Replay it to a broker to which nobody listens; the counts."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli.main", "replay", str(file), "--json"]
+    command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(file), "--json"]
     out = subprocess.run(
         [*command, "--broker", url, "--fastest"], check=True, stdout=subprocess.PIPE
     ).stdout

@@ -75,7 +75,7 @@ async def _inject(
     more = ["--altitude-reference", flight.reference.value] if flight.reference else []
     process = await asyncio.create_subprocess_exec(
         sys.executable,
-        *("-m", "plotfeed.feeds.cli.main", "inject", str(shared(f"flights/{flight.file}"))),
+        *("-m", "plotfeed.feeds.cli", "inject", str(shared(f"flights/{flight.file}"))),
         *("--broker", broker, "--drone", "d", "--now", "--speed", str(SPEED), *more),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from support.waiting import PATIENCE_S
 
-PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli.main"]
+PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
 
 
 def plotfeed(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess[str]:

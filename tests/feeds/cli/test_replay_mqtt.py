@@ -25,7 +25,7 @@ from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.cli.main import cli
-from plotfeed.feeds.cli.replay_terminal import press
+from plotfeed.feeds.cli.replay import press
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.replaying import destinations
 from plotfeed.feeds.replaying.control import ReplayControl

@@ -23,7 +23,7 @@ TOPIC = "plotfeed/radar/sapient"
 @contextmanager
 def running(scene: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     session = subprocess.Popen(
-        [sys.executable, "-m", "plotfeed.feeds.cli.main", "run", str(scene), *options],
+        [sys.executable, "-m", "plotfeed.feeds.cli", "run", str(scene), *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -1,0 +1,5 @@
+"""The command as `python -m plotfeed.feeds.cli`."""
+
+from plotfeed.feeds.cli.main import main
+
+main()
