@@ -195,10 +195,10 @@ def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_
 async def test_a_file_of_others_goes_out_as_it_is(tmp_path: Path) -> None:
     from support.shared_files import shared
 
-    from plotfeed.feeds.cli.replay import opened as opened_file
+    from plotfeed.replay.files import open_repeatable
 
     path = shared("recordings/croatia_cat_034_048.pcap")
-    with receiver() as ears, opened_file(path) as source:
+    with receiver() as ears, open_repeatable(path) as source:
         recorded = list(source.messages(None, None))
         link = opened(place(ears))
         settings = ReplaySettings(fastest=True)
