@@ -1,8 +1,9 @@
 """From plots to messages and back: one file for each format, and `FORMATS`, the one table of them.
 
-A new category of ASTERIX is three new files, its layout and its encoder in `proto.asterix` and its
-format here, and a line in this table; its facts stand in `scene.report_formats`, where its records
-tell of plots in `proto.asterix.decode_plots`.
+A new category of ASTERIX is three new files, its layout, its encoder and its format, and a line:
+`register(FORMAT, ActiveRadarKeys)`, after which scenes may ask for it. One that comes with plotfeed
+has that line as a row of `FORMATS`, its facts in `scene.report_formats`, its layout in
+`proto.asterix.categories`, and its name among the `formats` of the sensors that report in it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import extra as sapient
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.asterix.decode_plots import plots_in_asterix
+from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS, plots_in_asterix
 from plotfeed.proto.measured_plots import plots_in_batch
 
 FORMATS: dict[str, Format] = {
@@ -32,6 +34,23 @@ FORMATS: dict[str, Format] = {
     )
 }
 """By the name that scenes have for it; the first are those that say most of plots."""
+
+
+def register(row: Format, *sensors: type[SensorKeys]) -> None:
+    """Let scenes ask those sensors for another format, and everything read what it brings."""
+    if row.name in FORMATS:
+        raise ValueError(f"there is a format {row.name} already")
+    FORMATS[row.name], REPORT_FORMATS[row.name] = row, row.facts
+    CATEGORIES.update({layout.number: layout for layout in row.layouts})
+    if row.plot_items is not None:
+        PLOT_ITEMS[next(iter(row.facts.categories))] = row.plot_items
+    for keys in sensors:
+        keys.formats += (row.name,)
+
+
+def carries_plots(topic: str) -> bool:
+    """Whether messages of a topic hold a sector's plots or tracks."""
+    return any(topic.endswith(f"/{row.facts.topic}") for row in FORMATS.values())
 
 
 def formats_of(scene: Scene, sensor: Sensor) -> list[MessageFormat]:
@@ -52,5 +71,7 @@ __all__ = [
     "MessageFormat",
     "Seen",
     "announcer_of",
+    "carries_plots",
     "formats_of",
+    "register",
 ]

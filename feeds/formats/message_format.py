@@ -13,6 +13,8 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
+from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.decode_plots import PlotItems
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
@@ -71,6 +73,10 @@ class Format:
 
     None for a format of tracks.
     """
+    layouts: tuple[Category, ...] = ()
+    """Of ASTERIX, where `proto.asterix.categories` does not have them."""
+    plot_items: PlotItems | None = None
+    """Where records of its own category tell of plots, where `decode_plots` does not have it."""
     announcer: Callable[[Scene, Sensor], Announcer] | None = None
     """What makes the messages of a sensor of itself, if the format has any."""
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.outline import Placements, outline
 from plotfeed.feeds.page.plot_store import PlotStore
@@ -26,8 +26,6 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
-PLOT_CARRIERS = frozenset(row.facts.topic.rpartition("/")[2] for row in FORMATS.values())
-"""Last levels of topics whose messages bring a sector's plots."""
 MAX_WATCHED = 16
 """Sensors whose details are worked out for the viewers who look at them."""
 MAX_REASON = 300
@@ -108,7 +106,7 @@ class View:
         """Plots of before a leap, which fade; nothing of them is counted."""
         number = self._sensors.get(report.sensor)
         if number is not None:
-            carried = (m.sent_utc_ns for m in sent if m.delivered and _carries_plots(m.topic))
+            carried = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
             self._plots.take(number, report.plots, min(carried, default=None))
 
     def account(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
@@ -125,7 +123,7 @@ class View:
             at_utc_ns = message.sent_utc_ns
             self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
             link.sent(message.due_utc_ns, at_utc_ns, duplicate=message.copy > 0)
-            if _carries_plots(message.topic):
+            if carries_plots(message.topic):
                 first_utc_ns = min(at_utc_ns, first_utc_ns or at_utc_ns)
         self._plots.take(number, report.plots, first_utc_ns)
         if first_utc_ns is not None:
@@ -265,10 +263,6 @@ class View:
                 for sensor, number in numbers.items()
             },
         )
-
-
-def _carries_plots(topic: str) -> bool:
-    return topic.rpartition("/")[2] in PLOT_CARRIERS
 
 
 def _layouts() -> dict[str, Sequence[Sequence[str]]]:

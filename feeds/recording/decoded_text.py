@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from typing import Any
 
 from google.protobuf import json_format
@@ -17,6 +18,7 @@ from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
 from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.codec.retime_asterix import is_time_of_day
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
@@ -177,23 +179,17 @@ def _record_line(record: Record) -> str:
     items = dict(record.items)
     if not items:
         return f"CAT{record.category:03d}  {record.octets.hex()}"
-    time_of_day = items.pop(f"I{record.category:03d}/{_TIME_ITEM.get(record.category, '')}", None)
+    time_of_day = items.pop(_time_item(record.category), None)
     when = _clock(time_of_day) if isinstance(time_of_day, float) else "            "
     parts = "  ".join(f"{name.partition('/')[2]} {_short(value)}" for name, value in items.items())
     return f"CAT{record.category:03d}  {when}  {parts}"
 
 
-_TIME_ITEM = {
-    15: "145",
-    16: "140",
-    25: "070",
-    34: "030",
-    48: "140",
-    62: "070",
-    63: "030",
-    129: "070",
-    205: "030",
-}
+@cache
+def _time_item(category: int) -> str:
+    """The name of a category's time of day; empty if it has none."""
+    items = CATEGORIES[category].uap if category in CATEGORIES else ()
+    return next((item.name for item in items if item is not None and is_time_of_day(item)), "")
 
 
 def _clock(time_of_day_s: float) -> str:

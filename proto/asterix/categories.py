@@ -1,7 +1,5 @@
 """The categories that are read: a new one is a layout, an encoder, and a row here."""
 
-from collections.abc import Mapping
-
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025
@@ -13,7 +11,7 @@ from plotfeed.proto.asterix.cat129 import CAT129
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.codec.layout import Category
 
-CATEGORIES: Mapping[int, Category] = {
+CATEGORIES: dict[int, Category] = {
     category.number: category
     for category in (CAT015, CAT016, CAT025, CAT034, CAT048, CAT062, CAT063, CAT129, CAT205)
 }

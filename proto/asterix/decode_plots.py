@@ -28,7 +28,7 @@ class PlotItems:
     """A part, and the values by which it says that a record is a plot; all are, without one."""
 
 
-PLOT_ITEMS: Mapping[int, PlotItems] = {
+PLOT_ITEMS: dict[int, PlotItems] = {
     15: PlotItems(
         time="I015/145",
         columns={

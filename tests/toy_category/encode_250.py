@@ -1,0 +1,35 @@
+"""The second file: plots to data blocks of category 250."""
+
+from __future__ import annotations
+
+from toy_category.cat250 import CAT250
+
+from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.codec.report_profiles import TIME_LSB_NS, Reports, measured
+
+
+class PlotEncoder250:
+    """Plots, as I250/010, 020, 030, and 040 if they have elevations."""
+
+    def __init__(self, sac: int, sic: int, *, max_octets: int) -> None:
+        self._reports = Reports(
+            CAT250,
+            ("I250/010", "I250/020", "I250/030"),
+            ("I250/040",),
+            constants={"I250/010/SAC": sac, "I250/010/SIC": sic},
+            lsb={"I250/020": TIME_LSB_NS},
+            max_octets=max_octets,
+        )
+
+    def blocks(self, plots: Plots) -> list[bytes]:
+        """Data blocks of all plots, in their order."""
+        if not len(plots):
+            return []
+        return self._reports.blocks(
+            {
+                "I250/020": plots.t_utc_ns,
+                "I250/030/R": plots.range_m,
+                "I250/030/AZ": plots.azimuth_deg,
+                **measured({"I250/040": plots.elevation_deg}),
+            }
+        )

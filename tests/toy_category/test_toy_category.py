@@ -1,0 +1,102 @@
+"""A category of three files and a line is sent, read, shown, told of, charted and tabulated."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.asyncapi_rules import problems
+from support.road import Road, fly
+from toy_category.asterix_250 import FORMAT
+
+from plotfeed.feeds.accuracy_chart.chart import charted
+from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.formats import FORMATS, carries_plots, register
+from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.schema.published import text_of
+from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.replay.plots_csv import PlotsCsvWriter
+from plotfeed.replay.recorded import Recorded
+
+TOPIC = "plotfeed/radar/asterix/250"
+
+
+@pytest.fixture
+def flown(radar_scene: Scene) -> Road:
+    return fly(radar_scene, 3.0)
+
+
+def test_it_is_sent_and_decoded(flown: Road) -> None:
+    records = [r for payload in flown.payloads("radar/asterix/250") for r in decode(payload)]
+    plots = flown.plots()
+    assert len(records) == len(plots) > 0
+    columns = {"range_m": "I250/030/R", "azimuth_deg": "I250/030/AZ", "elevation_deg": "I250/040"}
+    for name, path in columns.items():
+        read = np.array([record.get(path) for record in records], np.float64)
+        assert read == pytest.approx(getattr(plots, name), abs=0.6 if name == "range_m" else 0.01)
+
+
+def test_its_plots_are_read_into_columns(flown: Road) -> None:
+    plots = flown.plots()
+    (first, *_) = [m for m in flown.messages if m.topic == TOPIC]
+    read = FORMATS["asterix-250"].plots_in
+    assert read is not None
+    found = read(first.payload, first.due_utc_ns)
+    assert found.azimuth_deg[0] == pytest.approx(plots.azimuth_deg[0], abs=0.01)
+    assert abs(found.t_utc_ns[0] - plots.time_utc_ns[0]) < 10**9 / 128
+    assert carries_plots(TOPIC)
+
+
+def test_it_is_shown_as_text_with_its_time_of_day(flown: Road) -> None:
+    payload = flown.payloads("radar/asterix/250")[0]
+    line, *_ = message_lines(TOPIC, payload, None, as_json=False)
+    assert line.startswith(f"{TOPIC}  CAT250  22:13:2")
+    assert "030 R=" in line
+
+
+def test_it_is_in_tables_of_plots(flown: Road) -> None:
+    file = io.BytesIO()
+    writer = PlotsCsvWriter(file)
+    (sent, *_) = [m for m in flown.messages if m.topic == TOPIC]
+    recorded = Recorded(
+        topic=sent.topic,
+        payload=sent.payload,
+        content_type=sent.content_type,
+        log_time_ns=sent.due_utc_ns,
+        publish_time_ns=sent.due_utc_ns,
+    )
+    assert writer.write(recorded) is None
+    assert ",radar,250," in file.getvalue().decode()
+
+
+def test_schemas_tell_of_it() -> None:
+    api = json.loads(text_of("asyncapi"))
+    assert problems(api) == []
+    assert api["channels"]["asterix-250"]["x-sensor-types"] == ["active_radar"]
+    keys = json.loads(text_of("scene"))["$defs"]["ActiveRadarKeys"]["properties"]
+    assert "asterix-250" in keys["report"]["items"]["enum"]
+
+
+def test_the_chart_compares_it(radar_scene: Scene) -> None:
+    effort = replace(Effort.quick(200), references=20)
+    (found,) = charted(radar_scene, effort).sensors
+    (encoding,) = [stage for stage in found.stages if stage.name == "encoding"]
+    (ours,) = [m for m in encoding.methods if m.method.name == "asterix-250"]
+    assert 0 < ours.method.errors["range_m"] <= 0.5  # half a step
+
+
+def test_a_scene_is_warned_of_its_steps(radar_scene: Scene) -> None:
+    (sensor,) = radar_scene.sensor
+    fine = sensor.model_copy(update={"range_resolution_m": 0.05})
+    assert "asterix-250 counts range in steps of 1 m" in "".join(
+        fine.warnings(radar_scene.scene.site)
+    )
+
+
+def test_no_two_formats_have_one_name() -> None:
+    with pytest.raises(ValueError, match="there is a format asterix-250 already"):
+        register(FORMAT)
