@@ -12,6 +12,7 @@ import numpy as np
 from plotfeed.feeds.accuracy_chart import precise
 from plotfeed.feeds.accuracy_chart.sample import Flown, Places, Viewpoint, places, targets_at
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, PD, Effort, rms
+from plotfeed.feeds.scene.geometry import enu_from
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models import detection, energy
@@ -22,7 +23,7 @@ from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.state import Floats, Ints
+from plotfeed.models.state import Floats, Ints, Signatures
 
 FEWEST_SEEN = 1e-6
 """Of a sensor that detects less than this share of its looks, there is nothing to chart."""
@@ -44,21 +45,22 @@ class Case:
     model: SensorModel
     frame: LocalFrame
     effort: Effort
-    flown: Flown
+    signatures: Signatures
     seen: Places
     anywhere: Places
     pd_anywhere: Floats
-    best_channel: Ints
+    transmitter_enu_m: Floats | None
+    """Of a bistatic sensor that whose echo of each seen target is the strongest; (n, 3)."""
     own: Mapping[str, float]
     seed: int = 1
 
     def seen_targets(self, n: int | None = None) -> Targets:
         """The first of the places that are detected, or all of them."""
-        return targets_at(self.seen.first(n), self.frame, self.flown.signatures)
+        return targets_at(self.seen.first(n), self.frame, self.signatures)
 
     def anywhere_targets(self, n: int | None = None) -> Targets:
         """The first of the places that are looked at, or all of them."""
-        return targets_at(self.anywhere.first(n), self.frame, self.flown.signatures)
+        return targets_at(self.anywhere.first(n), self.frame, self.signatures)
 
     @property
     def rng(self) -> Rng:
@@ -77,9 +79,9 @@ class Case:
         """
         names = ("azimuth_deg", "elevation_deg", "range_m")
         found = dict(zip(names, enu_to_aer(enu_m), strict=True))
-        if isinstance(self.model, PassiveRadar):
-            channel = self.best_channel if rows is None else self.best_channel[rows]
-            found["bistatic_range_m"] = bistatic_range(enu_m, self.model.positions_enu_m[channel])
+        if self.transmitter_enu_m is not None:
+            there_m = self.transmitter_enu_m if rows is None else self.transmitter_enu_m[rows]
+            found["bistatic_range_m"] = bistatic_range(enu_m, there_m)
         return {name: value for name, value in found.items() if name in self.own}
 
     def measured_precisely(self, row: int) -> dict[str, Any]:
@@ -91,9 +93,9 @@ class Case:
         )
         names = ("azimuth_deg", "elevation_deg", "range_m")
         found = dict(zip(names, precise.azimuth_elevation_range(enu), strict=True))
-        if isinstance(self.model, PassiveRadar):
-            transmitter_enu_m = self.model.positions_enu_m[self.best_channel[row]].tolist()
-            found["bistatic_range_m"] = precise.bistatic_range_m(enu, transmitter_enu_m)
+        if self.transmitter_enu_m is not None:
+            there_m = self.transmitter_enu_m[row].tolist()
+            found["bistatic_range_m"] = precise.bistatic_range_m(enu, there_m)
         return {name: value for name, value in found.items() if name in self.own}
 
 
@@ -123,11 +125,11 @@ def case_of(scene: Scene, sensor: Sensor, flown: Flown, effort: Effort, rng: Rng
         model=model,
         frame=frame,
         effort=effort,
-        flown=flown,
+        signatures=flown.signatures,
         seen=seen,
         anywhere=found.drawn(some),
         pd_anywhere=pd[some],
-        best_channel=_best_channel(model, targets),
+        transmitter_enu_m=_transmitters(scene, viewpoint, targets),
         own=own,
     )
 
@@ -141,10 +143,18 @@ def alarm_moments(model: SensorModel) -> tuple[float, float]:
     return mean, mean * (1 - pfa)
 
 
-def _best_channel(model: SensorModel, targets: Targets) -> Ints:
-    if not isinstance(model, PassiveRadar):
-        return np.zeros(len(targets), np.int64)
-    return np.asarray(passive_snrs(model, targets).argmax(axis=1))
+def _transmitters(scene: Scene, viewpoint: Viewpoint, targets: Targets) -> Floats | None:
+    """Where the transmitter of each target's strongest look stands; None without such."""
+    site, illuminators = scene.scene.site, viewpoint.sensor.illuminators
+    if not illuminators:
+        return None
+    places = np.array([enu_from(viewpoint.frame, site, part.place) for part in illuminators])
+    looks, _ = viewpoint.model.observe(targets, np.random.default_rng(1))
+    order = np.lexsort((-looks.snr, looks.drone))
+    drones, first = np.unique(looks.drone[order], return_index=True)
+    channel = np.zeros(len(targets), np.int64)
+    channel[drones] = looks.channel[order][first]
+    return np.asarray(places[channel])
 
 
 def _own_sigmas(model: SensorModel, targets: Targets) -> dict[str, float]:

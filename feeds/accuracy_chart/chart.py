@@ -176,7 +176,7 @@ def _batches(case: Case) -> dict[int, Time]:
     calls = []
     for n in sizes:
         some = case.seen.drawn(rng.integers(0, len(case.seen), n))
-        targets = targets_at(some, case.frame, case.flown.signatures)
+        targets = targets_at(some, case.frame, case.signatures)
         calls.append(partial(case.model.observe, targets, rng))
     each_ns = _turns_ns(case, calls) / np.array(sizes)
     return {n: Time.of(column) for n, column in zip(sizes, each_ns.T, strict=True)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,6 +107,31 @@ class ChartStage:
     name: str
     question: str
     methods: tuple[Method, ...]
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        question: str,
+        methods: Iterable[tuple[str, Call, Mapping[str, float]]],
+        *,
+        units: int,
+        ours: str,
+        need_ratio: Container[str] = (),
+    ) -> ChartStage:
+        """Methods of so many target-scans each, given by name, call and errors."""
+        made = (
+            Method(
+                name=method,
+                run=run,
+                units=units,
+                errors=errors,
+                ours=method == ours,
+                needs_ratio=method in need_ratio,
+            )
+            for method, run, errors in methods
+        )
+        return cls(name=name, question=question, methods=tuple(made))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
-from plotfeed.feeds.accuracy_chart.stage import ChartStage, Method, rms
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
 from plotfeed.models.beam.scan import Sector, nth_sector
 from plotfeed.models.beam.sweep import meetings
 from plotfeed.models.frames import enu_to_aer, wrap_180
@@ -62,10 +61,9 @@ class ScannedFlights:
 
 def beam_stage(case: Case) -> ChartStage | None:
     """Against the instant at which the beam meets each drone; None for a sensor that stares."""
-    scan = case.sensor.scan
-    if not isinstance(scan, RotatingScan):
+    if not case.sensor.scan.rotates:
         return None
-    flights = _flights(case, scan.sectors)
+    flights = _flights(case)
     passed, true_enu_m = crossings(flights)
     calls: dict[str, Callable[[], Found]] = {
         "instant of the scan": partial(_at_the_end, flights),
@@ -75,19 +73,12 @@ def beam_stage(case: Case) -> ChartStage | None:
         "beam passage, sector by sector": partial(_sector_by_sector, flights),
         OURS: partial(_passages, flights),
     }
-    return ChartStage(
-        name="beam timing",
-        question="How to find where drones are when the beam is there",
-        methods=tuple(
-            Method(
-                name=name,
-                run=call,
-                units=len(case.seen),
-                errors=_errors(case, call(), passed, true_enu_m),
-                ours=name == OURS,
-            )
-            for name, call in calls.items()
-        ),
+    return ChartStage.of(
+        "beam timing",
+        "How to find where drones are when the beam is there",
+        [(name, call, _errors(case, call(), passed, true_enu_m)) for name, call in calls.items()],
+        units=len(case.seen),
+        ours=OURS,
     )
 
 
@@ -111,9 +102,9 @@ def crossings(flights: ScannedFlights) -> tuple[Bools, Floats]:
     return passed, start_enu_m + low[:, None] * velocity_m_s
 
 
-def _flights(case: Case, n_sectors: int) -> ScannedFlights:
-    period_ns = round(case.sensor.scan.period_s * NS)
-    sectors = [nth_sector(SOME_SCAN, i, period_ns, n_sectors) for i in range(n_sectors)]
+def _flights(case: Case) -> ScannedFlights:
+    period_ns, n = case.sensor.scan.period_ns, case.sensor.scan.sectors
+    sectors = [nth_sector(SOME_SCAN, i, period_ns, n) for i in range(n)]
     middle_ns = sectors[0].start_ns + period_ns // 2
     reach_m = case.seen.velocity_ecef_m_s * (2 * period_ns / NS)
     times_ns = [middle_ns - 2 * period_ns, middle_ns + 2 * period_ns]

@@ -12,7 +12,6 @@ from plotfeed.feeds.accuracy_chart.stage import MEASURED, ChartStage, Method, rm
 from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
 from plotfeed.feeds.sensing.staring import with_heights
 from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
 from plotfeed.models.state import Floats, Plots
@@ -89,9 +88,7 @@ def _parts(case: Case) -> Parts:
 
 def _group(case: Case) -> list[Sector]:
     """The sectors that SAPIENT keeps together, so that its messages leave within them."""
-    scan = case.sensor.scan
-    period_ns = round(scan.period_s * NS)
-    n = scan.sectors if isinstance(scan, RotatingScan) else 1
+    period_ns, n = case.sensor.scan.period_ns, case.sensor.scan.sectors
     size = Groups(period_ns, n).size
     sectors = [nth_sector(size * SOME_SCAN, 0, period_ns, n)]
     while len(sectors) < size:

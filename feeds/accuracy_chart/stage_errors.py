@@ -17,14 +17,13 @@ from plotfeed.feeds.accuracy_chart.case import (
     alarm_moments,
     error_law,
 )
-from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, ChartStage, Method
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
-from plotfeed.models.beam.scan import Sector, nth_sector
+from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, ChartStage
+from plotfeed.models.beam.scan import nth_sector
 from plotfeed.models.state import Floats
-from plotfeed.proto.utc import NS
 
 FLUCTUATING, STEADY = "exact draw, given the hit", "by the level"
 FLOOR_ONLY = "floor only"
+OUR_ALARMS = "binomial over cells"
 SOME_SCAN = 1000
 
 
@@ -42,21 +41,20 @@ def errors_stage(case: Case) -> ChartStage | None:
         found["mean ratio, as printed"] = law.printed, lambda _: law.mean_snr
     strong = np.full(len(law.mean_snr), np.inf)
     found[FLOOR_ONLY] = law.sigmas, lambda _: strong
-    ours = next(iter(found))
-    return ChartStage(
-        name="errors",
-        question="How to draw the errors of measurements",
-        methods=tuple(
-            Method(
-                name=name,
-                run=partial(_noise, sigmas, ratios, case.rng),
-                units=len(case.seen),
-                errors=_missing(sigmas(_effective(name, law, strong)), true),
-                ours=name == ours,
-                needs_ratio=name != FLOOR_ONLY,
+    return ChartStage.of(
+        "errors",
+        "How to draw the errors of measurements",
+        [
+            (
+                name,
+                partial(_noise, sigmas, ratios, case.rng),
+                _missing(sigmas(_effective(name, law, strong)), true),
             )
             for name, (sigmas, ratios) in found.items()
-        ),
+        ],
+        units=len(case.seen),
+        ours=next(iter(found)),
+        need_ratio=found.keys() - {FLOOR_ONLY},
     )
 
 
@@ -94,32 +92,17 @@ def false_alarms_stage(case: Case) -> ChartStage | None:
     if mean == 0 or FALSE_ALARMS not in case.own:
         return None
     excess = float(np.sqrt(mean - variance))  # of the Poisson number over the binomial one
-    turn = _turn(case)
-    poisson = PoissonGenerator(np.random.Philox(case.seed))
-    found: list[tuple[str, Callable[[], object], float]] = [
-        ("off", lambda: None, mean),
-        ("Poisson", partial(case.model.draw_false_alarms, turn, poisson), excess),
-        ("binomial over cells", partial(case.model.draw_false_alarms, turn, case.rng), 0.0),
-    ]
-    ours = found[-1][0]
-    return ChartStage(
-        name="false alarms",
-        question="How to draw false alarms",
-        methods=tuple(
-            Method(
-                name=name,
-                run=run,
-                units=len(case.seen),
-                errors={FALSE_ALARMS: error},
-                ours=name == ours,
-            )
-            for name, run, error in found
-        ),
-    )
-
-
-def _turn(case: Case) -> Sector:
-    """A whole scan."""
     scan = case.sensor.scan
-    whole = nth_sector(SOME_SCAN, 0, round(scan.period_s * NS), 1)
-    return replace(whole, stares=not isinstance(scan, RotatingScan))
+    turn = replace(nth_sector(SOME_SCAN, 0, scan.period_ns, 1), stares=not scan.rotates)
+    draw, poisson = case.model.draw_false_alarms, PoissonGenerator(np.random.Philox(case.seed))
+    return ChartStage.of(
+        "false alarms",
+        "How to draw false alarms",
+        [
+            ("off", lambda: None, {FALSE_ALARMS: mean}),
+            ("Poisson", partial(draw, turn, poisson), {FALSE_ALARMS: excess}),
+            (OUR_ALARMS, partial(draw, turn, case.rng), {FALSE_ALARMS: 0.0}),
+        ],
+        units=len(case.seen),
+        ours=OUR_ALARMS,
+    )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.precise import number
-from plotfeed.feeds.accuracy_chart.stage import ChartStage, Method, rms
+from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
 from plotfeed.models.constants import WGS84_A_M, WGS84_E2
 from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180
 from plotfeed.models.state import Floats
@@ -27,23 +27,23 @@ def frames_stage(case: Case) -> ChartStage:
     """Range and angles from truth as each method keeps it, geodetic or ECEF."""
     n = min(case.effort.references, len(case.seen))
     true = [case.measured_precisely(row) for row in range(n)]
-    return ChartStage(
-        name="frames",
-        question="How to turn places on Earth into range and angles",
-        methods=tuple(
-            Method(
-                name=name,
-                run=partial(_measured, places),
-                units=len(case.seen),
-                errors=_errors(case.measured(places()[:n], np.arange(n)), true),
-                ours=name == OURS,
-            )
+
+    def errors(places: Callable[[], Floats]) -> dict[str, float]:
+        return _errors(case.measured(places()[:n], np.arange(n)), true)
+
+    return ChartStage.of(
+        "frames",
+        "How to turn places on Earth into range and angles",
+        [
+            (name, partial(_to_angles, places), errors(places))
             for name, places in frame_methods(case).items()
-        ),
+        ],
+        units=len(case.seen),
+        ours=OURS,
     )
 
 
-def _measured(places: Callable[[], Floats]) -> object:
+def _to_angles(places: Callable[[], Floats]) -> object:
     return enu_to_aer(places())
 
 

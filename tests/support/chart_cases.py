@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.sample import Flown, Places
+from plotfeed.feeds.accuracy_chart.sample import Places
 from plotfeed.feeds.accuracy_chart.stage import Effort
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
@@ -66,12 +66,6 @@ def case_with(
     n = len(places)
     rcs = np.broadcast_to(np.asarray(rcs_m2, dtype=np.float64), n).copy()
     signatures = Signatures(rcs_m2=rcs, sound_power_db=np.full(n, 80.0), emitters=[()] * n)
-    states = Flown(
-        drone=np.zeros(0, np.int64),
-        position_ecef_m=np.zeros((0, 3)),
-        velocity_ecef_m_s=np.zeros((0, 3)),
-        signatures=signatures,
-    )
     model = scene.sensor[0].model(scene.scene.site)
     return Case(
         scene=scene,
@@ -79,11 +73,11 @@ def case_with(
         model=model,
         frame=LocalFrame(*site),
         effort=replace(Effort.quick(n), references=n),
-        flown=states,
+        signatures=signatures,
         seen=places,
         anywhere=places,
         pd_anywhere=np.full(n, 0.5),
-        best_channel=np.zeros(n, np.int64),
+        transmitter_enu_m=None,
         own={"range_m": 1.0, "azimuth_deg": 1.0, "elevation_deg": 1.0, "pd": 1.0},
     )
 
