@@ -27,9 +27,9 @@ from plotfeed.feeds.console.signals import (
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import served
-from plotfeed.feeds.recording.raw_file import RawFile
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import (
+    RawFile,
     RecordedTelemetry,
     SessionRecord,
     SessionRecorder,

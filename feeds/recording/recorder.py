@@ -9,34 +9,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-from plotfeed.feeds.messages.message import Message
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded, Stage
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from plotfeed.replay.recorded import Attachment, Recorded
 
 FLUSH_EVERY_S = 0.25
 MAX_WAITING_CHUNKS = 64
 """Of 256 KiB, for a disk that stands still; then messages are dropped, and counted."""
 SCENE_NAME = "scene.toml"
-
-
-def scene_attachment(toml: str, now_utc_ns: int) -> Attachment:
-    """The scene of a session, so that its record can be run again."""
-    return Attachment(
-        name=SCENE_NAME,
-        media_type="application/toml",
-        data=toml.encode(),
-        log_time_ns=now_utc_ns,
-    )
+"""The attachment that holds a session's scene."""
 
 
 class Recorder:
@@ -86,58 +73,8 @@ class Recorder:
             self._release()
             raise
 
-    def telemetry(
-        self, topic: str, payload: bytes, content_type: str | None, now_utc_ns: int
-    ) -> None:
-        """Telemetry that has come in, taken or not."""
-        self.write(
-            Recorded(
-                topic=topic,
-                payload=payload,
-                log_time_ns=now_utc_ns,
-                publish_time_ns=now_utc_ns,
-                content_type=content_type or "",
-                stage=Stage.TELEMETRY,
-            )
-        )
-
-    def before(self, message: Message, now_utc_ns: int | None = None) -> None:
-        """A message that a sensor hands to its link now; without a time, when it was due."""
-        at_ns = message.due_utc_ns if now_utc_ns is None else now_utc_ns
-        self._take(message, at_ns, Stage.BEFORE)
-
-    def after(self, message: Message, sent_utc_ns: int) -> None:
-        """A message that has left."""
-        self._take(message, sent_utc_ns, Stage.AFTER)
-
-    def received(
-        self,
-        topic: str,
-        payload: bytes,
-        now_utc_ns: int,
-        *,
-        content_type: str | None = None,
-        publish_utc_ns: int | None = None,
-        properties: tuple[tuple[str, str], ...] = (),
-        retain: bool = False,
-        qos: int = 0,
-    ) -> None:
-        """A message that was heard; `publish_utc_ns` is when it was due, where that is known."""
-        self.write(
-            Recorded(
-                topic=topic,
-                payload=payload,
-                log_time_ns=now_utc_ns,
-                publish_time_ns=now_utc_ns if publish_utc_ns is None else publish_utc_ns,
-                content_type=content_type or "",
-                properties=properties,
-                retain=retain,
-                qos=qos,
-            )
-        )
-
     def write(self, recorded: Recorded) -> None:
-        """Any message; nothing once it has failed or is closed."""
+        """Take a message, or drop it; nothing once the file has failed or is closed."""
         if self.failure or self._closed:
             return
         if not self._waits and self._given - self._done >= MAX_WAITING_CHUNKS:
@@ -163,7 +100,7 @@ class Recorder:
             self._end()
 
     async def stop(self) -> None:
-        """The same, while others work."""
+        """Close the file while others work."""
         if not self._closed:
             self._closed = True
             await asyncio.to_thread(self._end)
@@ -174,21 +111,6 @@ class Recorder:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _take(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
-        self.write(
-            Recorded(
-                topic=message.topic,
-                payload=message.payload,
-                log_time_ns=at_utc_ns,
-                publish_time_ns=message.due_utc_ns,
-                content_type=message.content_type,
-                properties=message.properties,
-                retain=message.retain,
-                qos=message.qos,
-                stage=stage,
-            )
-        )
-
     def _later(self, work: Callable[[], None]) -> None:
         """Hand a chunk to the thread; waits for room only where nothing may be dropped."""
         self._room.acquire()
@@ -196,7 +118,7 @@ class Recorder:
         self._thread.submit(self._do, work)
 
     def _do(self, work: Callable[[], None]) -> None:
-        """In the thread."""
+        """Compress and write a chunk, in the thread."""
         try:
             work()
         except Exception as error:  # noqa: BLE001 - whatever it is, it ends the recording alone

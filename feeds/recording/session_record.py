@@ -6,16 +6,19 @@ Such a record can be run again: what came in is taken in at the same times.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder, scene_attachment
+from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.asterix_blocks import CONTENT_TYPE
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
@@ -41,31 +44,91 @@ class SessionRecorder(Observer):
 
     def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry and commands, as of the time that counts."""
-        self.recorder.telemetry(topic, payload, content_type, t_utc_ns)
+        self.recorder.write(
+            Recorded(
+                topic=topic,
+                payload=payload,
+                log_time_ns=t_utc_ns,
+                publish_time_ns=t_utc_ns,
+                content_type=content_type or "",
+                stage=Stage.TELEMETRY,
+            )
+        )
 
     def before_link(self, message: Message) -> None:
-        """On its way into the link, when it is due there."""
-        self.recorder.before(message)
+        """A message is handed to the link when it is due there."""
+        self._write(message, message.due_utc_ns, Stage.BEFORE)
 
     def after_link(self, message: Message, sent_utc_ns: int) -> None:
-        """On its way out."""
-        self.recorder.after(message, sent_utc_ns)
+        """A message has left."""
+        self._write(message, sent_utc_ns, Stage.AFTER)
 
     def ledger(self, message: Message) -> None:
-        """As if it were published, where it is not."""
+        """The ledger, as if it were published where it is not."""
         if not self._ledger_is_sent and self._session is not None:
-            self.recorder.after(message, self._session.clock.now_ns())
+            self._write(message, self._session.clock.now_ns(), Stage.AFTER)
 
     def ended(self) -> None:
         """There is no more."""
         if self._flushing is not None:
             self._flushing.cancel()
 
+    def _write(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
+        self.recorder.write(
+            Recorded(
+                topic=message.topic,
+                payload=message.payload,
+                log_time_ns=at_utc_ns,
+                publish_time_ns=message.due_utc_ns,
+                content_type=message.content_type,
+                properties=message.properties,
+                retain=message.retain,
+                qos=message.qos,
+                stage=stage,
+            )
+        )
+
+
+class RawFile(Observer):
+    """Writes the ASTERIX among the messages, raw. A full disk ends the file, not the session."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.failure = ""
+        """Why the file is not whole; empty while it is."""
+        self._file = path.open("wb")
+
+    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
+        """Take what is ASTERIX."""
+        if not self.failure and message.content_type.startswith(CONTENT_TYPE):
+            try:
+                self._file.write(message.payload)
+            except OSError as error:
+                self._failed(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            self._failed(error)
+
+    def _failed(self, error: OSError) -> None:
+        if not self.failure:
+            self.failure = f"{self.path}: {error.strerror}; what came after is not in the file"
+        with contextlib.suppress(OSError):
+            self._file.close()
+
 
 def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
     """The scene's text, and the flights that it flies, by the names that it knows them by."""
     if scene.text:
-        yield scene_attachment(scene.text, now_utc_ns)
+        text = scene.text.encode()
+        yield Attachment(
+            name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
+        )
     for name in dict.fromkeys(d.flight.file for d in scene.drone if d.flight is not None):
         data = (scene.folder / name).read_bytes()
         yield Attachment(
@@ -84,9 +147,9 @@ class SessionRecord:
     @classmethod
     def open(cls, path: Path) -> SessionRecord:
         """Raises `PlotfeedError` if it is not the record of a session."""
-        with McapReader(path) as log:
-            summary = log.summary()
-            for message in log.messages():
+        with McapReader(path) as mcap:
+            summary = mcap.summary()
+            for message in mcap.messages():
                 if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
                     break
             else:
@@ -102,13 +165,13 @@ class SessionRecord:
     def scene(self, folder: Path) -> Scene:
         """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
         root = folder.resolve()
-        with McapReader(self.path) as log:
-            names = [entry.name for entry in log.attachments()]
+        with McapReader(self.path) as mcap:
+            names = [entry.name for entry in mcap.attachments()]
             if SCENE_NAME not in names:
                 raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
             for name in names:
                 target = (root / name).resolve()
-                found = log.attachment(name)
+                found = mcap.attachment(name)
                 if found is not None and target.is_relative_to(root):  # whoever wrote the file
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(found.data)
@@ -124,8 +187,8 @@ class RecordedTelemetry(Observer):
     def begun(self, session: RunningSession) -> None:
         """Read from the beginning."""
         self._session = session
-        self._log = McapReader(self._path)
-        self._messages = self._log.messages(stages=[Stage.TELEMETRY])
+        self._mcap = McapReader(self._path)
+        self._messages = self._mcap.messages(stages=[Stage.TELEMETRY])
         self._next: Recorded | None = None
         self._turn()
 
@@ -135,18 +198,16 @@ class RecordedTelemetry(Observer):
             message = self._next
             self._turn()
             if not _is_of_clock(message):
+                content_type = message.content_type or None
                 self._session.receive(
-                    message.topic,
-                    message.payload,
-                    message.content_type or None,
-                    message.log_time_ns,
+                    message.topic, message.payload, content_type, message.log_time_ns
                 )
 
     def _turn(self) -> None:
-        """To the next message; after the last one the file is needed no more."""
+        """Go to the next message; after the last one the file is needed no more."""
         self._next = next(self._messages, None)
         if self._next is None:
-            self._log.close()
+            self._mcap.close()
 
 
 def _is_of_clock(message: Recorded) -> bool:

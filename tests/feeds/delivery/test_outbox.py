@@ -12,7 +12,7 @@ from plotfeed.feeds.delivery.ledger import LedgerEntry, told
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.raw_file import RawFile
+from plotfeed.feeds.recording.session_record import RawFile
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.timing.schedule import Schedule

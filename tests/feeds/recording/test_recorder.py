@@ -8,11 +8,12 @@ import threading
 from pathlib import Path
 
 import pytest
-from support.log_messages import MS, START_NS, messages
+from support.log_messages import MS, SCENE, START_NS, messages
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, scene_attachment
+from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder
+from plotfeed.feeds.recording.session_record import SessionRecorder
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
@@ -33,38 +34,49 @@ def read(path: Path) -> tuple[list[Recorded], McapReader]:
     return list(reader.messages()), reader
 
 
-def test_a_message_is_there_before_and_after_its_link(tmp_path: Path) -> None:
+def recorded(t_ns: int, stage: Stage = Stage.RECEIVED) -> Recorded:
+    """A message as it is recorded at that time."""
+    return Recorded(
+        topic=MESSAGE.topic,
+        payload=MESSAGE.payload,
+        log_time_ns=t_ns,
+        publish_time_ns=MESSAGE.due_utc_ns,
+        content_type=MESSAGE.content_type,
+        properties=MESSAGE.properties,
+        retain=MESSAGE.retain,
+        qos=MESSAGE.qos,
+        stage=stage,
+    )
+
+
+def test_a_message_of_a_session_is_there_before_and_after_its_link(tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
-    scene = scene_attachment("[scene]\nname = 'é'\n", START_NS)
-    with Recorder(path, attachments=[scene]) as recorder:
-        recorder.telemetry("plotfeed/telemetry/d1", b"t", None, START_NS - MS)
-        recorder.before(MESSAGE)
-        recorder.before(MESSAGE, START_NS + 2 * MS)
-        recorder.after(MESSAGE, START_NS + 300 * MS)
-        recorder.received("a/b", b"r", START_NS + 301 * MS, content_type="text/plain", qos=2)
-    assert (recorder.messages, recorder.octets, recorder.failure) == (5, 14, "")
+    with Recorder(path, attachments=[SCENE]) as recorder:
+        session = SessionRecorder(recorder, ledger_is_sent=True)
+        session.received("plotfeed/telemetry/d1", b"t", None, START_NS - MS)
+        session.before_link(MESSAGE)
+        session.after_link(MESSAGE, START_NS + 300 * MS)
+        session.ledger(MESSAGE)
+    assert (recorder.messages, recorder.octets, recorder.failure) == (3, 9, "")
     found, reader = read(path)
     assert reader.damage == []
-    assert reader.attachment("scene.toml") == scene
-    assert [(m.stage, m.log_time_ns - START_NS) for m in found] == [
-        (Stage.TELEMETRY, -MS),
-        (Stage.BEFORE, 0),
-        (Stage.BEFORE, 2 * MS),
-        (Stage.AFTER, 300 * MS),
-        (Stage.RECEIVED, 301 * MS),
-    ]
-    for recorded in found[1:4]:
-        assert recorded.publish_time_ns == MESSAGE.due_utc_ns
-        for name in ("topic", "payload", "content_type", "properties", "retain", "qos"):
-            assert getattr(recorded, name) == getattr(MESSAGE, name)
-    assert (found[0].content_type, found[4].content_type) == ("", "text/plain")
+    assert reader.attachment("scene.toml") == SCENE
+    telemetry = Recorded(
+        topic="plotfeed/telemetry/d1",
+        payload=b"t",
+        log_time_ns=START_NS - MS,
+        publish_time_ns=START_NS - MS,
+        stage=Stage.TELEMETRY,
+    )
+    after = recorded(START_NS + 300 * MS, Stage.AFTER)
+    assert found == [telemetry, recorded(START_NS, Stage.BEFORE), after]
 
 
 @pytest.mark.asyncio
 async def test_what_comes_after_the_end_is_no_trouble(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap")
     recorder.close()
-    recorder.after(MESSAGE, START_NS)
+    recorder.write(recorded(START_NS))
     recorder.close()
     await recorder.stop()
     assert read(recorder.path)[0] == []
@@ -77,7 +89,7 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
         Recorder(path)
     assert path.read_text() == "mine"
     with Recorder(path, force=True) as recorder:
-        recorder.after(MESSAGE, START_NS)
+        recorder.write(recorded(START_NS))
     assert len(read(path)[0]) == 1
 
 
@@ -88,8 +100,8 @@ def test_a_file_that_cannot_be_is_an_error(tmp_path: Path) -> None:
 
 def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap") as recorder:
-        recorder.received("t", b"", -1)
-        recorder.received("t", b"", 1)
+        recorder.write(recorded(-1))
+        recorder.write(recorded(1))
     assert (recorder.refused, recorder.messages) == (1, 1)
     assert len(read(recorder.path)[0]) == 1
 
@@ -99,7 +111,7 @@ async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> N
     recorder = Recorder(tmp_path / "a.mcap")
     running = asyncio.create_task(recorder.run())
     for count in range(1, 4):
-        recorder.after(MESSAGE, START_NS + count)
+        recorder.write(recorded(START_NS + count))
         await until(lambda: len(read(recorder.path)[0]) >= count)  # noqa: B023
     await recorder.stop()
     await running  # it ends by itself
@@ -109,50 +121,50 @@ async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> N
 
 
 def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> None:
-    recorded = messages(40_000, octets=1000)
+    sent = messages(40_000, octets=1000)
     go_on = threading.Event()
     recorder = Recorder(tmp_path / "a.mcap")
     recorder._thread.submit(go_on.wait)
-    for each in recorded:
+    for each in sent:
         recorder.write(each)
     assert recorder.dropped > 1000
-    assert recorder.messages + recorder.dropped == len(recorded)
+    assert recorder.messages + recorder.dropped == len(sent)
     assert recorder.octets > MAX_WAITING_CHUNKS * 200_000
     go_on.set()
     recorder.close()
     found, reader = read(recorder.path)
-    assert found == recorded[: recorder.messages]
+    assert found == sent[: recorder.messages]
     assert reader.damage == []
 
 
 def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
-    recorded = messages(30_000, octets=1000)
+    sent = messages(30_000, octets=1000)
     go_on = threading.Event()
     recorder = Recorder(tmp_path / "a.mcap", waits=True)
     recorder._thread.submit(go_on.wait)
     timer = threading.Timer(0.2, go_on.set)
     timer.start()
-    for each in recorded:
+    for each in sent:
         recorder.write(each)
     recorder.close()
     timer.join()
     assert recorder.dropped == 0
-    assert read(recorder.path)[1].summary().messages == len(recorded)
+    assert read(recorder.path)[1].summary().messages == len(sent)
 
 
 @pytest.mark.asyncio
 async def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap")
     running = asyncio.create_task(recorder.run())
-    recorder.after(MESSAGE, START_NS)
+    recorder.write(recorded(START_NS))
     recorder._mcap.flush()
     recorder._thread.submit(int).result()  # it is in the file
     recorder._file.close()
-    recorder.after(MESSAGE, START_NS + 1)
+    recorder.write(recorded(START_NS + 1))
     await running
     assert recorder.failure.startswith(f"{recorder.path}: ")
     assert recorder.failure.endswith("what came after is not in the file")
-    recorder.after(MESSAGE, START_NS + 2)
+    recorder.write(recorded(START_NS + 2))
     await recorder.stop()
     assert recorder.messages == 2
     found, reader = read(recorder.path)
