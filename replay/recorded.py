@@ -49,6 +49,9 @@ class Damage:
     what: str
     """In a line: what is wrong, and what was expected."""
 
+    def __str__(self) -> str:
+        return f"octet {self.offset}: {self.what}"
+
 
 MAX_DAMAGES = 1000
 

@@ -232,9 +232,9 @@ def convert(source: Path, target: Path, **options: Any) -> int:
     What is whole of a damaged file is converted. MCAP, pcap, FINAL, raw ASTERIX and JSON lines go
     both ways; pcapng is read, and CSV (of plots) is written.
     """
-    from plotfeed.feeds.recording.convert import convert_as_asked
+    from plotfeed.feeds.recording.convert import ConvertSettings, convert_recording
 
-    return convert_as_asked(source, target, **options)
+    return convert_recording(source, target, ConvertSettings(**options))
 
 
 @cli.command()

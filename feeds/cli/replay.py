@@ -135,7 +135,7 @@ async def _replay(
             click.echo(f"plotfeed: times left alone {count} times: {what}", err=True)
     found = source.damage
     for each in found[:MAX_DAMAGES_TOLD]:
-        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+        click.echo(f"plotfeed: {path}: {each}", err=True)
     if signal.SIGINT in signals:
         return INTERRUPTED
     return FAILED if totals.undelivered or (found and not totals.messages) else 0

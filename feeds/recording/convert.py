@@ -6,16 +6,17 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import click
 
 from plotfeed.feeds.console.progress import with_progress
 from plotfeed.feeds.console.whole_file import part_file
 from plotfeed.feeds.messages.topic_filter import checked, matches
+from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.files import (
@@ -35,17 +36,25 @@ MAX_NOTES = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
-    """Which messages are converted."""
+class ConvertSettings:
+    """What a conversion is asked to do, in the words of the command's options."""
 
     topics: Sequence[str] = ()
     """Topic filters; without any, all topics."""
-    stages: Sequence[Stage] = ()
+    stages: Sequence[str] = ()
     """Without any, all that the format holds."""
-    start_ns: Callable[[int], int] | None = None
-    """The log time from which on, by that of the first message."""
-    end_ns: Callable[[int], int] | None = None
+    start: str | None = None
+    """The log time from which on messages are converted, as `Moment.parse` has it."""
+    end: str | None = None
     """The log time before which."""
+    from_format: str | None = None
+    """Without it, what the content or the suffix says."""
+    to_format: str | None = None
+    """Without it, what the suffix says."""
+    date: datetime | None = None
+    """The day on which a file without dates begins."""
+    force: bool = False
+    as_json: bool = False
 
 
 @dataclass(slots=True)
@@ -64,86 +73,48 @@ class ConversionCounts:
     notes: list[str] = field(default_factory=list)
 
 
-def convert(
-    source: Path,
-    target: Path,
-    wanted: Wanted,
-    *,
-    from_format: FileFormat | None = None,
-    to_format: FileFormat | None = None,
-    date_utc_ns: int | None = None,
-    force: bool = False,
-    as_json: bool = False,
-) -> int:
-    """Write `target` with what is in `source`; the exit code. Raises `PlotfeedError`, `OSError`.
+def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> int:
+    """Write `target` with what is in `source`; the exit code.
 
-    `date_utc_ns` is midnight of the day on which a file without dates begins.
+    Raises `PlotfeedError`, and `OSError`.
     """
-    to_format = to_format or format_of_suffix(target)
-    for topic_filter in wanted.topics:
+    start, end = (
+        None if text is None else Moment.parse(text) for text in (settings.start, settings.end)
+    )
+    from_format = FileFormat(settings.from_format) if settings.from_format else None
+    form = FileFormat(settings.to_format) if settings.to_format else format_of_suffix(target)
+    for topic_filter in settings.topics:
         checked(topic_filter)
-    totals = ConversionCounts()
+    date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
+    counts = ConversionCounts()
     with (
-        open_recording(source, from_format, date_utc_ns=date_utc_ns or 0) as recording,
-        _new_file(source, target, force=force) as (file, keep),
+        open_recording(source, from_format, date_utc_ns=date or 0) as recording,
+        _new_file(source, target, force=settings.force) as (file, keep),
     ):
-        if not recording.has_dates and date_utc_ns is None:
-            totals.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
-        writer = writer_to(file, to_format)
-        _copy_attachments(recording, writer, totals)
-        messages = recording.reader.messages()
-        moving = with_progress(messages, target.name, lambda: recording.reader.at, recording.octets)
-        for message in _chosen(moving, wanted, to_format, totals):
-            _write(writer, message, totals)
+        if not recording.has_dates and date is None:
+            counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
+        writer, reader = writer_to(file, form), recording.reader
+        for name in dict.fromkeys(entry.name for entry in reader.attachments()):
+            attachment = reader.attachment(name)
+            if attachment is not None and not writer.attach(attachment):
+                counts.notes.append(f"the attachment {name!a} was left out")
+        messages = with_progress(
+            reader.messages(), target.name, lambda: reader.at, recording.octets
+        )
+        part = _between(messages, start, end, counts)
+        for message in _chosen(part, settings, form, counts):
+            _write(writer, message, counts)
         writer.close()
-        totals.notes += _notes(recording, writer, to_format)
-        damage = recording.reader.damage
-        keep(totals.read > 0 or not damage)
-    for each in damage:
-        click.echo(f"plotfeed: {source}: octet {each.offset}: {each.what}", err=True)
-    if damage and not totals.read:
+        counts.notes += [f"{form}: {note}" for note in writer.notes()]
+        if reader.skipped:
+            counts.notes.append(f"{reader.skipped} packets of {recording.format} hold no UDP")
+        keep(counts.read > 0 or not reader.damage)
+    for damage in reader.damage:
+        click.echo(f"plotfeed: {source}: {damage}", err=True)
+    if reader.damage and not counts.read:
         raise PlotfeedError(f"{source}: nothing in it is whole; {target} is not written")
-    (_print_json if as_json else _print)(source, target, recording, to_format, totals)
+    (_print_json if settings.as_json else _print)(source, target, recording, form, counts)
     return 0
-
-
-def convert_as_asked(
-    source: Path,
-    target: Path,
-    *,
-    from_format: str | None,
-    to_format: str | None,
-    topics: Sequence[str],
-    stages: Sequence[str],
-    start: str | None,
-    end: str | None,
-    date: datetime | None,
-    **options: bool,
-) -> int:
-    """`convert` by the options of the command."""
-    wanted = Wanted(
-        topics=topics,
-        stages=[Stage(stage) for stage in stages],
-        start_ns=_moment(start),
-        end_ns=_moment(end),
-    )
-    return convert(
-        source,
-        target,
-        wanted,
-        from_format=FileFormat(from_format) if from_format else None,
-        to_format=FileFormat(to_format) if to_format else None,
-        date_utc_ns=None if date is None else int(date.replace(tzinfo=UTC).timestamp()) * NS,
-        **options,
-    )
-
-
-def _moment(text: str | None) -> Callable[[int], int] | None:
-    if text is None:
-        return None
-    from plotfeed.feeds.replaying.replay_settings import Moment
-
-    return Moment.parse(text).at
 
 
 @contextmanager
@@ -169,89 +140,84 @@ def _new_file(
         yield part
 
 
-def _chosen(
-    messages: Iterator[Recorded], wanted: Wanted, form: FileFormat, totals: ConversionCounts
+def _between(
+    messages: Iterator[Recorded],
+    start: Moment | None,
+    end: Moment | None,
+    counts: ConversionCounts,
 ) -> Iterator[Recorded]:
-    """Those that are asked for; the others are counted where nobody asked for fewer."""
-    stages = wanted.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
+    """Messages of log times from `start` on and before `end`, counted from the first one's."""
     start_ns = end_ns = None
     for message in messages:
-        if not totals.read:
-            first_ns = message.log_time_ns
-            start_ns = wanted.start_ns(first_ns) if wanted.start_ns else None
-            end_ns = wanted.end_ns(first_ns) if wanted.end_ns else None
-        totals.read += 1
         t_ns = message.log_time_ns
-        if (start_ns is not None and t_ns < start_ns) or (end_ns is not None and t_ns >= end_ns):
-            continue
-        if wanted.topics and not any(matches(each, message.topic) for each in wanted.topics):
+        if not counts.read:
+            start_ns = start.at(t_ns) if start else None
+            end_ns = end.at(t_ns) if end else None
+        counts.read += 1
+        if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
+            yield message
+
+
+def _chosen(
+    messages: Iterator[Recorded],
+    settings: ConvertSettings,
+    form: FileFormat,
+    counts: ConversionCounts,
+) -> Iterator[Recorded]:
+    """Those that are asked for; the others are counted where nobody asked for fewer."""
+    stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
+    for message in messages:
+        if settings.topics and not any(matches(each, message.topic) for each in settings.topics):
             continue
         if message.stage in stages:
             yield message
-        elif not wanted.stages:
-            totals.left_out[f"of stage {message.stage}; --stage takes them"] += 1
+        elif not settings.stages:
+            counts.left_out[f"of stage {message.stage}; --stage takes them"] += 1
 
 
-def _write(writer: RecordingWriter, message: Recorded, totals: ConversionCounts) -> None:
+def _write(writer: RecordingWriter, message: Recorded, counts: ConversionCounts) -> None:
     reason = writer.write(message)
     if reason is not None:
-        known = reason in totals.left_out or len(totals.left_out) < MAX_REASONS
-        totals.left_out[reason if known else "of other kinds"] += 1
+        known = reason in counts.left_out or len(counts.left_out) < MAX_REASONS
+        counts.left_out[reason if known else "of other kinds"] += 1
         return
-    totals.messages += 1
-    totals.octets += len(message.payload)
+    counts.messages += 1
+    counts.octets += len(message.payload)
     t_ns = message.log_time_ns
-    totals.first_ns = t_ns if totals.first_ns is None else min(totals.first_ns, t_ns)
-    totals.last_ns = t_ns if totals.last_ns is None else max(totals.last_ns, t_ns)
-
-
-def _copy_attachments(
-    recording: Recording, writer: RecordingWriter, totals: ConversionCounts
-) -> None:
-    reader = recording.reader
-    for name in dict.fromkeys(entry.name for entry in reader.attachments()):
-        attachment = reader.attachment(name)
-        if attachment is not None and not writer.attach(attachment):
-            totals.notes.append(f"the attachment {name!a} was left out")
-
-
-def _notes(recording: Recording, writer: RecordingWriter, form: FileFormat) -> list[str]:
-    notes = [f"{form}: {note}" for note in writer.notes()]
-    if recording.reader.skipped:
-        notes.append(f"{recording.reader.skipped} packets of {recording.format} hold no UDP")
-    return notes
+    counts.first_ns = t_ns if counts.first_ns is None else min(counts.first_ns, t_ns)
+    counts.last_ns = t_ns if counts.last_ns is None else max(counts.last_ns, t_ns)
 
 
 def _print(
-    source: Path, target: Path, recording: Recording, form: FileFormat, totals: ConversionCounts
+    source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
 ) -> None:
     click.echo(
-        f"{source} ({recording.format}) to {target} ({form}): {totals.messages} messages, "
-        f"{totals.octets} octets"
+        f"{source} ({recording.format}) to {target} ({form}): {counts.messages} messages, "
+        f"{counts.octets} octets"
     )
-    for reason, count in totals.left_out.items():
+    for reason, count in counts.left_out.items():
         click.echo(f"  left out {count} messages: {reason}")
-    for note in totals.notes[:MAX_NOTES]:
+    for note in counts.notes[:MAX_NOTES]:
         click.echo(f"  {note}")
-    if len(totals.notes) > MAX_NOTES:
-        click.echo(f"  and {len(totals.notes) - MAX_NOTES} more; --json has all")
+    if len(counts.notes) > MAX_NOTES:
+        click.echo(f"  and {len(counts.notes) - MAX_NOTES} more; --json has all")
 
 
 def _print_json(
-    source: Path, target: Path, recording: Recording, form: FileFormat, totals: ConversionCounts
+    source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
 ) -> None:
-    found: dict[str, Any] = {
+    found = {
         "source": str(source),
         "from": str(recording.format),
         "target": str(target),
         "to": str(form),
-        "messages": totals.messages,
-        "octets": totals.octets,
-        "read": totals.read,
-        "first_utc": None if totals.first_ns is None else iso_utc(totals.first_ns),
-        "last_utc": None if totals.last_ns is None else iso_utc(totals.last_ns),
-        "left_out": dict(totals.left_out),
-        "notes": totals.notes,
-        "damage": [{"offset": each.offset, "what": each.what} for each in recording.reader.damage],
+        "messages": counts.messages,
+        "octets": counts.octets,
+        "read": counts.read,
+        "first_utc": None if counts.first_ns is None else iso_utc(counts.first_ns),
+        "last_utc": None if counts.last_ns is None else iso_utc(counts.last_ns),
+        "left_out": dict(counts.left_out),
+        "notes": counts.notes,
+        "damage": [asdict(each) for each in recording.reader.damage],
     }
     click.echo(json.dumps(found))

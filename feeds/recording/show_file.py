@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -19,7 +20,7 @@ from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
 from plotfeed.replay.asterix_files import RawReader
 from plotfeed.replay.files import Recording, open_recording
-from plotfeed.replay.recorded import Damage, Recorded
+from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.summary import Summary
 
 
@@ -46,7 +47,7 @@ def show_file(
     except DecodeError as error:
         raise PlotfeedError(f"{path}: {error}") from None
     for each in damage:
-        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+        click.echo(f"plotfeed: {path}: {each}", err=True)
     return 2 if damage else 0
 
 
@@ -196,12 +197,8 @@ def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, An
             {"name": entry.name, "octets": entry.octets} for entry in recording.reader.attachments()
         ],
         "packets_without_udp": recording.reader.skipped,
-        "damage": [_damage(each) for each in recording.reader.damage],
+        "damage": [asdict(each) for each in recording.reader.damage],
     }
-
-
-def _damage(damage: Damage) -> dict[str, Any]:
-    return {"offset": damage.offset, "what": damage.what}
 
 
 def _time(t_utc_ns: int, *, dated: bool) -> str:

@@ -32,5 +32,5 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None) -> int:
         for line in lines(told):
             click.echo(line)
     for each in told.damage:
-        click.echo(f"plotfeed: {path}: octet {each.offset}: {each.what}", err=True)
+        click.echo(f"plotfeed: {path}: {each}", err=True)
     return DAMAGED if told.damage else 0

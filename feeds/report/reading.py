@@ -241,7 +241,7 @@ _WHEN = {
 
 def _without_ledger(damage: list[Damage]) -> str:
     if damage:
-        return f"holds no ledger that is whole: octet {damage[0].offset}: {damage[0].what}"
+        return f"holds no ledger that is whole: {damage[0]}"
     return (
         f"holds no ledger: expected {LEDGER} on a topic that ends in {TRUTH}, "
         "as plotfeed run --record makes it"
