@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, chain
@@ -11,14 +10,20 @@ from typing import NamedTuple
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from plotfeed.feeds.page.page_recording import LEFT, PageRecording
+from plotfeed.feeds.recording.recorded_session import (
+    LEFT,
+    NO_PLOTS,
+    RecordedSession,
+    SectorKey,
+    WaitingPlots,
+    measured_in,
+    sector_plots,
+)
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.measured_plots import MeasuredPlots, plots_in_batch
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import Recorded
 
 UNKNOWN_DRONE = -2
@@ -43,31 +48,14 @@ class DroneNumbers:
         return number
 
 
-NO_PLOTS = MeasuredPlots.of(())
-
-
-def measured_in(message: Recorded) -> MeasuredPlots:
-    """The plots in a message, as of the time that they say, or else at which it was due."""
-    try:
-        is_batch = message.topic.endswith("/plots")
-        found = plots_in_batch(message.payload) if is_batch else plots_in(message)
-    except DecodeError:
-        return NO_PLOTS
-    if found is None:
-        return NO_PLOTS
-    due_ns = message.publish_time_ns
-    times_ns = [due_ns if t_ns is None else t_ns for t_ns in found.t_utc_ns]
-    return found.but(t_utc_ns=np.array(times_ns, np.int64))
-
-
 def plots_of(
     measured: MeasuredPlots, truths: Sequence[pb.PlotTruth], drones: DroneNumbers
 ) -> Plots:
     """Plots, and whose they are as the ledger says in the same order."""
     merged = np.empty(len(truths), np.object_)
     merged[:] = [tuple(map(drones.of, truth.merged_drones)) for truth in truths]
-    return nobody_s(measured).but(
-        t_utc_ns=_ints(truth.time_utc_ns for truth in truths),
+    times_ns = _ints(truth.time_utc_ns for truth in truths)
+    return nobody_s(measured.but(t_utc_ns=times_ns)).but(
         drone=_ints(drones.of(t.drone) if t.drone else FALSE_ALARM for t in truths),
         merged_drones=merged,
         true_range_m=_within(MOST_M, (t.range_m if t.drone else NAN for t in truths)),
@@ -77,7 +65,7 @@ def plots_of(
 
 
 def nobody_s(measured: MeasuredPlots) -> Plots:
-    """Plots of which nothing says whose they are."""
+    """Plots of which nothing says whose they are; their times are known."""
     return Plots.of(
         t_utc_ns=measured.t_utc_ns.astype(np.int64),
         drone=np.full(len(measured), UNKNOWN_DRONE),
@@ -118,12 +106,8 @@ def _ratio(decibels: Iterable[float]) -> Floats:
     return ratio
 
 
-MAX_WAITING = 4096
-"""Sectors whose plots wait for their entry in the ledger; older ones give way."""
 FAR_NS = 86_400 * NS
 """Times further from a recording than this are not its own."""
-
-_Key = tuple[str, str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,13 +137,14 @@ class RecordedSectors:
     """Reads a recording from a time on, as far as it is asked to; it may be used in a thread."""
 
     def __init__(
-        self, log: McapReader, recording: PageRecording, drones: DroneNumbers, from_ns: int
+        self, log: McapReader, recording: RecordedSession, drones: DroneNumbers, from_ns: int
     ) -> None:
         self.read_ns = from_ns
         """Log time as far as which it has read."""
         self._recording = recording
+        self._prefix = recording.scene.mqtt.prefix
         self._drones = drones
-        self._waiting: OrderedDict[_Key, list[MeasuredPlots]] = OrderedDict()
+        self._waiting = WaitingPlots()
         topics = {*recording.carriers, *([recording.ledger] if recording.ledger else [])}
         stages = {*recording.carried, *LEFT}
         self._messages = log.messages(from_ns, None, topics, stages)
@@ -187,12 +172,10 @@ class RecordedSectors:
 
     def _wait(self, message: Recorded) -> None:
         """Keep plots until the ledger tells of them."""
-        named = dict(message.properties)
         sensor = self._recording.carriers[message.topic]
-        key = (sensor, named.get("scan", ""), named.get("sector", ""))
-        self._waiting.setdefault(key, []).append(measured_in(message))
-        while len(self._waiting) > MAX_WAITING:
-            self._waiting.popitem(last=False)
+        found = sector_plots(message, self._prefix, sensor)
+        if found is not None:
+            self._waiting.add(found)
 
     def _entry(self, message: Recorded) -> Iterator[_Entry]:
         """Of the ledger; one that is none, or of another time, is passed over."""
@@ -202,12 +185,11 @@ class RecordedSectors:
             return
         if not self._is_plausible(told):
             return
-        parts = self._waiting.pop((told.sensor, str(told.scan), str(told.sector)), [])
-        measured = MeasuredPlots.joined([NO_PLOTS, *parts])
-        if len(measured) != len(told.plots):
-            measured = NO_PLOTS
+        key = SectorKey(self._prefix, told.sensor, told.scan, told.sector)
+        measured = self._waiting.take(key, _ints(plot.time_utc_ns for plot in told.plots))
+        if measured is None:
             del told.plots[:]
-        yield _Entry(message.log_time_ns, told, measured)
+        yield _Entry(message.log_time_ns, told, NO_PLOTS if measured is None else measured)
 
     def _alone(self, message: Recorded) -> _Entry:
         """Plots as they were delivered, and nothing besides."""
@@ -220,7 +202,10 @@ class RecordedSectors:
             delivered=True,
             fate=pb.SENT,
         )
-        return _Entry(message.log_time_ns, told, measured_in(message))
+        measured, due_ns = measured_in(message), message.publish_time_ns
+        times_ns = [due_ns if t_ns is None else t_ns for t_ns in measured.t_utc_ns]
+        timed = measured.but(t_utc_ns=np.array(times_ns, np.int64))
+        return _Entry(message.log_time_ns, told, timed)
 
     def _sectors(self, entries: Sequence[_Entry]) -> Iterator[RecordedSector]:
         """Their columns are made at once, and cut."""

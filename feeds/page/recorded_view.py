@@ -13,9 +13,9 @@ import numpy as np
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.page.attach import model_differs, tell_settings
-from plotfeed.feeds.page.page_recording import PageRecording
 from plotfeed.feeds.page.recorded_sectors import DroneNumbers, RecordedSector, RecordedSectors
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
@@ -115,7 +115,7 @@ MOST_READ_NS = 60 * NS
 class RecordedView:
     """Shows one recording, from wherever its replay goes."""
 
-    def __init__(self, recording: PageRecording, view: View) -> None:
+    def __init__(self, recording: RecordedSession, view: View) -> None:
         self._recording = recording
         self._view = view
         self._glow_ns = round(recording.scene.page.afterglow_s * NS)
@@ -166,7 +166,7 @@ class RecordedView:
         """Count anew from then on."""
         self._totals = SessionCounters()
         self._told_ns = t_ns
-        self._sensors = dict(self._recording.settings.at(t_ns))
+        self._sensors = self._recording.settings.told_at(t_ns)
         for sensor in self._sensors.values():
             tell_settings(self._view, sensor, t_ns, new_model=True)
 
@@ -182,8 +182,8 @@ class RecordedView:
 
     def _tell_changes(self, t_ns: int) -> None:
         """Of the keys of sensors since the last look, but for links: of those the ledger tells."""
-        now = self._recording.settings.at(t_ns)
-        for sensor in self._recording.settings.changed_between(self._told_ns, t_ns):
+        now = self._recording.settings.told_at(t_ns)
+        for sensor in self._recording.settings.told_between(self._told_ns, t_ns):
             before = self._sensors[sensor]
             after = now[sensor]
             if self._recording.ledger is not None:

@@ -10,10 +10,10 @@ from typing import Any
 
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import refused
-from plotfeed.feeds.page.page_recording import PageRecording
 from plotfeed.feeds.page.recorded_view import RecordedView
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, ways_out
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
@@ -35,7 +35,7 @@ WHOSE_TIME = "Times are those of the recording; its messages leave with those of
 class ReplayShow:
     """One replay, from its beginning until it is stopped; at its end it stands."""
 
-    def __init__(self, recording: PageRecording, view: View) -> None:
+    def __init__(self, recording: RecordedSession, view: View) -> None:
         self.recording = recording
         self._view = view
         self._shown = RecordedView(recording, view)

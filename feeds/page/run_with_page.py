@@ -12,11 +12,11 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
 from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.page_recording import PageRecording
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.observer import Observer
@@ -82,7 +82,7 @@ async def run_with_page(
 
 
 async def _replay(
-    stage: SessionSwitch, recording: PageRecording, view: View, brokers: Brokers
+    stage: SessionSwitch, recording: RecordedSession, view: View, brokers: Brokers
 ) -> None:
     """In place of a session; its map is known where its scene is that of the session before."""
 

@@ -11,9 +11,10 @@ from typing import Any
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.controls import refused
-from plotfeed.feeds.page.page_recording import PageRecording, new_path, recordings_in
+from plotfeed.feeds.page.recordings_folder import new_path, recordings_in
 from plotfeed.feeds.page.replay_show import EXPECTED, REFUSES, WISHES, ReplayShow
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, example, load
@@ -41,13 +42,13 @@ class SessionSwitch(Observer):
         self._view = view
         self._folder = folder
         self._scenes = _scenes_beside(scene)
-        self._asked: PageRecording | None = None
+        self._asked: RecordedSession | None = None
         self._notes: list[str] = []
         self._session: RunningSession | None = None
         self._recorder: SessionRecorder | None = None
         self._telling: asyncio.Task[None] | None = None
 
-    def begin(self) -> PageRecording | None:
+    def begin(self) -> RecordedSession | None:
         """A session, or that replay, is about to run: the last one, unless another is wanted."""
         self.ending.clear()
         self.goes_on = False
@@ -55,7 +56,10 @@ class SessionSwitch(Observer):
         return asked
 
     async def replay(
-        self, recording: PageRecording, addresses: Sequence[BrokerAddress], basemap: Basemap | None
+        self,
+        recording: RecordedSession,
+        addresses: Sequence[BrokerAddress],
+        basemap: Basemap | None,
     ) -> None:
         """Replay it until something else is wanted; if it fails, a session is."""
         self.show = ReplayShow(recording, self._view)
@@ -151,7 +155,7 @@ class SessionSwitch(Observer):
         if not isinstance(name, str) or name not in recordings:
             return refused(f"replay.load: there is no recording {str(name)[:80]!r}")
         try:
-            recording = await asyncio.to_thread(PageRecording.open, recordings[name])
+            recording = await asyncio.to_thread(RecordedSession.open, recordings[name])
         except PlotfeedError as error:
             return refused(one_line(error))
         self._end_for(recording)
@@ -167,7 +171,7 @@ class SessionSwitch(Observer):
             return refused(REFUSES["step"])
         return show.apply(wish)
 
-    def _end_for(self, recording: PageRecording | None) -> None:
+    def _end_for(self, recording: RecordedSession | None) -> None:
         """End what runs for a replay of that one, or for a session."""
         self._asked, self._notes = recording, []
         self.goes_on = True

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from plotfeed.feeds.report.figures import as_values, report
-from plotfeed.feeds.report.reading import read
+from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.report.report_pictures import check_picture, draw
 from plotfeed.feeds.report.report_text import lines
 

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.report.error_tally import EDGES, ErrorFigures
-from plotfeed.feeds.report.false_alarm_tally import AlarmFigures
+from plotfeed.feeds.report.ledger_reading import Counted, SensorTally
 from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
 from plotfeed.feeds.report.look_tally import PdFigures
-from plotfeed.feeds.report.reading import Counted, SensorTally
+from plotfeed.feeds.report.plot_tallies import EDGES, AlarmFigures, ErrorFigures
 from plotfeed.feeds.report.spreads import CELLS, STEPS
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import Damage

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.recording.show_file import printable
-from plotfeed.feeds.report.error_tally import QUANTITIES
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures
+from plotfeed.feeds.report.plot_tallies import QUANTITIES
 from plotfeed.feeds.report.report_text import link_text
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.proto.errors import PlotfeedError

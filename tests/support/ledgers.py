@@ -14,7 +14,7 @@ from plotfeed.feeds.impairment.link import Fate, Outcome
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
 from plotfeed.feeds.report.figures import LedgerReport, report
-from plotfeed.feeds.report.reading import read
+from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run

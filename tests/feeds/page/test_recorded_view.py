@@ -17,11 +17,12 @@ from support.command import plotfeed
 from support.page_frames import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
-from plotfeed.feeds.page.page_recording import MAX_LISTED, PageRecording, recordings_in
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE
 from plotfeed.feeds.page.recorded_view import RecordedView
+from plotfeed.feeds.page.recordings_folder import MAX_LISTED, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.sensing.scene_drones import knots
@@ -71,7 +72,7 @@ class Shown:
     """A recording on a view, brought to one time after the other."""
 
     def __init__(self, path: Path) -> None:
-        self.recording = PageRecording.open(path)
+        self.recording = RecordedSession.open(path)
         self.view = View()
         self.frames: list[Frame] = []
 
@@ -337,7 +338,7 @@ def test_what_cannot_be_shown_is_refused_in_a_line(
 ) -> None:
     path = written(tmp_path / "x.mcap", recorded, scene)
     with pytest.raises(PlotfeedError) as error:
-        PageRecording.open(path)
+        RecordedSession.open(path)
     assert str(error.value).startswith("x.mcap: ")
     assert words in str(error.value)
     assert "\n" not in str(error.value)

@@ -11,9 +11,9 @@ from support.links import link
 from support.significance import assert_chance
 
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.report.error_tally import EDGES, ErrorsTally
 from plotfeed.feeds.report.link_tally import WINDOW, InTurn, Passage, Turn
 from plotfeed.feeds.report.look_tally import LooksTally
+from plotfeed.feeds.report.plot_tallies import EDGES, ErrorsTally
 from plotfeed.feeds.report.spreads import (
     CELLS,
     STEPS,

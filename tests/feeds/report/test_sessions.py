@@ -15,9 +15,10 @@ from support.road import NS, START_NS
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
-from plotfeed.feeds.report.false_alarm_tally import SceneAlarms
+from plotfeed.feeds.recording.recorded_session import RecordedSettings
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values
 from plotfeed.feeds.report.link_figures import LinkFigures
+from plotfeed.feeds.report.plot_tallies import AskedAlarms
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -190,13 +191,16 @@ def test_plots_that_contradict_the_ledger_are_not_joined(session: Path, tmp_path
 
 def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path, SCENE))
-    asked = SceneAlarms(scene, scene.sensor[1], START_NS)
+    sensor, settings = scene.sensor[1], RecordedSettings(scene)
+    asked = AskedAlarms(scene, sensor, settings, START_NS)
     first = START_NS // NS + 1
     before = asked.in_sector(first, 0)
     said = {"controlled": {"pfa_factor": 3}, "in_force": {}}
-    asked.control(json.dumps(said).encode(), START_NS + 10 * NS)
-    asked.control(b"{", START_NS + 11 * NS)
+    settings.take(sensor.id, json.dumps(said).encode(), START_NS + 10 * NS)
+    settings.take(sensor.id, b"{", START_NS + 11 * NS)
     assert asked.in_sector(first, 0) == before
     assert asked.in_sector(first + 20, 0) == pytest.approx(3 * before)
-    asked.control(json.dumps({"controlled": {"pfa": "much"}}).encode(), START_NS + 30 * NS)
+    settings.take(
+        sensor.id, json.dumps({"controlled": {"pfa": "much"}}).encode(), START_NS + 30 * NS
+    )
     assert np.isnan(asked.in_sector(first + 40, 0))

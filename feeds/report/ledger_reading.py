@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.console.progress import with_progress
+from plotfeed.feeds.recording.recorded_session import (
+    RecordedSettings,
+    SectorKey,
+    WaitingPlots,
+    plot_topics,
+    recorded_scene,
+    sector_plots,
+)
 from plotfeed.feeds.recording.recorder import SCENE_NAME
-from plotfeed.feeds.report.error_tally import ErrorsTally
-from plotfeed.feeds.report.false_alarm_tally import AlarmsTally, AskedAlarms
+from plotfeed.feeds.recording.session_record import SessionRecord
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
 from plotfeed.feeds.report.look_tally import LooksTally
-from plotfeed.feeds.report.recorded_plots import KINDS, Join, SectorKey, Truth, measured
+from plotfeed.feeds.report.plot_tallies import QUANTITIES, AlarmsTally, AskedAlarms, ErrorsTally
+from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -83,7 +93,83 @@ class SensorTally:
                 self.passage.add(Turn(sent.number, sent.due_utc_ns, sent.sent_utc_ns, fate, row))
 
 
-TRUTH, SETTINGS = "/truth", "/settings"
+COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+"""Of what is measured and of its truth, as `QUANTITIES`."""
+MAX_WAITING_TRUTHS = 200_000
+"""Plots whose truth waits for what was measured; then the oldest are given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Of a sector's plots, in their order."""
+
+    values: Floats
+    """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
+    of_drone: Bools
+    """(n,); the others are false alarms."""
+    t_utc_ns: Ints
+
+    @classmethod
+    def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
+        """As the ledger has it."""
+        rows = [
+            [getattr(plot, name) if plot.HasField(name) else math.nan for name in COLUMNS]
+            for plot in plots
+        ]
+        return cls(
+            np.array(rows, np.float64).reshape(-1, len(QUANTITIES)),
+            np.array([bool(plot.drone) for plot in plots], np.bool_),
+            np.array([plot.time_utc_ns for plot in plots], np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.of_drone)
+
+
+class MeasuredBesideTruth:
+    """Holds what has come of a sector until all of it is there; the ledger comes last as a rule."""
+
+    def __init__(self) -> None:
+        self._plots = WaitingPlots()
+        self._truths: OrderedDict[SectorKey, tuple[Truth, ErrorsTally]] = OrderedDict()
+        self._waiting = 0
+
+    def add_message(self, message: Recorded, prefix: str, sensor: str) -> None:
+        """Take the plots of a message; one that cannot be read or placed is passed over."""
+        found = sector_plots(message, prefix, sensor)
+        if found is not None:
+            self._plots.add(found)
+            self._meet(found.key)
+
+    def add_truth(self, sector: SectorKey, truth: Truth, errors: ErrorsTally) -> None:
+        """Take what is true of a sector's plots; their errors are counted where it says."""
+        if not len(truth) or sector in self._truths:
+            return
+        self._truths[sector] = truth, errors
+        self._waiting += len(truth)
+        self._meet(sector)
+        while self._waiting > MAX_WAITING_TRUTHS and self._truths:
+            _, (given_up, _) = self._truths.popitem(last=False)
+            self._waiting -= len(given_up)
+
+    def _meet(self, sector: SectorKey) -> None:
+        """Count errors if all are there; plots that contradict their truth are as good as lost."""
+        if sector not in self._truths:
+            return
+        truth, errors = self._truths[sector]
+        if self._plots.count(sector) < len(truth):
+            return
+        del self._truths[sector]
+        self._waiting -= len(truth)
+        plots = self._plots.take(sector, truth.t_utc_ns)
+        if plots is not None:
+            drones = plots.rows(truth.of_drone)
+            values = np.stack([getattr(drones, name) for name in COLUMNS], axis=1)
+            sigmas = np.stack([getattr(drones, f"sigma_{name}") for name in COLUMNS], axis=1)
+            errors.add(values, sigmas, truth.values[truth.of_drone])
+
+
+TRUTH = "/truth"
 LEDGER = "plotfeed.v1.Ledger"
 MAX_SENSORS = 10_000
 REMEMBERED = 65_536
@@ -137,7 +223,7 @@ class _Reading:
             raise PlotfeedError(f"{path}: {_without_ledger(self._log.damage)}")
         self._plots = _plots(series, self._truths)
         self._alarms = self._asked_alarms()
-        self._join = Join()
+        self._join = MeasuredBesideTruth()
         self._seen: OrderedDict[SectorKey, None] = OrderedDict()
 
     def counted(self) -> Counted:
@@ -147,11 +233,7 @@ class _Reading:
             if key in self._truths:
                 self._take_entry(message, self._truths[key])
             elif key in self._plots:
-                placed = measured(message, *self._plots[key])
-                if placed is not None:
-                    self._join.add_plots(*placed)
-            elif message.topic.endswith(SETTINGS) and message.stage is Stage.AFTER:
-                self._take_settings(message)
+                self._join.add_message(message, *self._plots[key])
         for sensor in self._found.sensors.values():
             sensor.end()
         for (topic, stage), whose in self._plots.items():
@@ -161,9 +243,7 @@ class _Reading:
 
     def _messages(self) -> Iterator[Recorded]:
         wanted = {topic for topic, _ in (*self._truths, *self._plots)}
-        prefixes = set(self._truths.values())
-        wanted.update(f"{prefix}/{name}{SETTINGS}" for prefix in prefixes for name in self._alarms)
-        stages = {stage for _, stage in (*self._truths, *self._plots)} | {Stage.AFTER}
+        stages = {stage for _, stage in (*self._truths, *self._plots)}
         messages = self._log.messages(topics=wanted, stages=stages)
         octets = self._path.stat().st_size
         return with_progress(messages, self._path.name, self._file.tell, octets)
@@ -173,18 +253,17 @@ class _Reading:
         attachments = self._log.attachments()
         if all(attachment.name != SCENE_NAME for attachment in attachments):
             return {}
-        from plotfeed.feeds.report.false_alarm_tally import asked_alarms
-
-        # Imported late: the sensors' models take longer than most ledgers.
         try:
-            found = asked_alarms(self._path)
+            start_utc_ns = SessionRecord.open(self._path).start_utc_ns
+            scene = recorded_scene(self._path, self._log)
+            settings = RecordedSettings.read(scene, self._log)
         except (PlotfeedError, OSError) as error:
             first_line = str(error).partition("\n")[0]
             self._found.notes.append(f"its scene cannot be used: {first_line}")
             return {}
-        self._found.scene_sensors = list(found)
-        self._found.scene = next((a.scene.scene.name for a in found.values()), "")
-        return found
+        self._found.scene = scene.scene.name
+        self._found.scene_sensors = [sensor.id for sensor in scene.sensor]
+        return {s.id: AskedAlarms(scene, s, settings, start_utc_ns) for s in scene.sensor}
 
     def _take_entry(self, message: Recorded, prefix: str) -> None:
         found = self._found
@@ -226,11 +305,6 @@ class _Reading:
             for stage in (Stage.AFTER, Stage.RECEIVED)
         )
 
-    def _take_settings(self, message: Recorded) -> None:
-        asked = self._alarms.get(message.topic.split("/")[-2])
-        if asked is not None:
-            asked.control(message.payload, message.log_time_ns)
-
 
 _WHEN = {
     Stage.BEFORE: "before the link",
@@ -266,7 +340,7 @@ def _plots(
     prefixes = set(truths.values())
     best: dict[tuple[str, str], tuple[int, int, str, Stage]] = {}
     for each in series:
-        for rank, kind in enumerate(KINDS):
+        for rank, kind in enumerate(plot_topics()):
             place = each.topic.removesuffix(f"/{kind}")
             prefix, _, sensor = place.rpartition("/")
             if place == each.topic or prefix not in prefixes or each.stage not in STAGES:

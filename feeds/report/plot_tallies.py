@@ -1,15 +1,22 @@
-"""Errors of plots against what is true of them, in units of the standard deviation they state."""
+"""Errors and false alarms of a sensor's plots: as its scene asked for them, and as they came."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from plotfeed.feeds.recording.recorded_session import RecordedSettings
+from plotfeed.feeds.report.spreads import z_score
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats
+from plotfeed.proto.utc import NS
 
 QUANTITIES = {"range": "m", "azimuth": "deg", "elevation": "deg"}
 """What the ledger has the truth of, with the unit of each."""
@@ -129,4 +136,86 @@ class ErrorsTally:
             z_mean=normalised / math.sqrt(stated) if enough else math.nan,
             z_rms=(normalised2 - stated) / math.sqrt(2 * stated) if enough else math.nan,
             histogram=self._histograms[i].tolist(),
+        )
+
+
+@dataclass(slots=True)
+class AskedAlarms:
+    """How many false alarms a sensor of a recorded scene was to have."""
+
+    scene: Scene
+    sensor: Sensor
+    settings: RecordedSettings
+    start_utc_ns: int
+    _per_scan: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def sectors(self) -> int:
+        """Of a scan."""
+        return self.sensor.scan.sectors if isinstance(self.sensor.scan, RotatingScan) else 1
+
+    def in_sector(self, scan: int, sector: int) -> float:
+        """Mean number in a sector, as the sensor was when it was worked out; NaN if unknown."""
+        period_ns = round(self.sensor.scan.period_s * NS)
+        end_utc_ns = (scan * self.sectors + sector + 1) * period_ns // self.sectors
+        worked_out_ns = end_utc_ns - min(AHEAD_NS, period_ns // self.sectors)
+        then = self.settings.worked_out(self.sensor.id, worked_out_ns, self.start_utc_ns)
+        if then is None:
+            return math.nan
+        if id(then) not in self._per_scan:
+            mean = then.model(self.scene.scene.site).false_alarms_per_scan
+            self._per_scan[id(then)] = mean
+        return self._per_scan[id(then)] / self.sectors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlarmFigures:
+    """False alarms of one sensor."""
+
+    count: int
+    scans: float
+    """That the ledger tells of, parts of them counted as such; NaN where no scene says."""
+    asked: float
+    """By the scene, in all of these scans; NaN where no scene says."""
+    asked_per_scan: float
+    delivered_per_scan: float
+    z: float
+
+
+@dataclass(slots=True)
+class AlarmsTally:
+    """Of one sensor's ledger."""
+
+    asked: AskedAlarms | None
+    count: int = 0
+    _sectors: int = 0
+    _mean: float = 0.0
+
+    def add(self, false_alarms: int, scan: int, sector: int) -> None:
+        """Take a sector."""
+        self.count += false_alarms
+        self._sectors += 1
+        if self.asked is not None:
+            self._mean += self.asked.in_sector(scan, sector)
+
+    def figures(self) -> AlarmFigures:
+        """Of all that were taken."""
+        if self.asked is None:
+            nan = math.nan
+            return AlarmFigures(
+                count=self.count,
+                scans=nan,
+                asked=nan,
+                asked_per_scan=nan,
+                delivered_per_scan=nan,
+                z=nan,
+            )
+        scans = self._sectors / self.asked.sectors
+        return AlarmFigures(
+            count=self.count,
+            scans=scans,
+            asked=self._mean,
+            asked_per_scan=self._mean / scans if scans else math.nan,
+            delivered_per_scan=self.count / scans if scans else math.nan,
+            z=z_score(self.count - self._mean, self._mean),  # binomial over very many cells
         )
