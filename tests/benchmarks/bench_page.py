@@ -15,7 +15,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support import page_stage, road
+from support import made_up_session, road
 from support.chromium import OPTIONS, program
 
 from plotfeed.feeds.page.page_access import PageAddress
@@ -34,7 +34,7 @@ CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 def crowded(drones: int) -> Scene:
     """One radar that finds every drone once a second, so that ten seconds of plots are on show."""
-    radar = page_stage.sensors(9000.0)[0] | {
+    radar = made_up_session.sensors(9000.0)[0] | {
         "power_w": 5e6,
         "scan": road.rotating(period_s=1.0, sectors=32),
         "range_min_m": 0.0,
@@ -42,13 +42,13 @@ def crowded(drones: int) -> Scene:
         "elevation_max_deg": 90.0,
         "pfa": 1e-8,
     }
-    return road.scene([radar], page_stage.drones(drones, 8000.0), seed=8)
+    return road.scene([radar], made_up_session.drones(drones, 8000.0), seed=8)
 
 
 async def serve(drones: int, *, with_page: bool) -> None:
     """A child: the stage, with the page or without, until its input ends; tells its CPU time."""
     view = View() if with_page else None
-    stage = page_stage.Stage(view, crowded(drones))
+    stage = made_up_session.MadeUpSession(view, crowded(drones))
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), sys.stdin

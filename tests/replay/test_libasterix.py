@@ -6,7 +6,7 @@ import io
 from functools import partial
 
 import dpkt
-from support.libasterix import blocks_of
+from support.asterix_readers import blocks_of
 from support.recordings import MS, START_NS, block, message, plots, read, written
 from support.shared_files import shared
 

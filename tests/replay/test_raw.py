@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.asterix_oracle import items_of, read_blocks
-from support.captures import tshark_fields
+from support.asterix_readers import items_of, read_blocks
 from support.recordings import (
     START_NS,
     block,
@@ -19,6 +18,7 @@ from support.recordings import (
     written,
 )
 from support.shared_files import shared
+from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode

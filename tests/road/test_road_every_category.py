@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.scene.scene import from_tree

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 from support.road import NS, Road, flown, fly, radar, rotating, scene, waypoint
 from support.significance import Array
 

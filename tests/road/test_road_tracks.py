@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 from support.road import (
     NS,
     SITE,

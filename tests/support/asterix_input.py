@@ -1,8 +1,9 @@
-"""Inputs that several ASTERIX tests share: plots, and the payloads of a recording."""
+"""Inputs that several ASTERIX tests share: plots, tracks, and the payloads of a recording."""
 
 from __future__ import annotations
 
 import struct
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
 )
 from plotfeed.proto.asterix.codec.profile import Slot, profile
+from plotfeed.proto.asterix.encode_062 import Tracks
 
 ETHERNET, UDP = 14, 8
 
@@ -85,3 +87,15 @@ def numeric_slots(category: Category) -> list[Slot]:
     """Every slot of a record of everything, without those of characters."""
     slots = profile(category, every_path(category)).slots
     return [slot for slot in slots if not isinstance(slot.part, Characters)]
+
+
+def tracks(**columns: Any) -> Tracks:
+    """Tracks with those columns, not estimated or false in the others; as long as the longest."""
+    n = max(np.size(column) for column in columns.values())
+    flags = dict.fromkeys(("tentative", "coasted", "first", "last"), False)
+    filled = dict.fromkeys((f.name for f in fields(Tracks)), np.nan)
+    zeros = dict.fromkeys(
+        ("latitude_deg", "longitude_deg", "east_m", "north_m"), 0.0
+    ) | dict.fromkeys(("velocity_east_m_s", "velocity_north_m_s"), 0.0)
+    given = filled | flags | zeros | {"track": 1, "t_utc_ns": 0} | columns
+    return Tracks(**{name: np.broadcast_to(np.asarray(v), (n,)) for name, v in given.items()})

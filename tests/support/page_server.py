@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from support.page_stage import Stage
+from support.made_up_session import MadeUpSession
 from support.waiting import PATIENCE_S, wait_until
 from websockets.sync.client import ClientConnection, connect
 
@@ -129,14 +129,14 @@ def served(
 
 
 @contextmanager
-def on_stage(stage: Stage, **more: Any) -> Iterator[Served]:
+def on_stage(stage: MadeUpSession, **more: Any) -> Iterator[Served]:
     """A stage that plays, and is the page's controls."""
     assert stage.view is not None
     with served(stage.view, stage, lambda: stage.now_ns, playing=stage.run, **more) as page:
         yield page
 
 
-def wait_for_command(page: Page, stage: Stage, expected: dict[str, Any]) -> None:
+def wait_for_command(page: Page, stage: MadeUpSession, expected: dict[str, Any]) -> None:
     wait_until(
         lambda: expected in stage.commands,
         f"{expected} never came",

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
-from support.asterix_oracle import read_blocks
+from support.asterix_readers import read_blocks
 from support.road import Road, fly
 from support.sapient_rules import checked
 from toy_sensor.camera_keys import CameraKeys

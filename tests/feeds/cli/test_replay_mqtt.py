@@ -19,7 +19,7 @@ from support.brokers import free_port, mosquitto, rumqttd
 from support.command import PLOTFEED, plotfeed, running
 from support.mqtt_client import Heard, listening
 from support.recordings import plots
-from support.replayed import MS, RECORDED, Memory, S, message
+from support.replays import MS, RECORDED, Memory, S, message
 from support.scene_files import scene_file, scene_text
 from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S, wait_until
@@ -320,10 +320,10 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         async def room(self) -> None:
             await asyncio.Event().wait()
 
-        def publish_together(self, parcels: Sequence[Delivery]) -> None:
-            self.taken += len(parcels)
-            for parcel in parcels:
-                parcel.settle(delivered=True)
+        def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+            self.taken += len(deliveries)
+            for delivery in deliveries:
+                delivery.settle(delivered=True)
 
         async def drain(self, timeout_s: float = 1.0) -> None:
             assert timeout_s <= 1

@@ -35,21 +35,21 @@ class Link:
         self.carried: list[bytes] = []
         self.waiting: list[Delivery] = []
 
-    def publish(self, parcel: Delivery) -> None:
+    def publish(self, delivery: Delivery) -> None:
         if self.takes is None:
-            self.waiting.append(parcel)
+            self.waiting.append(delivery)
             return
-        self.settle(parcel, delivered=self.takes)
+        self.settle(delivery, delivered=self.takes)
 
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        for parcel in parcels:
-            self.publish(parcel)
+    def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+        for delivery in deliveries:
+            self.publish(delivery)
 
-    def settle(self, parcel: Delivery, *, delivered: bool) -> None:
+    def settle(self, delivery: Delivery, *, delivered: bool) -> None:
         if delivered:
-            parcel.leave()
-            self.carried.append(parcel.message.payload)
-        parcel.settle(delivered=delivered)
+            delivery.leave()
+            self.carried.append(delivery.message.payload)
+        delivery.settle(delivered=delivered)
 
     async def drain(self, _timeout_s: float = 1.0) -> None:
         self.drained += 1

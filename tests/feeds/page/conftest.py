@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-from support import page_stage, road
+from support import made_up_session, road
 from support.chromium import chromium, looking
+from support.made_up_session import MadeUpSession
 from support.page_server import Served, on_stage
-from support.page_stage import Stage
 
 from plotfeed.feeds.page.view import View
 
@@ -22,15 +22,15 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def stage() -> Stage:
-    stage = Stage(View(), page_stage.scene(16))
+def stage() -> MadeUpSession:
+    stage = MadeUpSession(View(), made_up_session.scene(16))
     for _ in range(40):
         stage.advance(stage.now_ns + road.NS // 10)
     return stage
 
 
 @pytest.fixture
-def served(stage: Stage) -> Iterator[Served]:
+def served(stage: MadeUpSession) -> Iterator[Served]:
     with on_stage(stage) as served:
         yield served
 

@@ -12,7 +12,7 @@ import pytest
 from support import road
 from support.brokers import free_port, mosquitto
 from support.mqtt_client import Client
-from support.page_frames import Frame, read_frame
+from support.page_updates import Frame, read_frame
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message

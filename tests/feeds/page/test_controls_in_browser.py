@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from support.chromium import until
+from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
-from support.page_stage import Stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -27,7 +27,7 @@ FORM_COMMANDS = [
 
 
 def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
-    page: Page, stage: Stage
+    page: Page, stage: MadeUpSession
 ) -> None:
     for fields, expected in FORM_COMMANDS:
         for label, value in fields.items():
@@ -43,7 +43,9 @@ def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
         stage.commands.clear()
 
 
-def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(page: Page, stage: Stage) -> None:
+def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(
+    page: Page, stage: MadeUpSession
+) -> None:
     page.evaluate(
         """() => {
           const { feed } = plotfeed, ask = feed.ask.bind(feed), held = [];
@@ -92,7 +94,7 @@ def test_a_field_that_somebody_is_in_changes_when_he_leaves_it(page: Page) -> No
     assert latency.input_value() == "77"
 
 
-def test_each_button_says_what_it_says(page: Page, stage: Stage) -> None:
+def test_each_button_says_what_it_says(page: Page, stage: MadeUpSession) -> None:
     for name, expected in [
         ("Pause", {"clock": {"paused": True}}),
         ("Step 1 s", {"clock": {"step_s": 1}}),
@@ -111,7 +113,7 @@ def test_each_button_says_what_it_says(page: Page, stage: Stage) -> None:
     wait_for_command(page, stage, {"clock": {"speed": 10}})
 
 
-def test_a_sensor_is_switched_off_degraded_and_on_again(page: Page, stage: Stage) -> None:
+def test_a_sensor_is_switched_off_degraded_and_on_again(page: Page, stage: MadeUpSession) -> None:
     own = stage.scene.sensor[0]
     page.get_by_role("radio", name="Degraded").check()
     worse = {"enabled": True, "pfa": 1e-4, "loss_db": 10}
@@ -128,7 +130,7 @@ def test_a_sensor_is_switched_off_degraded_and_on_again(page: Page, stage: Stage
     assert stage.sensors["radar"].pfa == own.pfa  # type: ignore[union-attr]
 
 
-def test_another_sensor_is_chosen_hidden_and_asked(page: Page, stage: Stage) -> None:
+def test_another_sensor_is_chosen_hidden_and_asked(page: Page, stage: MadeUpSession) -> None:
     page.get_by_role("button", name="gate").click()
     page.get_by_role("heading", name="gate: settings").wait_for()
     assert page.get_by_label("Loss", exact=True).input_value() == "5"
@@ -141,7 +143,7 @@ def test_another_sensor_is_chosen_hidden_and_asked(page: Page, stage: Stage) -> 
     until(page, "'gate' in (plotfeed.picture.news.details ?? {})")
 
 
-def test_a_recording_is_scrubbed(page: Page, stage: Stage) -> None:
+def test_a_recording_is_scrubbed(page: Page, stage: MadeUpSession) -> None:
     page.get_by_role("button", name="Replay", exact=True).click()
     position = page.get_by_label("Position in the recording")
     until(page, "!document.getElementById('position').disabled")

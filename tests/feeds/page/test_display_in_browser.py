@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from support import road
 from support.chromium import until
-from support.page_frames import read_frame
+from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
-from support.page_stage import Stage
+from support.page_updates import read_frame
 
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
@@ -29,7 +29,7 @@ SENSOR_COLOURS = np.array([[0x4F, 0xE0, 0xA6], [0xFF, 0xB1, 0x4A]])
 """Of the dark theme, as the style sheet has them: what is under plots, the first two sensors."""
 
 
-def freeze(page: Page, stage: Stage) -> None:
+def freeze(page: Page, stage: MadeUpSession) -> None:
     """Let time stand still, and the page know it."""
     page.get_by_role("button", name="Pause").first.click()
     until(page, "plotfeed.picture.pace === 0")
@@ -69,7 +69,7 @@ def test_the_browser_reads_frames_as_they_were_written(page: Page) -> None:
     )
 
 
-def delivered_plots(stage: Stage) -> dict[str, list[tuple[float, float, float]]]:
+def delivered_plots(stage: MadeUpSession) -> dict[str, list[tuple[float, float, float]]]:
     """Time, milliseconds, east and north of plots with a place, as the messages say, by sensor."""
     frames = {s.id: frame_at(stage.scene.scene.site, s.position_enu_m) for s in stage.scene.sensor}
     found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in frames}
@@ -85,7 +85,9 @@ def delivered_plots(stage: Stage) -> dict[str, list[tuple[float, float, float]]]
     return found
 
 
-def test_every_plot_that_was_delivered_is_shown_within_a_pixel(page: Page, stage: Stage) -> None:
+def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
+    page: Page, stage: MadeUpSession
+) -> None:
     for layer in ("Cover", "Sweep", "Labels", "Tracks"):
         page.get_by_role("checkbox", name=layer).uncheck()
     page.get_by_label("Fade").select_option("30")
@@ -146,7 +148,7 @@ def test_the_truth_is_hidden_until_it_is_asked_for(page: Page) -> None:
 
 
 def test_a_leap_shows_another_time_and_leaves_the_display_where_it_is(
-    page: Page, stage: Stage, served: Served
+    page: Page, stage: MadeUpSession, served: Served
 ) -> None:
     page.get_by_role("application").press("+")
     page.get_by_role("application").press("n")
@@ -167,7 +169,7 @@ def test_a_leap_shows_another_time_and_leaves_the_display_where_it_is(
     page.get_by_text("Nothing selected").wait_for()
 
 
-def test_the_display_is_worked_by_keys_alone(page: Page, stage: Stage) -> None:
+def test_the_display_is_worked_by_keys_alone(page: Page, stage: MadeUpSession) -> None:
     display = page.get_by_role("application")
     display.focus()
     view = "({ ...plotfeed.display.view })"
@@ -196,7 +198,7 @@ def test_the_display_is_worked_by_keys_alone(page: Page, stage: Stage) -> None:
 
 
 def test_a_click_on_a_plot_shows_its_values_and_with_the_truth_the_true_ones(
-    page: Page, stage: Stage
+    page: Page, stage: MadeUpSession
 ) -> None:
     page.get_by_label("Fade").select_option("60")
     page.get_by_role("checkbox", name="Tracks").uncheck()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.page_frames import read_frame
+from support.page_updates import read_frame
 
 from plotfeed.feeds.page.updates import (
     COUNT_MASK,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from support import page_stage
+from support import made_up_session
 from support.chromium import axe, looking, new_context, requests, until
+from support.made_up_session import MadeUpSession
 from support.page_server import Served, on_stage
-from support.page_stage import Stage
 
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.view import View
@@ -34,7 +34,9 @@ def test_two_browsers_see_the_same_and_what_either_changes(
         assert ends[0] == ends[1]
 
 
-def test_a_lost_connection_is_said_and_comes_back_by_itself(browser: Browser, stage: Stage) -> None:
+def test_a_lost_connection_is_said_and_comes_back_by_itself(
+    browser: Browser, stage: MadeUpSession
+) -> None:
     with on_stage(stage) as served:
         address = PageAddress("127.0.0.1", served.port)
         context = new_context(browser)
@@ -48,7 +50,7 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(browser: Browser, st
     assert "lost" in page.locator("#connection").inner_text()
     asked = page.evaluate("plotfeed.feed.ask({ clock: { paused: true } })")
     assert asked["ok"] is False
-    again = Stage(View(), page_stage.scene(5))
+    again = MadeUpSession(View(), made_up_session.scene(5))
     with on_stage(again, address=address) as served:
         page.locator("#veil").wait_for(state="hidden")
         until(page, "plotfeed.picture.drones?.rows === 5")  # the truth is asked again
@@ -56,7 +58,7 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(browser: Browser, st
     context.close()
 
 
-def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: Stage) -> None:
+def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: MadeUpSession) -> None:
     wide = PageAddress("0.0.0.0", 0)  # noqa: S104 - with a token
     with on_stage(stage, address=wide, token="one") as served:  # noqa: S106
         address = PageAddress(wide.host, served.port)
@@ -132,7 +134,9 @@ def test_everything_has_its_place_at_every_size_and_nothing_jumps(
             assert box["y"] + box["height"] <= size[1] + 0.5
 
 
-def test_totals_rates_and_refusals_are_told(page: Page, stage: Stage, served: Served) -> None:
+def test_totals_rates_and_refusals_are_told(
+    page: Page, stage: MadeUpSession, served: Served
+) -> None:
     until(page, "document.getElementById('total-plots').textContent !== '0'")
     assert page.locator("#total-drones").inner_text() == "16"
     served.call(lambda: served.server._view.refusal("plotfeed/telemetry/x: missing: time_utc"))

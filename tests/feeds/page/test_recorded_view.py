@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 from support.command import plotfeed
-from support.page_frames import Frame, read_frame
+from support.page_updates import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support import page_stage, road
+from support import made_up_session, road
 from support.brokers import free_port
-from support.page_frames import Frame, read_frame
+from support.made_up_session import MadeUpSession
 from support.page_server import Served, on_stage, served
-from support.page_stage import Stage
+from support.page_updates import Frame, read_frame
 from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
@@ -24,12 +24,12 @@ from plotfeed.feeds.page.view import View
 
 
 @pytest.fixture
-def stage() -> Stage:
-    return Stage(View(), page_stage.scene(8))
+def stage() -> MadeUpSession:
+    return MadeUpSession(View(), made_up_session.scene(8))
 
 
 @pytest.fixture
-def page(stage: Stage) -> Iterator[Served]:
+def page(stage: MadeUpSession) -> Iterator[Served]:
     with on_stage(stage) as page:
         yield page
 
@@ -97,7 +97,7 @@ def test_no_script_of_another_site_reaches_the_feed(page: Served) -> None:
         assert status_of(page, origin=origin) == 403
 
 
-def test_bound_wider_everything_needs_the_token(stage: Stage) -> None:
+def test_bound_wider_everything_needs_the_token(stage: MadeUpSession) -> None:
     wide = PageAddress("0.0.0.0", 0)  # noqa: S104 - with a token
     with on_stage(stage, address=wide, token="secret-token") as page:  # noqa: S106
         assert page.url.endswith("/?token=secret-token")
@@ -153,7 +153,9 @@ def test_details_are_told_of_what_anybody_watches(page: Served) -> None:
         assert any(f.news.get("details", {}).keys() == {"radar"} for f in frames(one))
 
 
-def test_commands_are_carried_out_answered_and_seen_by_all(page: Served, stage: Stage) -> None:
+def test_commands_are_carried_out_answered_and_seen_by_all(
+    page: Served, stage: MadeUpSession
+) -> None:
     command = {"sensor": "radar", "set": {"pfa": 1e-4}}
     with page.feed() as one, page.feed() as other:
         next_frame(other)
@@ -182,7 +184,9 @@ def test_commands_are_carried_out_answered_and_seen_by_all(page: Served, stage: 
         "[" * 50_000,
     ],
 )
-def test_what_is_no_wish_is_refused_in_a_line(page: Served, stage: Stage, message: str) -> None:
+def test_what_is_no_wish_is_refused_in_a_line(
+    page: Served, stage: MadeUpSession, message: str
+) -> None:
     with page.feed() as feed:
         said = answer(feed, message)
         assert said["ok"] is False
@@ -199,7 +203,7 @@ def test_what_the_session_refuses_is_told_to_who_asked(page: Served) -> None:
         assert said == {"number": 9, "ok": False, "error": "sensor: there is no 'nobody'"}
 
 
-def test_a_page_without_controls_says_so(stage: Stage) -> None:
+def test_a_page_without_controls_says_so(stage: MadeUpSession) -> None:
     assert stage.view is not None
     with (
         served(stage.view, NoControls(), lambda: stage.now_ns) as page,
@@ -285,7 +289,9 @@ def test_a_host_that_is_not_ours_is_one_clear_line() -> None:
         pass
 
 
-def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(stage: Stage) -> None:
+def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(
+    stage: MadeUpSession,
+) -> None:
     looking, closed = threading.Event(), threading.Event()
 
     def follow(page: Served) -> None:
@@ -306,7 +312,7 @@ def test_the_end_of_a_session_ends_the_page_at_once_with_viewers_and_all(stage: 
         again.bind(("127.0.0.1", port))
 
 
-def test_another_scene_is_a_snapshot_for_everybody(page: Served, stage: Stage) -> None:
+def test_another_scene_is_a_snapshot_for_everybody(page: Served, stage: MadeUpSession) -> None:
     with page.feed() as one, page.feed() as other:
         assert next_frame(one).is_snapshot
         assert next_frame(other).is_snapshot

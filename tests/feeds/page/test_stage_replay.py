@@ -15,8 +15,8 @@ import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed
 from support.mqtt_client import Client, Heard
-from support.page_frames import Frame, read_frame
 from support.page_sessions import Begun, with_page
+from support.page_updates import Frame, read_frame
 from support.scene_files import radar, scene_text
 from support.waiting import PATIENCE_S
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support import road
-from support.asterix_tracks import tracks
-from support.page_frames import read_frame
+from support.asterix_input import tracks
+from support.page_updates import read_frame
 
 from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks
 from plotfeed.feeds.page.tracker_tracks import (

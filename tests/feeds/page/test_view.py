@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import page_stage, road
-from support.page_frames import Frame, read_frame
-from support.page_stage import Stage
+from support import made_up_session, road
+from support.made_up_session import MadeUpSession
+from support.page_updates import Frame, read_frame
 
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.plot_store import MAX_KEPT
@@ -78,7 +78,7 @@ def details(view: View, sensor: str) -> Any:
 
 
 def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
-    stage = Stage(View(), page_stage.scene())
+    stage = MadeUpSession(View(), made_up_session.scene())
     assert stage.view is not None
     for _ in range(40):
         stage.advance(stage.now_ns + NS // 10)

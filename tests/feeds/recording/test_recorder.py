@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from support.log_messages import MS, SCENE, START_NS, messages
+from support.recordings import MS, SCENE, START_NS, messages
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from support.replayed import MS, RECORDED, REPLAYED, S, message, simulated
+from support.replays import MS, RECORDED, REPLAYED, S, message, simulated
 
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import attributes

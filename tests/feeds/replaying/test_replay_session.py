@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.command import plotfeed
-from support.replayed import REPLAYED, simulated
+from support.replays import REPLAYED, simulated
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings, Selection, Stamps

@@ -10,7 +10,7 @@ from itertools import count, pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.replayed import MS, RECORDED, REPLAYED, Ears, Memory, S, message, simulated
+from support.replays import MS, RECORDED, REPLAYED, Ears, Memory, S, message, simulated
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.control import SEEK_NS, ReplayControl

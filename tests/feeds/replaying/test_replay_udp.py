@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from support.brokers import has_ipv6
 from support.recordings import plots
-from support.replayed import MS, Memory, message
+from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
 
 from plotfeed.feeds.messages.message import Message

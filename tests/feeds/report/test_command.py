@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.command import plotfeed
 from support.ledgers import entries, recorded, told, told_of, written
 from support.links import link
-from support.log_messages import log_of
+from support.recordings import log_of
 
 from plotfeed.feeds.report.command import print_report
 from plotfeed.feeds.report.figures import as_values

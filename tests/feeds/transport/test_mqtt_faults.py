@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto, rumqttd
 from support.cut_proxy import Proxy, proxied
+from support.deliveries import Deliveries, number_of
 from support.mqtt_client import Client, listening
-from support.parcels import Parcels, number_of
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
@@ -64,10 +64,10 @@ async def linked(port: int, **queue: object) -> AsyncIterator[MqttLink]:
         await asyncio.gather(running, return_exceptions=True)
 
 
-async def publish(parcels: Parcels, link: MqttLink, n: int, **how: int) -> None:
+async def publish(deliveries: Deliveries, link: MqttLink, n: int, **how: int) -> None:
     """In small bursts, with the network at work in between."""
     for start in range(0, n, 20):
-        parcels.publish(link, min(20, n - start), **how)
+        deliveries.publish(link, min(20, n - start), **how)
         await asyncio.sleep(0.001)
 
 
@@ -97,10 +97,10 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
 
     async def with_the_first(port: int, proxy: Proxy, link: MqttLink) -> list[int]:
         with listening(port, 5, "t") as ears:
-            await publish(parcels, link, 500)
+            await publish(deliveries, link, 500)
             if mid_sentence:
                 pause(process)
-                await publish(parcels, link, 300)
+                await publish(deliveries, link, 300)
                 assert link.unacknowledged > 0
             proxy.is_closed = True
             process.kill()
@@ -112,23 +112,23 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
     async def with_the_second(port: int, proxy: Proxy, link: MqttLink) -> list[int]:
         with listening(port, 5, "t") as ears:  # before the link can be there
             proxy.is_closed = False
-            await publish(parcels, link, 500)
+            await publish(deliveries, link, 500)
             await drained(link)
-            return await asyncio.to_thread(heard_by, ears, at_least=len(parcels.made) - 1)
+            return await asyncio.to_thread(heard_by, ears, at_least=len(deliveries.made) - 1)
 
-    parcels = Parcels()
+    deliveries = Deliveries()
     port = free_port()
     async with proxied(port) as proxy, AsyncExitStack() as stack:
         with start(tmp_path, port) as process:
             link = await stack.enter_async_context(linked(proxy.port, policy="wait"))
             before = await with_the_first(port, proxy, link)
-        acknowledged = {*parcels.delivered}
-        await publish(parcels, link, 500)
-        assert link.waiting + len(acknowledged) == len(parcels.made)
+        acknowledged = {*deliveries.delivered}
+        await publish(deliveries, link, 500)
+        assert link.waiting + len(acknowledged) == len(deliveries.made)
         with start(tmp_path, port) as process:
             after = await with_the_second(port, proxy, link)
-    every = [p.number for p in parcels.made]
-    assert parcels.delivered == every
+    every = [p.number for p in deliveries.made]
+    assert deliveries.delivered == every
     # What it had acknowledged and not passed on yet died with it, and that alone.
     assert after == [n for n in every if n not in acknowledged]
     assert {*every} - {*before} - {*after} <= acknowledged
@@ -147,11 +147,11 @@ async def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_al
         f"persistence true\npersistence_location {tmp_path}/\n"
     )
 
-    parcels = Parcels()
+    deliveries = Deliveries()
 
     async def publish_some() -> None:
         for _ in range(300):
-            parcels.publish(link, 1, topic=f"t/{len(parcels.made)}", retain=True)
+            deliveries.publish(link, 1, topic=f"t/{len(deliveries.made)}", retain=True)
             await asyncio.sleep(0)
 
     running = AsyncExitStack()
@@ -166,11 +166,11 @@ async def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_al
         await drained(link)
         await running.aclose()
         with listening(port, 5, "t/#") as ears:
-            all_came = lambda _: len(ears.heard) == len(parcels.made)  # noqa: E731
+            all_came = lambda _: len(ears.heard) == len(deliveries.made)  # noqa: E731
             await asyncio.to_thread(ears.wait_for, all_came)
     assert link.connections == 2
-    assert sorted(number_of(m.payload) for m in ears.heard) == parcels.delivered
-    assert len(parcels.delivered) == 900
+    assert sorted(number_of(m.payload) for m in ears.heard) == deliveries.delivered
+    assert len(deliveries.delivered) == 900
 
 
 @pytest.mark.parametrize("policy", ["drop-oldest", "drop-newest", "wait"])
@@ -178,16 +178,16 @@ async def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_al
 async def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory(
     start: Start, policy: str, tmp_path: Path
 ) -> None:
-    parcels = Parcels()
+    deliveries = Deliveries()
     port = free_port()
     with start(tmp_path, port) as process, listening(port, 5, "t") as ears:
         async with linked(port, policy=policy, messages=700) as link:
-            await publish(parcels, link, 200)
+            await publish(deliveries, link, 200)
             await drained(link)
             pause(process)
             try:
                 began_s = time.monotonic()
-                await publish(parcels, link, 3000)
+                await publish(deliveries, link, 3000)
                 await asyncio.sleep(PAUSE_S[policy] - (time.monotonic() - began_s))
                 assert link.is_up
                 assert link.unacknowledged <= MAX_UNACKNOWLEDGED
@@ -197,42 +197,42 @@ async def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory
                     "drop-newest": paused[link.unacknowledged + 700 :],
                     "wait": [],
                 }[policy]
-                assert parcels.delivered == [*range(200)]
-                assert parcels.given_up == dropped
+                assert deliveries.delivered == [*range(200)]
+                assert deliveries.given_up == dropped
                 assert link.waiting == (700 if policy != "wait" else 3000 - link.unacknowledged)
             finally:
                 process.send_signal(signal.SIGCONT)
             await drained(link)
-            await publish(parcels, link, 20)
+            await publish(deliveries, link, 20)
             await drained(link)
             assert link.connections == 1
         heard = await asyncio.to_thread(heard_by, ears, at_least=3219)
-    assert heard == parcels.delivered
-    assert sorted(heard + parcels.given_up) == [p.number for p in parcels.made]
-    assert (link.repeated, link.dropped) == (0, len(parcels.given_up))
+    assert heard == deliveries.delivered
+    assert sorted(heard + deliveries.given_up) == [p.number for p in deliveries.made]
+    assert (link.repeated, link.dropped) == (0, len(deliveries.given_up))
 
 
 @pytest.mark.asyncio
 async def test_a_paused_broker_is_given_no_more_plots_of_qos_0_than_may_be_late(
     start: Start, tmp_path: Path
 ) -> None:
-    parcels = Parcels()
+    deliveries = Deliveries()
     port = free_port()
     with start(tmp_path, port) as process:
         async with linked(port) as link:
             pause(process)
             try:
-                await publish(parcels, link, 500, qos=0, octets=1 << 16)
-                held = sum(len(p.message.payload) for p in parcels.made if not p.said)
+                await publish(deliveries, link, 500, qos=0, octets=1 << 16)
+                held = sum(len(p.message.payload) for p in deliveries.made if not p.said)
                 assert MAX_UNSENT_OCTETS / 2 < held <= MAX_UNSENT_OCTETS + (1 << 16)
                 assert link.waiting == 0
-                assert len(parcels.given_up) == link.dropped > 0
+                assert len(deliveries.given_up) == link.dropped > 0
             finally:
                 process.send_signal(signal.SIGCONT)
             await drained(link)
             assert link.connections == 1
-    assert parcels.unsettled == []
-    assert link.dropped == len(parcels.given_up)
+    assert deliveries.unsettled == []
+    assert link.dropped == len(deliveries.given_up)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
         monkeypatch.setattr(connection, "KEEP_ALIVE_S", 1)
         monkeypatch.setattr(socket_buffer, "GIVE_UP_S", 0.3)
 
-    parcels = Parcels()
+    deliveries = Deliveries()
     port = free_port()
     with start(tmp_path, port), listening(port, 5, "t") as ears:
         async with (
@@ -257,25 +257,25 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
             linked(proxy.port, policy=policy, messages=50) as link,
         ):
             for _ in range(5):
-                await publish(parcels, link, 20)
+                await publish(deliveries, link, 20)
                 await drained(link)
             proxy.hold()
             proxy.is_closed = True
-            await publish(parcels, link, 200, octets=1 << 14)
+            await publish(deliveries, link, 200, octets=1 << 14)
             assert link.is_up or silently
             if not silently:
                 proxy.cut()
             await until(lambda: not link.is_up)
-            await publish(parcels, link, 100)
+            await publish(deliveries, link, 100)
             assert link.waiting <= 300
             proxy.is_closed = False
             await until(lambda: link.is_up)
             await drained(link)
-            await publish(parcels, link, 20)
+            await publish(deliveries, link, 20)
             await drained(link)
             assert (link.connections, proxy.connections) == (2, 2)
         heard = await asyncio.to_thread(heard_by, ears, at_least=419)
-    delivered, given_up = {*parcels.delivered}, {*parcels.given_up}
+    delivered, given_up = {*deliveries.delivered}, {*deliveries.given_up}
     assert delivered <= {*heard} <= delivered | given_up
     assert delivered | given_up == set(range(420))
     assert link.dropped == len(given_up)

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from support.command import running
+from support.mqtt_websocket import browsing
 from support.scene_files import radar, scene_file, scene_text
-from support.websocket import browsing
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient

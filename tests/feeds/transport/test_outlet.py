@@ -7,7 +7,7 @@ from itertools import count
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.parcels import Parcels
+from support.deliveries import Deliveries
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import send_queue as outlets
@@ -17,18 +17,18 @@ POLICIES = ["drop-oldest", "drop-newest", "wait"]
 
 
 class Bench:
-    """An outlet, its parcels, and a time that only the test moves."""
+    """An outlet, its deliveries, and a time that only the test moves."""
 
     def __init__(self, qos: int = 1, **settings: object) -> None:
         self.now_s = 0.0
-        self.parcels = Parcels()
+        self.deliveries = Deliveries()
         self.counts = QueueCounts()
         queue = MqttQueueKeys.model_validate(settings)
         self.outlet = SendQueue(queue, qos, self.counts, lambda: self.now_s)
 
     def put(self, n: int = 1, **how: object) -> None:
         for _ in range(n):
-            self.outlet.put(self.parcels.make(**how))  # type: ignore[arg-type]
+            self.outlet.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
     def take(self) -> QueuedDelivery | None:
         return self.outlet.take()
@@ -41,7 +41,7 @@ class Bench:
 
 
 def number(entry: QueuedDelivery) -> int:
-    return entry.parcel.number  # type: ignore[attr-defined,no-any-return]
+    return entry.delivery.number  # type: ignore[attr-defined,no-any-return]
 
 
 @pytest.mark.parametrize(
@@ -55,19 +55,19 @@ def number(entry: QueuedDelivery) -> int:
 def test_the_policy_says_which_are_kept(policy: str, kept: list[int], dropped: list[int]) -> None:
     bench = Bench(policy=policy, messages=3)
     bench.put(10)
-    assert bench.parcels.given_up == dropped
+    assert bench.deliveries.given_up == dropped
     assert bench.counts.dropped == len(dropped)
     assert bench.take_all() == kept
-    assert bench.parcels.delivered == []
+    assert bench.deliveries.delivered == []
 
 
 def test_without_a_number_plots_of_qos_0_do_not_wait_and_10_000_of_qos_1_do() -> None:
     late, sure = Bench(qos=0), Bench(qos=1)
     late.put(5, qos=0)
     sure.put(10_005)
-    assert late.parcels.given_up == [0, 1, 2, 3, 4]
+    assert late.deliveries.given_up == [0, 1, 2, 3, 4]
     assert len(sure.outlet) == 10_000
-    assert sure.parcels.given_up == [0, 1, 2, 3, 4]
+    assert sure.deliveries.given_up == [0, 1, 2, 3, 4]
 
 
 @given(
@@ -104,7 +104,7 @@ def test_it_does_what_the_simplest_queue_would_do(
             waiting[:0] = [number(entry) for entry in sent]
             sent.clear()
         assert len(bench.outlet) == len(waiting)
-        assert bench.parcels.given_up == sorted(dropped)
+        assert bench.deliveries.given_up == sorted(dropped)
         full = policy == "wait" and len(waiting) > 0 and len(waiting) >= limit
         assert bench.outlet.is_full == full
     assert bench.take_all() == waiting
@@ -128,7 +128,7 @@ def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None
                 bench.put(octets=size)
             assert bench.outlet.octets <= max(most, 300)
             assert bench.outlet.is_full == (policy == "wait" and bench.outlet.octets >= 500)
-        assert len(bench.parcels.made) == sent + len(bench.outlet) + bench.counts.dropped
+        assert len(bench.deliveries.made) == sent + len(bench.outlet) + bench.counts.dropped
         left = bench.take_all()
         assert left == sorted(left)
         assert bench.outlet.octets == 0
@@ -148,7 +148,7 @@ def test_whoever_does_not_wait_although_it_is_full_is_not_kept_for_ever(
     monkeypatch.setattr(outlets, "OVERRUN", 4)
     bench = Bench(policy="wait", messages=3)
     bench.put(20)
-    assert bench.parcels.given_up == list(range(7, 20))
+    assert bench.deliveries.given_up == list(range(7, 20))
     assert bench.take_all() == list(range(7))
 
 
@@ -179,11 +179,11 @@ def test_what_has_waited_too_long_is_dropped_and_nothing_else(
             assert isinstance(step, float)
             bench.now_s += step
             bench.outlet.expire()
-        for old in bench.parcels.given_up:
+        for old in bench.deliveries.given_up:
             assert bench.now_s - since_s[old] > 5.0
     bench.now_s += 5.1
     assert bench.take_all() == []
-    assert len(bench.parcels.given_up) == len(since_s) - len(sent)
+    assert len(bench.deliveries.given_up) == len(since_s) - len(sent)
 
 
 def test_of_retained_messages_the_newest_on_each_topic_waits() -> None:
@@ -191,7 +191,7 @@ def test_of_retained_messages_the_newest_on_each_topic_waits() -> None:
     for topic in "abacab":
         bench.put(topic=topic, retain=True)
     bench.put(topic="a")
-    assert bench.parcels.given_up == [0, 1, 2]
+    assert bench.deliveries.given_up == [0, 1, 2]
     assert (bench.counts.superseded, bench.counts.dropped) == (3, 0)
     assert bench.take_all() == [3, 4, 5, 6]
 
@@ -203,7 +203,7 @@ def test_a_retained_message_that_comes_back_gives_way_to_a_newer_one() -> None:
     sent = [bench.take(), bench.take()]
     bench.put(topic="a", retain=True)
     bench.outlet.put_back([entry for entry in sent if entry is not None])
-    assert bench.parcels.given_up == [0]
+    assert bench.deliveries.given_up == [0]
     assert bench.take_all() == [1, 2]
 
 
@@ -213,7 +213,7 @@ def test_a_newer_retained_message_takes_the_room_of_the_older() -> None:
     bench.put(topic="x")
     bench.put(topic="a", retain=True)
     bench.put(topic="x")
-    assert bench.parcels.given_up == [0, 3]
+    assert bench.deliveries.given_up == [0, 3]
     assert bench.take_all() == [1, 2]
 
 
@@ -221,5 +221,5 @@ def test_all_that_waits_is_given_up_at_the_end() -> None:
     bench = Bench()
     bench.put(50, octets=20)
     bench.outlet.give_up()
-    assert bench.parcels.given_up == list(range(50))
+    assert bench.deliveries.given_up == list(range(50))
     assert (len(bench.outlet), bench.outlet.octets, bench.counts.dropped) == (0, 0, 50)

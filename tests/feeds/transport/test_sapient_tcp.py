@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.brokers import free_port
-from support.middleware import Middleware, Peer, listening, polite
-from support.parcels import taken
+from support.deliveries import taken
 from support.road import held, radar, rotating, scene, staring
+from support.sapient_middleware import Middleware, Peer, listening, polite
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, SapientAnnouncer

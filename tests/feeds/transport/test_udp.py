@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, has_ipv6
 from support.command import plotfeed
-from support.parcels import taken
+from support.deliveries import taken
 from support.scene_files import radar, scene_file
 from support.udp_receiver import (
     LOOPBACK_INTERFACE,

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.parcels import Parcels
+from support.deliveries import Deliveries
 
 from plotfeed.feeds.transport.mqtt import socket_buffer
 from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
@@ -65,7 +65,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(socket_buffer, "MAX_UNSENT_OCTETS", 1000)
-        transport, parcels = Transport(), Parcels()
+        transport, deliveries = Transport(), Deliveries()
         watch = SocketBuffer(transport, transport.protocol, lambda: None)
         ends: list[int] = []
         refused = pings = 0
@@ -76,42 +76,42 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
                 transport.write(octets)
                 pings += octets
             elif watch.has_room:
-                parcel = parcels.make(qos=0, octets=octets)
+                delivery = deliveries.make(qos=0, octets=octets)
                 transport.write(octets + 5)
                 if watch.given(octets):
-                    parcel.settle(delivered=True)
+                    delivery.settle(delivered=True)
                 else:
-                    watch.keep(parcel)
+                    watch.keep(delivery)
                 ends.append(transport.written)
             else:
                 refused += 1
                 assert transport.get_write_buffer_size() > 1000
             watch.is_stuck()
-            for n in parcels.delivered:
+            for n in deliveries.delivered:
                 assert ends[n] <= transport.taken + 1
-            held = sum(len(p.message.payload) for p in parcels.made if not p.said)
+            held = sum(len(p.message.payload) for p in deliveries.made if not p.said)
             assert held <= 1000 + 405 + 400 + pings
         transport.take(10**6)
-        assert parcels.delivered == [p.number for p in parcels.made]
+        assert deliveries.delivered == [p.number for p in deliveries.made]
         assert watch.messages == 0
 
 
 def test_what_has_left_counts_although_more_waits_behind_it() -> None:
-    transport, parcels = Transport(), Parcels()
+    transport, deliveries = Transport(), Deliveries()
     watch = SocketBuffer(transport, transport.protocol, lambda: None)
     for _ in range(5):
-        parcel = parcels.make(qos=0, octets=100)
+        delivery = deliveries.make(qos=0, octets=100)
         transport.write(105)
         assert not watch.given(100)
-        watch.keep(parcel)
+        watch.keep(delivery)
     transport.take(104)
     watch.is_stuck()
-    assert parcels.delivered == []
+    assert deliveries.delivered == []
     transport.take(110)
     watch.is_stuck()
-    assert parcels.delivered == [0, 1]
+    assert deliveries.delivered == [0, 1]
     assert watch.give_up() == 3
-    assert parcels.given_up == [2, 3, 4]
+    assert deliveries.given_up == [2, 3, 4]
 
 
 def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_input import plots
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.asterix.encode_205 import BearingEncoder205, Message205

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 from support.shared_files import shared
 
 from plotfeed.proto.asterix.cat015 import CAT015

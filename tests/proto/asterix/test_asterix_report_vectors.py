@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.asterix_input import plots
-from support.asterix_tracks import tracks
+from support.asterix_input import plots, tracks
 
 from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.asterix_oracle import items_of, read_blocks, values_of
+from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016

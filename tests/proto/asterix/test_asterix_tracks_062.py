@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.asterix_oracle import items_of, read_blocks, values_of
-from support.asterix_tracks import tracks
+from support.asterix_input import tracks
+from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.asterix.codec.report_profiles import FOOT_M

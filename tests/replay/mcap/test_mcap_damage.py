@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
-from support.log_messages import START_NS, log_of, messages
+from support.recordings import START_NS, log_of, messages
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.mcap_reader import McapReader

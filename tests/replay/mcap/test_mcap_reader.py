@@ -11,7 +11,7 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
-from support.log_messages import MS, SCENE, START_NS, log_of, messages, read
+from support.recordings import MS, SCENE, START_NS, log_of, messages, read_log
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -24,7 +24,7 @@ class CountedFile(io.BytesIO):
 
     octets = 0
 
-    def read(self, size: int | None = -1) -> bytes:
+    def read_log(self, size: int | None = -1) -> bytes:
         data = super().read(size)
         self.octets += len(data)
         return data
@@ -74,7 +74,7 @@ def test_the_summary_counts_each_series() -> None:
 
 
 def test_a_log_without_messages_is_one() -> None:
-    found, reader = read(log_of([]))
+    found, reader = read_log(log_of([]))
     assert found == reader.damage == []
     summary = reader.summary()
     assert (summary.start_ns, summary.end_ns, summary.messages) == (None, None, 0)
@@ -154,7 +154,7 @@ OPTIONS = {
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_what_the_official_library_writes_is_read(name: str) -> None:
-    found, reader = read(foreign(images(TIMES), **OPTIONS[name]))
+    found, reader = read_log(foreign(images(TIMES), **OPTIONS[name]))
     assert reader.damage == []
     assert [m.log_time_ns for m in found] == list(range(1, 102))
     for message in found:
@@ -175,7 +175,7 @@ def test_zstd_without_its_size_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("zstandard.compress", compressor.compress)
     data = foreign(images(TIMES))
     assert zstandard.frame_content_size(data[data.index(b"\x28\xb5\x2f\xfd") :]) == -1
-    found, reader = read(data)
+    found, reader = read_log(data)
     assert len(found) == 101
     assert reader.damage == []
 
@@ -187,7 +187,7 @@ def test_attachments_and_metadata_of_others_are_no_trouble() -> None:
         images(TIMES)(writer)
 
     for options in ({}, {"use_chunking": False, "index_types": IndexType.NONE}):
-        found, reader = read(foreign(fill, **options))
+        found, reader = read_log(foreign(fill, **options))
         assert len(found) == 101
         assert reader.damage == []
         attachment = reader.attachment("map.png")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-from support.log_messages import MS, SCENE, START_NS, log_of, messages, read
+from support.recordings import MS, SCENE, START_NS, log_of, messages, read_log
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -63,7 +63,7 @@ def official(data: bytes) -> list[Official]:
 @given(st.lists(RECORDED, max_size=30), st.integers(0, 5))
 def test_whatever_is_written_is_read_back(recorded: list[Recorded], flush_every: int) -> None:
     data = log_of(recorded, flush_every=flush_every)
-    found, reader = read(data)
+    found, reader = read_log(data)
     # Only within a chunk, and between chunks that are apart, those of one time keep their order.
     assert sorted(map(repr, found)) == sorted(map(repr, recorded))
     assert [m.log_time_ns for m in found] == sorted(m.log_time_ns for m in recorded)
@@ -81,7 +81,7 @@ def test_whatever_is_written_is_read_back(recorded: list[Recorded], flush_every:
 @given(st.lists(RECORDED, max_size=12), st.integers(0, 5))
 def test_what_nobody_ended_is_read_back_too(recorded: list[Recorded], flush_every: int) -> None:
     data = log_of(recorded, flush_every=flush_every, close=False)
-    found, reader = read(data)
+    found, reader = read_log(data)
     assert sorted(map(repr, found)) == sorted(map(repr, recorded))
     assert [damage.offset for damage in reader.damage] == [len(data)]
     assert not reader.summary().indexed
@@ -208,7 +208,7 @@ def test_a_flush_puts_everything_into_the_file() -> None:
     for n, each in enumerate(recorded):
         writer.write(each)
         writer.flush()
-        assert len(read(file.getvalue())[0]) == n + 1
+        assert len(read_log(file.getvalue())[0]) == n + 1
     size = len(file.getvalue())
     writer.flush()
     assert len(file.getvalue()) == size  # nothing new is no chunk
@@ -247,7 +247,7 @@ def test_what_no_such_file_can_hold_is_refused_and_nothing_of_it_is_there(
     for each in good:
         writer.write(each)
     writer.close()
-    found, reader = read(file.getvalue())
+    found, reader = read_log(file.getvalue())
     assert found == good
     assert reader.damage == []
     assert len(official(file.getvalue())) == 2
@@ -294,7 +294,7 @@ def test_a_full_disk_leaves_what_was_whole(room: int) -> None:
     writer.close()
     data = disk.getvalue()
     assert len(data) <= room
-    found, reader = read(data)
+    found, reader = read_log(data)
     assert found == recorded[: len(found)]
     assert 0 < len(found) < len(recorded)
     assert len(found) % 50 == 0

@@ -9,7 +9,6 @@ import dpkt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.captures import tshark_fields
 from support.recordings import (
     START_NS,
     block_048,
@@ -20,6 +19,7 @@ from support.recordings import (
     written,
 )
 from support.shared_files import shared
+from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.replay.pcap import link_layers

@@ -11,8 +11,8 @@ import dpkt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.captures import tshark_fields
 from support.recordings import START_NS, block_048, message, read, written
+from support.tshark import tshark_fields
 
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.link_layers import (

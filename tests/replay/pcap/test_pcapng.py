@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.captures import program
 from support.recordings import (
     START_NS,
     block_048,
@@ -19,6 +18,7 @@ from support.recordings import (
     written,
 )
 from support.shared_files import shared
+from support.tshark import program
 
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.link_layers import ETHERNET, frame

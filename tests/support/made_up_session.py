@@ -135,7 +135,7 @@ def scene(count: int = 40, **more: Any) -> Scene:
     return road.scene(sensors(), drones(count), seed=8, **more)
 
 
-class Stage:
+class MadeUpSession:
     """The controls of a view, and what drives it: `advance` as far as a time."""
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Numbered parcels, and what became of each of them."""
+"""Numbered deliveries, and what became of each of them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ NUMBER_OCTETS = 4
 
 
 class _Publishes(Protocol):
-    def publish(self, parcel: Delivery) -> None: ...
+    def publish(self, delivery: Delivery) -> None: ...
 
 
-class Followed(Delivery):
+class FollowedDelivery(Delivery):
     """Remembers every word that is said of it."""
 
     __slots__ = ("said",)
@@ -39,15 +39,15 @@ class Followed(Delivery):
         return self.said[0] if self.said else None
 
 
-class Parcels:
+class Deliveries:
     """Makes them, numbered from 0."""
 
     def __init__(self) -> None:
-        self.made: list[Followed] = []
+        self.made: list[FollowedDelivery] = []
 
     def make(
         self, *, qos: int = 1, octets: int = 10, topic: str = "t", retain: bool = False
-    ) -> Followed:
+    ) -> FollowedDelivery:
         number = len(self.made).to_bytes(NUMBER_OCTETS, "big")
         message = Message(
             topic=topic,
@@ -57,9 +57,9 @@ class Parcels:
             qos=qos,
             retain=retain,
         )
-        parcel = Followed(message)
-        self.made.append(parcel)
-        return parcel
+        delivery = FollowedDelivery(message)
+        self.made.append(delivery)
+        return delivery
 
     def publish(self, link: _Publishes, count: int, **how: int | str | bool) -> None:
         for _ in range(count):
@@ -84,7 +84,7 @@ def number_of(payload: bytes) -> int:
 
 def taken(link: _Publishes, message: Message) -> bool:
     """Whether a link that settles at once says that it has delivered a message."""
-    parcel = Followed(message)
-    link.publish(parcel)
-    assert parcel.was_delivered is not None
-    return parcel.was_delivered
+    delivery = FollowedDelivery(message)
+    link.publish(delivery)
+    assert delivery.was_delivered is not None
+    return delivery.was_delivered

@@ -65,15 +65,15 @@ class Ears:
     on_message: Callable[[Message], object] = lambda _: None
     carries_it: Callable[[Message], bool] = lambda _: True
 
-    def publish(self, parcel: Delivery) -> None:
-        self.heard.append((self.clock.now_ns(), parcel.message))
-        parcel.leave()
-        parcel.settle(delivered=True)
-        self.on_message(parcel.message)
+    def publish(self, delivery: Delivery) -> None:
+        self.heard.append((self.clock.now_ns(), delivery.message))
+        delivery.leave()
+        delivery.settle(delivered=True)
+        self.on_message(delivery.message)
 
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        for parcel in parcels:
-            self.publish(parcel)
+    def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+        for delivery in deliveries:
+            self.publish(delivery)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         pass
