@@ -75,6 +75,9 @@ class Ears:
         for delivery in deliveries:
             self.publish(delivery)
 
+    def prepare(self, messages: Sequence[Message]) -> None:
+        pass
+
     async def drain(self, timeout_s: float = 1.0) -> None:
         pass
 
