@@ -116,9 +116,9 @@ class _Account:
     sent: int = 0
     undelivered: int = 0
 
-    def settle(self, parcel: Delivery) -> None:
-        self.sent += parcel.delivered
-        self.undelivered += not parcel.delivered
+    def settled(self, delivery: Delivery) -> None:
+        self.sent += delivery.delivered
+        self.undelivered += not delivery.delivered
 
 
 async def _publish(flight: Flight, feed: FlightFeed) -> int:
@@ -175,7 +175,7 @@ async def _send_all(
                 content_type=content_type,
                 due_utc_ns=due_utc_ns,
             )
-            link.publish(Delivery(message, clock, 1, account.settle))
+            link.publish(Delivery(message, clock, 1, account))
     finally:
         if clock is not None:
             clock.close()

@@ -57,7 +57,7 @@ class SessionCounters:
             self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
-        """Count what became of a message."""
+        """Count what became of a copy of a message."""
         if fate == pb.SENT:
             self.messages += 1
             self.duplicated += copy > 0
@@ -70,6 +70,25 @@ class SessionCounters:
             self.ended += 1
         else:
             self.undelivered += 1
+
+
+@dataclass(slots=True)
+class ClientCounters:
+    """Counts of what one client has sent, for the status of its sensor."""
+
+    lost: int = 0
+    duplicated: int = 0
+    undelivered: int = 0
+    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
+
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
+        """Count what became of a copy of a message."""
+        if fate == pb.SENT:
+            self.lateness_ns.append(lateness_ns)
+            self.duplicated += copy > 0
+        else:
+            self.lost += fate in LOSSES
+            self.undelivered += fate == pb.UNDELIVERED
 
 
 def lateness_us(lateness_ns: Sequence[int], *percentiles: float) -> list[float]:

@@ -1,60 +1,120 @@
-"""A message on its way over all the links of a client, until it is known what became of it."""
+"""One copy of a message on its way over all the transports of a client, until its fate is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.proto import plotfeed_pb2 as pb
+
+
+class DeliveryOwner(Protocol):
+    """Whoever counts what becomes of deliveries, such as a ledger entry."""
+
+    def settled(self, delivery: Delivery) -> None:
+        """The fate of one of its deliveries is known."""
 
 
 class Delivery:
-    """What links are given to carry. Each says once, by `settle`, whether it has delivered it."""
+    """One copy of a message. Each transport says once, by `settle`, whether it has delivered it."""
 
-    __slots__ = ("_clock", "_on_settled", "_unsettled", "delivered", "message", "sent_utc_ns")
+    __slots__ = (
+        "_clock",
+        "_unsettled",
+        "copy",
+        "delivered",
+        "due_utc_ns",
+        "fate",
+        "flipped_bit",
+        "link_due_utc_ns",
+        "message",
+        "number",
+        "owner",
+        "sent_utc_ns",
+        "since_s",
+    )
 
     def __init__(
         self,
         message: Message,
         clock: Clock,
-        links: int,
-        on_settled: Callable[[Delivery], None] | None = None,
+        transports: int,
+        owner: DeliveryOwner | None = None,
+        *,
+        number: int = 0,
+        copy: int = 0,
     ) -> None:
         self.message = message
+        self.owner = owner
+        self.number = number
+        """Of the message, in the order in which a client hands them to its link."""
+        self.copy = copy
+        """0 for the message itself, 1 for the duplicate that its link made."""
+        self.due_utc_ns = self.link_due_utc_ns = message.due_utc_ns
+        """When it enters the link, and when it leaves that."""
+        self.flipped_bit: int | None = None
+        """Of the payload, where the link has corrupted it."""
+        self.fate: pb.Fate = pb.FATE_UNSPECIFIED
         self.delivered = True
-        """Whether every link that has settled so far has delivered it."""
+        """Whether every transport that has settled so far has delivered it."""
         self.sent_utc_ns: int | None = None
-        """When the last link began to send it; None before any has."""
+        """When the last transport began to send it; None before any has."""
+        self.since_s = 0.0
+        """Monotonic time at which it first had to wait for a transport, or was first sent."""
         self._clock = clock
-        self._unsettled = links
-        self._on_settled = on_settled
+        self._unsettled = transports
 
     def leave(self) -> None:
-        """A link hands it to its socket now."""
+        """A transport hands it to its socket now."""
         self.sent_utc_ns = self._clock.now_ns()
 
     def settle(self, *, delivered: bool) -> None:
-        """A link is done with it: delivered as far as it can know, or given up."""
+        """A transport is done with it: delivered as far as it can know, or given up."""
         self.delivered &= delivered
         self._unsettled -= 1
-        if not self._unsettled and self._on_settled is not None:
-            self._on_settled(self)
+        if not self._unsettled:
+            self.end(pb.SENT if self.delivered else pb.UNDELIVERED)
+
+    def end(self, fate: pb.Fate) -> None:
+        """Its fate is known."""
+        if fate == pb.SENT and self.sent_utc_ns is None:
+            self.leave()
+        self.fate = fate
+        if self.owner is not None:
+            self.owner.settled(self)
 
     @property
-    def is_settled(self) -> bool:
-        """Whether every link is done with it."""
-        return self._unsettled <= 0
+    def lateness_ns(self) -> int:
+        """Sent after it was due at the end of its link."""
+        return (self.sent_utc_ns or 0) - self.link_due_utc_ns
+
+    def record(self) -> pb.Sent:
+        """What the ledger says of it."""
+        return pb.Sent(
+            topic=self.message.topic,
+            due_utc_ns=self.due_utc_ns,
+            sent_utc_ns=self.sent_utc_ns or 0,
+            octets=len(self.message.payload),
+            delivered=self.fate == pb.SENT,
+            fate=self.fate,
+            link_due_utc_ns=self.link_due_utc_ns,
+            number=self.number,
+            copy=self.copy,
+            flipped_bit=self.flipped_bit,
+        )
 
 
 class Transport(Protocol):
     """Something that carries messages away."""
 
-    def publish(self, parcel: Delivery) -> None:
-        """Take it; `leave` and `settle` it now or later, and never raise."""
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for a connection, or for room on it."""
 
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        """Take several that are due at once, in their order."""
+    def publish(self, *deliveries: Delivery) -> None:
+        """Take some that are due at once; `leave` and `settle` each, now or later; never raise."""
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
@@ -64,7 +124,7 @@ class Transport(Protocol):
 
 
 class ConnectedTransport(Transport, Protocol):
-    """A link that has to be made, and made again, while the session runs."""
+    """A transport whose connection has to be made, and made again, while the session runs."""
 
     name: str
 

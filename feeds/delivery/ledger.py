@@ -3,59 +3,66 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
+from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
+from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import PROTOBUF, Message, attributes
 from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import ledger
 
-
-class Settled(Protocol):
-    """A message, or a copy of one, of which it is known what became of it."""
-
-    number: int
-    copy: int
-
-    def told(self) -> pb.Sent:
-        """For the ledger."""
-
-
-def told(settled: Sequence[Settled]) -> list[pb.Sent]:
-    """What the ledger says of them, in the order in which they were handed to the link."""
-    in_order = sorted(settled, key=lambda one: (one.number, one.copy))
-    return [one.told() for one in in_order]
+OnComplete = Callable[[list[Delivery]], object]
+"""Given all deliveries of an entry, each of them settled."""
 
 
 class LedgerEntry:
-    """Collects what became of the messages that tell of one thing, such as a sector."""
+    """Owns and counts the deliveries that tell of one thing, such as a sector."""
 
-    __slots__ = ("_closed", "_on_complete", "_settled", "_unsettled")
+    __slots__ = ("_closed", "_counters", "_deliveries", "_on_complete", "_totals", "_unsettled")
 
-    def __init__(self, on_complete: Callable[[Sequence[Settled]], None]) -> None:
-        self._settled: list[Settled] = []
+    def __init__(
+        self, counters: ClientCounters, totals: SessionCounters, on_complete: OnComplete | None
+    ) -> None:
+        self._counters = counters
+        self._totals = totals
+        self._on_complete = on_complete
+        self._deliveries: list[Delivery] = []
         self._unsettled = 0
         self._closed = False
-        self._on_complete = on_complete
 
-    def expect(self) -> None:
-        """Another message, or another copy of one, is on its way."""
+    def deliver(
+        self, message: Message, clock: Clock, transports: int, number: int, copy: int = 0
+    ) -> Delivery:
+        """Another message, or another copy of one, that is on its way from now on."""
+        delivery = Delivery(message, clock, transports, self, number=number, copy=copy)
+        self._deliveries.append(delivery)
         self._unsettled += 1
+        return delivery
 
-    def settle(self, settled: Settled) -> None:
-        """It is known what became of one."""
-        self._settled.append(settled)
+    def settled(self, delivery: Delivery) -> None:
+        """The fate of one of its deliveries is known."""
+        self._counters.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
+        self._totals.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
         self._unsettled -= 1
-        self._complete()
+        if self._closed and not self._unsettled:
+            self._complete()
 
     def close(self) -> None:
         """No more will come."""
         self._closed = True
-        self._complete()
+        if not self._unsettled:
+            self._complete()
 
     def _complete(self) -> None:
-        if self._closed and not self._unsettled:
-            self._on_complete(self._settled)
+        deliveries, self._deliveries = self._deliveries, []
+        if self._on_complete is not None:
+            self._on_complete(deliveries)
+
+
+def records(deliveries: Sequence[Delivery]) -> list[pb.Sent]:
+    """What the ledger says of them, in the order in which they were handed to the link."""
+    return [one.record() for one in sorted(deliveries, key=lambda one: (one.number, one.copy))]
 
 
 CONTENT_TYPE = f"{PROTOBUF}; messageType=plotfeed.v1.Ledger"

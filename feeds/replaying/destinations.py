@@ -62,13 +62,14 @@ class ReplayUdp(UdpLink):
         """What is a datagram."""
         return is_datagram(message)
 
-    def publish(self, parcel: Delivery) -> None:
-        """Send it if it is a datagram; one that the system does not take is not delivered."""
-        if not is_datagram(parcel.message):
-            parcel.settle(delivered=True)
-            return
-        parcel.leave()
-        parcel.settle(delivered=self.send(parcel.message.payload))
+    def publish(self, *deliveries: Delivery) -> None:
+        """Send what is a datagram; one that the system does not take is not delivered."""
+        for delivery in deliveries:
+            if not is_datagram(delivery.message):
+                delivery.settle(delivered=True)
+                continue
+            delivery.leave()
+            delivery.settle(delivered=self.send(delivery.message.payload))
 
     def send(self, payload: bytes) -> bool:
         """Send a datagram; False if the system does not take it."""
@@ -93,6 +94,8 @@ class ReplayUdp(UdpLink):
 class RecordedUdp:
     """The destinations that datagrams once had, by their topics udp/ADDRESS/PORT."""
 
+    waiting = 0
+
     def __init__(self, *, ttl: int = 1, interface: str | None = None, waits: bool = False) -> None:
         self._ttl, self._interface, self._waits = ttl, interface, waits
         self._links: dict[str, ReplayUdp | None] = {}
@@ -111,18 +114,14 @@ class RecordedUdp:
             self._links[topic] = self._opened(topic)
         return self._links.get(topic) is not None
 
-    def publish(self, parcel: Delivery) -> None:
-        """Send it to where its topic says."""
-        link = self._links.get(parcel.message.topic)
-        if link is None:
-            parcel.settle(delivered=True)
-        else:
-            link.publish(parcel)
-
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        """One after the other."""
-        for parcel in parcels:
-            self.publish(parcel)
+    def publish(self, *deliveries: Delivery) -> None:
+        """Send each to where its topic says."""
+        for delivery in deliveries:
+            link = self._links.get(delivery.message.topic)
+            if link is None:
+                delivery.settle(delivered=True)
+            else:
+                link.publish(delivery)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

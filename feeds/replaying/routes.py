@@ -171,16 +171,25 @@ class Routes:
             self.flush()
             way.outbox.send(message)
         elif message is not None:
-            self._gathered.append(Delivery(message, self._clock, len(self._outs), self._settled))
+            self._gathered.append(Delivery(message, self._clock, len(self._outs), self))
             if len(self._gathered) >= self._together:
                 self.flush()
 
     def flush(self) -> None:
         """Send what was gathered to leave together."""
         if self._gathered:
-            parcels, self._gathered = self._gathered, []
+            deliveries, self._gathered = self._gathered, []
             for out in self._outs:
-                out.publish_together(parcels)
+                out.publish(*deliveries)
+
+    def settled(self, delivery: Delivery) -> None:
+        """The fate of a message that goes through no link is known."""
+        late_ns = 0
+        if not self._settings.fastest:  # else there are no deadlines
+            sent_ns = delivery.sent_utc_ns
+            sent_ns = self._clock.now_ns() if sent_ns is None else sent_ns
+            late_ns = sent_ns - delivery.message.due_utc_ns
+        self._totals.settle(delivery.fate, 0, late_ns)
 
     def end(self) -> None:
         """What links still hold does not arrive."""
@@ -237,10 +246,3 @@ class Routes:
             if not rule.topic or topic == rule.topic or topic.startswith(f"{rule.topic}/"):
                 return rule.link
         return None
-
-    def _settled(self, parcel: Delivery) -> None:
-        fate, late_ns = pb.SENT if parcel.delivered else pb.UNDELIVERED, 0
-        if not self._settings.fastest:  # else there are no deadlines
-            now_ns = self._clock.now_ns() if parcel.sent_utc_ns is None else parcel.sent_utc_ns
-            late_ns = now_ns - parcel.message.due_utc_ns
-        self._totals.settle(fate, 0, late_ns)

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.delivery.ledger import LedgerEntry, Settled
+from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message
@@ -31,8 +31,8 @@ from plotfeed.proto.utc import NS
 STATUS_EVERY_NS = 5 * NS
 
 
-KeepLedger = Callable[[SectorReport, Sequence[Settled], str], None]
-"""Given a sector, its messages, all settled, and the link's keys then in JSON."""
+KeepLedger = Callable[[SectorReport, str, list[Delivery]], None]
+"""Given a sector, its link's keys then in JSON, and its deliveries, all settled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,10 +139,8 @@ class SensorTask:
         self._plan(self._emulated.next_sector(sector))
 
     def _send(self, report: SectorReport) -> None:
-        link = self._link
-        entry = LedgerEntry(lambda settled: self._context.keep_ledger(report, settled, link))
-        self.outbox.send_together(report.messages, entry)
-        entry.close()
+        keep = partial(self._context.keep_ledger, report, self._link)
+        self.outbox.send(*report.messages, on_complete=keep)
         self._status.scan = report.sector.scan
         self._status.plots += len(report.plots)
         self._context.totals.add(report)
@@ -177,7 +175,7 @@ class SensorTask:
     @property
     def status(self) -> pb.SensorStatus:
         """The sensor's status as it is now, but for its lateness."""
-        status, counts = self._status, self.outbox.counts
+        status, counts = self._status, self.outbox.counters
         status.refused = self._context.totals.refused
         status.undelivered = counts.undelivered
         status.lost = counts.lost
@@ -188,7 +186,7 @@ class SensorTask:
         return status
 
     def _publish_status(self, state: pb.SensorStatus.State) -> None:
-        status, counts = self.status, self.outbox.counts
+        status, counts = self.status, self.outbox.counters
         status.state = state
         status.lateness_p50_us, status.lateness_p99_us = lateness_us(counts.lateness_ns, 50, 99)
         counts.lateness_ns.clear()
@@ -232,9 +230,8 @@ class CooperativeTask:
         t_utc_ns = number * self._drones.period_ns
         sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
         report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
-        entry = LedgerEntry(lambda settled: self._context.keep_ledger(report, settled, self._link))
-        self.outbox.send_together(messages, entry)
-        entry.close()
+        keep = partial(self._context.keep_ledger, report, self._link)
+        self.outbox.send(*messages, on_complete=keep)
 
 
 def json_of(link: LinkSettings | None) -> str:

@@ -9,7 +9,8 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.ledger import Settled, ledger_message, told
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.ledger import ledger_message, records
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
@@ -193,7 +194,7 @@ class Session:
                 self.start_ns = self.clock.start()
                 await _first_of(self._work(duration_s), stop)
                 await self._flush(stop)
-                await self._farewell(running[len(self._outbox.links) :])
+                await self._farewell(running[len(self._outbox.transports) :])
             finally:
                 for task in running:
                     task.cancel()
@@ -233,13 +234,13 @@ class Session:
             settings.link,
         )
 
-    def _keep_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
+    def _keep_ledger(self, report: SectorReport, link: str, deliveries: list[Delivery]) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
         if self._ledger_is_wanted:
-            self._loop.later(partial(self._write_ledger, report, settled, link))
+            self._loop.later(partial(self._write_ledger, report, link, deliveries))
 
-    def _write_ledger(self, report: SectorReport, settled: Sequence[Settled], link: str) -> None:
-        sent = told(settled)
+    def _write_ledger(self, report: SectorReport, link: str, deliveries: list[Delivery]) -> None:
+        sent = records(deliveries)
         for observer in self._observers:
             observer.settled(report, sent)
         message = ledger_message(

@@ -74,6 +74,8 @@ class SapientError(PlotfeedError):
 class SapientTcpLink:
     """One sensor's connection: kept up while `run` runs, publishing once it is registered."""
 
+    waiting = 0
+
     def __init__(self, address: str, sensor: str, herald: Announcer, clock: Clock) -> None:
         self.address = address
         self.name = f"sapient-{sensor}"
@@ -113,22 +115,18 @@ class SapientTcpLink:
             self._up.clear()
             await self._hang_up()
 
-    def publish(self, parcel: Delivery) -> None:
+    def publish(self, *deliveries: Delivery) -> None:
         """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
-        message = parcel.message
-        delivered = True
-        # It registers by itself, whenever it connects.
-        if message.content_type == CONTENT_TYPE and not is_registration(message):
-            wire = self._wire if self._up.is_set() else None
-            delivered = wire is not None and wire.send(message.payload)
-            if delivered:
-                parcel.leave()
-        parcel.settle(delivered=delivered)
-
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        """One after the other."""
-        for parcel in parcels:
-            self.publish(parcel)
+        for delivery in deliveries:
+            message = delivery.message
+            delivered = True
+            # It registers by itself, whenever it connects.
+            if message.content_type == CONTENT_TYPE and not is_registration(message):
+                wire = self._wire if self._up.is_set() else None
+                delivered = wire is not None and wire.send(message.payload)
+                if delivered:
+                    delivery.leave()
+            delivery.settle(delivered=delivered)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

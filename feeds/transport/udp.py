@@ -25,6 +25,8 @@ class UdpError(PlotfeedError):
 class UdpLink:
     """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
 
+    waiting = 0
+
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
         """`key` is the destination's place in the scene."""
         self.settings = settings
@@ -53,20 +55,16 @@ class UdpLink:
             what = f"{self._key}.destination: {self.settings.destination}"
             raise UdpError(f"{what}: {_why(error)}") from None
 
-    def publish(self, parcel: Delivery) -> None:
+    def publish(self, *deliveries: Delivery) -> None:
         """Send what is ASTERIX, and settle at once whether the system took it."""
-        message = parcel.message
-        delivered = True
-        if message.content_type.startswith("application/x-asterix"):
-            delivered = self._send(message.payload)
-            if delivered:
-                parcel.leave()
-        parcel.settle(delivered=delivered)
-
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        """One after the other."""
-        for parcel in parcels:
-            self.publish(parcel)
+        for delivery in deliveries:
+            message = delivery.message
+            delivered = True
+            if message.content_type.startswith("application/x-asterix"):
+                delivered = self._send(message.payload)
+                if delivered:
+                    delivery.leave()
+            delivery.settle(delivered=delivered)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

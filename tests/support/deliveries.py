@@ -12,7 +12,7 @@ NUMBER_OCTETS = 4
 
 
 class _Publishes(Protocol):
-    def publish(self, delivery: Delivery) -> None: ...
+    def publish(self, *deliveries: Delivery) -> None: ...
 
 
 class FollowedDelivery(Delivery):
@@ -20,17 +20,13 @@ class FollowedDelivery(Delivery):
 
     __slots__ = ("said",)
 
-    def __init__(self, message: Message) -> None:
-        super().__init__(message, WallClock(), 1)
+    def __init__(self, message: Message, number: int = 0) -> None:
+        super().__init__(message, WallClock(), 1, number=number)
         self.said: list[bool] = []
 
     def settle(self, *, delivered: bool) -> None:
         self.said.append(delivered)
         super().settle(delivered=delivered)
-
-    @property
-    def number(self) -> int:
-        return number_of(self.message.payload)
 
     @property
     def was_delivered(self) -> bool | None:
@@ -48,16 +44,16 @@ class Deliveries:
     def make(
         self, *, qos: int = 1, octets: int = 10, topic: str = "t", retain: bool = False
     ) -> FollowedDelivery:
-        number = len(self.made).to_bytes(NUMBER_OCTETS, "big")
+        number = len(self.made)
         message = Message(
             topic=topic,
-            payload=number.ljust(octets, b"\0"),
+            payload=number.to_bytes(NUMBER_OCTETS, "big").ljust(octets, b"\0"),
             content_type="x",
             due_utc_ns=0,
             qos=qos,
             retain=retain,
         )
-        delivery = FollowedDelivery(message)
+        delivery = FollowedDelivery(message, number)
         self.made.append(delivery)
         return delivery
 

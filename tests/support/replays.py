@@ -65,15 +65,12 @@ class Ears:
     on_message: Callable[[Message], object] = lambda _: None
     carries_it: Callable[[Message], bool] = lambda _: True
 
-    def publish(self, delivery: Delivery) -> None:
-        self.heard.append((self.clock.now_ns(), delivery.message))
-        delivery.leave()
-        delivery.settle(delivered=True)
-        self.on_message(delivery.message)
-
-    def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+    def publish(self, *deliveries: Delivery) -> None:
         for delivery in deliveries:
-            self.publish(delivery)
+            self.heard.append((self.clock.now_ns(), delivery.message))
+            delivery.leave()
+            delivery.settle(delivered=True)
+            self.on_message(delivery.message)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         pass

@@ -21,7 +21,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.mqtt_errors import failure, hung_up, no_answer, reason_name
 from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
 from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, QueuedDelivery
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
 
 log = logging.getLogger(__name__)
@@ -124,23 +124,22 @@ class MqttConnection:
         """Whether it is not larger than what the broker says that it takes."""
         return self._largest_payload is None or len(message.payload) <= self._largest_payload
 
-    def send(self, parcel: Delivery) -> None:
-        """Hand a message of QoS 0 to the socket, where there is room."""
-        self.send_together((parcel,))
+    def send(self, *deliveries: Delivery) -> None:
+        """Hand messages of QoS 0 to the socket, where there is room.
 
-    def send_together(self, parcels: Sequence[Delivery]) -> None:
-        """The same of several, in one go: a system call costs more than a message."""
+        In one go, since a system call costs more than a message.
+        """
         packets = []
-        for parcel in parcels:
-            parcel.leave()
-            message = parcel.message
+        for delivery in deliveries:
+            delivery.leave()
+            message = delivery.message
             packets.append(message.packets.get(self.version) or self._packet(message))
         self._client._connection.send_package(b"".join(packets))
-        for parcel in parcels:
-            if self._unsent.given(len(parcel.message.payload)):
-                parcel.settle(delivered=True)
+        for delivery in deliveries:
+            if self._unsent.given(len(delivery.message.payload)):
+                delivery.settle(delivered=True)
             else:
-                self._unsent.keep(parcel)
+                self._unsent.keep(delivery)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
@@ -151,12 +150,11 @@ class MqttConnection:
     def _packet(self, message: Message) -> bytes:
         return publish_packet(message, self.version, MESSAGE_EXPIRY_S)
 
-    def send_until_acknowledged(self, entry: QueuedDelivery) -> None:
-        """The same with one of QoS 1; it is kept until the broker has answered."""
-        message = entry.parcel.message
-        entry.sent = True
-        entry.parcel.leave()
-        self._in_flight.sending = entry
+    def send_until_acknowledged(self, delivery: Delivery) -> None:
+        """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
+        message = delivery.message
+        delivery.leave()
+        self._in_flight.sending = delivery
         self._client.publish(self._packed(message))
         self._in_flight.sending = None
         self._unsent.given(len(message.payload))
@@ -165,7 +163,7 @@ class MqttConnection:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
         return not self.unacknowledged and not self.unsent_octets
 
-    def give_up(self) -> list[QueuedDelivery]:
+    def give_up(self) -> list[Delivery]:
         """It is over: drop what the socket has not taken, hand back what is unacknowledged."""
         self._counts.dropped += self._unsent.give_up()
         return self._in_flight.take_all()

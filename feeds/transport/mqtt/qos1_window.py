@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from gmqtt.storage import PersistentStorage
 
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, QueuedDelivery
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 
 MAX_UNACKNOWLEDGED = 1000
 """At once, where the broker does not say how many; gmqtt alone would send 65,535."""
@@ -24,7 +25,7 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
         """`on_room` is called whenever one message less is on its way."""
         super().__init__()
         self.window = MAX_UNACKNOWLEDGED
-        self.sending: QueuedDelivery | None = None
+        self.sending: Delivery | None = None
         """What gmqtt is told to publish now; it answers with the id that it gave it."""
         self._octets = 0
         self._counts = counts
@@ -44,7 +45,7 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
         """It is sent, under this id."""
         if self.sending is not None:
             super().push_message(mid, self.sending)
-            self._octets += len(self.sending.parcel.message.payload)
+            self._octets += len(self.sending.message.payload)
 
     def remove_message_by_mid(self, mid: int) -> None:
         """The broker has acknowledged it."""
@@ -58,19 +59,19 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
         """Nothing that gmqtt should send again: that is the link's to do."""
         return []
 
-    def take_all(self) -> list[QueuedDelivery]:
+    def take_all(self) -> list[Delivery]:
         """All that is unacknowledged, in the order in which it was sent; it is kept no longer."""
-        entries: list[QueuedDelivery] = list(self._messages.values())
+        deliveries: list[Delivery] = list(self._messages.values())
         self._octets = 0
         self.clear()
-        return entries
+        return deliveries
 
     def _answered(self, mid: int, *, delivered: bool) -> bool:
-        entry: QueuedDelivery | None = self._messages.get(mid)
-        if entry is None:
+        delivery: Delivery | None = self._messages.get(mid)
+        if delivery is None:
             return False
         super().remove_message_by_mid(mid)
-        self._octets -= len(entry.parcel.message.payload)
-        entry.parcel.settle(delivered=delivered)
+        self._octets -= len(delivery.message.payload)
+        delivery.settle(delivered=delivered)
         self._on_room()
         return True

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
 MAX_WAITING_OCTETS = 32 << 20
@@ -31,16 +31,6 @@ class QueueCounts:
     """Of QoS 1, which the broker has answered with a refusal."""
 
 
-@dataclass(slots=True, eq=False)
-class QueuedDelivery:
-    """A parcel that waits, or that is sent and not acknowledged."""
-
-    parcel: Delivery
-    since_s: float
-    """When it first had to wait or was first sent."""
-    sent: bool = False
-
-
 class SendQueue:
     """The messages of one QoS that wait for one link."""
 
@@ -54,104 +44,84 @@ class SendQueue:
         self._policy = settings.policy
         self._limit = settings.limit(qos)
         self._max_age_s = settings.max_age_s
-        waits = settings.policy == "wait"
-        self._most = self._limit + (OVERRUN if waits else 0)
-        self._most_octets = MAX_WAITING_OCTETS * (2 if waits else 1)
         self._counts = counts
         self._now_s = now_s
-        self._entries: OrderedDict[str | QueuedDelivery, QueuedDelivery] = OrderedDict()
-        self._octets = 0
+        waits = settings.policy == "wait"
+        self._queue: BoundedQueue[tuple[Delivery, bool]] = BoundedQueue(
+            self._limit + (OVERRUN if waits else 0),
+            limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
+            octets_of=lambda waiting: len(waiting[0].message.payload),
+        )
+        """Deliveries, and whether they were sent before; retained ones by their topic."""
 
     def __len__(self) -> int:
         """How many wait."""
-        return len(self._entries)
+        return len(self._queue)
 
-    @property
-    def octets(self) -> int:
-        """Of the payloads that wait."""
-        return self._octets
+    def statistics(self) -> QueueStatistics:
+        """What has waited so far, and what does now."""
+        return self._queue.statistics()
 
     @property
     def is_full(self) -> bool:
         """Whether, by the policy, others shall wait now instead of publishing."""
-        if self._policy != "wait" or not self._entries:
+        if self._policy != "wait" or not self._queue:
             return False
-        return len(self._entries) >= self._limit or self._octets >= MAX_WAITING_OCTETS
+        return len(self._queue) >= self._limit or self._queue.octets >= MAX_WAITING_OCTETS
 
-    def put(self, parcel: Delivery) -> None:
+    def put(self, delivery: Delivery) -> None:
         """Let it wait, or drop what the policy drops: dropped is settled as not delivered."""
         self.expire()
-        entry = QueuedDelivery(parcel, self._now_s())
-        key = _key(entry)
+        delivery.since_s = self._now_s()
+        message = delivery.message
+        topic = message.topic if message.retain else None
         dropped = []
-        superseded = self._remove(key) if key in self._entries else None
+        superseded = self._queue.drop(topic)[0] if topic in self._queue else None
         if self._policy == "drop-oldest":
-            while self._entries and self._lacks_room_for(parcel):
-                dropped.append(self._remove(next(iter(self._entries))))
-        if self._lacks_room_for(parcel):
-            dropped.append(entry)
-        else:
-            self._entries[key] = entry
-            self._octets += len(parcel.message.payload)
+            while self._queue and not self._queue.has_room(len(message.payload)):
+                dropped.append(self._queue.drop()[0])
+        if not self._queue.put((delivery, False), topic):
+            dropped.append(delivery)
         if superseded is not None:
             self._supersede(superseded)
         for given_up in dropped:
             self._drop(given_up)
 
-    def take(self) -> QueuedDelivery | None:
-        """The one whose turn it is, if any is left."""
+    def take(self) -> tuple[Delivery, bool] | None:
+        """The one whose turn it is, if any is left, and whether it was sent before."""
         self.expire()
-        return self._remove(next(iter(self._entries))) if self._entries else None
+        return self._queue.take() if self._queue else None
 
-    def put_back(self, entries: Sequence[QueuedDelivery]) -> None:
-        """Let these go before all others, in their order; they may be more than the limit."""
-        for entry in reversed(entries):
-            key = _key(entry)
-            if key in self._entries:
-                self._supersede(entry)
-                continue
-            self._entries[key] = entry
-            self._entries.move_to_end(key, last=False)
-            self._octets += len(entry.parcel.message.payload)
+    def put_back(self, deliveries: Sequence[Delivery]) -> None:
+        """Let these, which were sent, go before all others, in their order.
+
+        They may be more than the limit.
+        """
+        for delivery in reversed(deliveries):
+            message = delivery.message
+            topic = message.topic if message.retain else None
+            if topic in self._queue:
+                self._supersede(delivery)
+            else:
+                self._queue.put_back((delivery, True), topic)
 
     def expire(self) -> None:
         """Drop what has waited too long."""
         if self._max_age_s is None:
             return
         before_s = self._now_s() - self._max_age_s
-        while self._entries:
-            key, entry = next(iter(self._entries.items()))
-            if entry.since_s >= before_s:
-                return
-            self._drop(self._remove(key))
+        while self._queue and self._queue.first()[0].since_s < before_s:
+            self._drop(self._queue.drop()[0])
 
     def give_up(self) -> None:
         """Settle all that waits as not delivered."""
-        while self._entries:
-            self._drop(self._remove(next(iter(self._entries))))
+        while self._queue:
+            self._drop(self._queue.drop()[0])
 
-    def _lacks_room_for(self, parcel: Delivery) -> bool:
-        """One message has room however large it is, if any has."""
-        if len(self._entries) >= self._most:
-            return True
-        octets = self._octets + len(parcel.message.payload)
-        return octets > self._most_octets and bool(self._entries)
-
-    def _remove(self, key: str | QueuedDelivery) -> QueuedDelivery:
-        entry = self._entries.pop(key)
-        self._octets -= len(entry.parcel.message.payload)
-        return entry
-
-    def _drop(self, entry: QueuedDelivery) -> None:
+    def _drop(self, delivery: Delivery) -> None:
         self._counts.dropped += 1
-        entry.parcel.settle(delivered=False)
+        delivery.settle(delivered=False)
 
-    def _supersede(self, entry: QueuedDelivery) -> None:
+    def _supersede(self, delivery: Delivery) -> None:
         self._counts.superseded += 1
-        entry.parcel.settle(delivered=False)
-
-
-def _key(entry: QueuedDelivery) -> str | QueuedDelivery:
-    """By which there is one on a topic at most, if it is retained; else by itself."""
-    message = entry.parcel.message
-    return message.topic if message.retain else entry
+        delivery.settle(delivered=False)

@@ -10,7 +10,7 @@ from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, QueuedDelivery, SendQueue
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 
 SLICE = 100
 """Messages that are sent before others have their turn in the loop."""
@@ -24,7 +24,7 @@ class MqttSender:
 
     def __init__(self, queue: MqttQueueKeys | None = None) -> None:
         self.counts = QueueCounts()
-        self._outlets = [SendQueue(queue or MqttQueueKeys(), qos, self.counts) for qos in (0, 1)]
+        self._queues = [SendQueue(queue or MqttQueueKeys(), qos, self.counts) for qos in (0, 1)]
         self._connection: MqttConnection | None = None
         self._sending: asyncio.Handle | None = None
         self._room = asyncio.Event()
@@ -33,7 +33,7 @@ class MqttSender:
     @property
     def waiting(self) -> int:
         """Messages that wait for a connection, or for room on it."""
-        return sum(map(len, self._outlets))
+        return sum(map(len, self._queues))
 
     @property
     def unacknowledged(self) -> int:
@@ -53,7 +53,7 @@ class MqttSender:
     @property
     def is_full(self) -> bool:
         """Whether whoever publishes should wait for `room` first; only by the policy "wait"."""
-        return any(outlet.is_full for outlet in self._outlets)
+        return any(queue.is_full for queue in self._queues)
 
     async def room(self) -> None:
         """Return when it is not full, or its end has come."""
@@ -61,44 +61,41 @@ class MqttSender:
             self._room.clear()
             await self._room.wait()
 
-    def publish(self, parcel: Delivery) -> None:
-        """Send it, let it wait, or drop it; it is settled as soon as its fate is known.
+    def publish(self, *deliveries: Delivery) -> None:
+        """Send each, let it wait, or drop it; it is settled as soon as its fate is known.
 
         Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
         with QoS 1.
         """
-        qos = parcel.message.qos
-        outlet, connection = self._outlets[qos], self._connection
-        if self._ended:
-            parcel.settle(delivered=False)
-        elif connection is None or outlet or not connection.has_room(qos):
-            outlet.put(parcel)
-        elif not connection.takes(parcel.message):
-            self._drop(parcel)
-        elif qos:
-            connection.send_until_acknowledged(QueuedDelivery(parcel, time.monotonic()))
+        connection = self._connection
+        if (
+            not self._ended
+            and connection is not None
+            and not self._queues[0]
+            and connection.has_room(0)
+            and all(d.message.qos == 0 and connection.takes(d.message) for d in deliveries)
+        ):
+            connection.send(*deliveries)
         else:
-            connection.send(parcel)
+            for delivery in deliveries:
+                self._publish(delivery)
+
+    def _publish(self, delivery: Delivery) -> None:
+        qos = delivery.message.qos
+        queue, connection = self._queues[qos], self._connection
+        if self._ended:
+            delivery.settle(delivered=False)
+        elif connection is None or queue or not connection.has_room(qos):
+            queue.put(delivery)
+        else:
+            if qos:
+                delivery.since_s = time.monotonic()
+            self._send(connection, delivery)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
         if self._connection is not None:
             self._connection.prepare(messages)
-
-    def publish_together(self, parcels: Sequence[Delivery]) -> None:
-        """The same of several that are due at once."""
-        connection = self._connection
-        if (
-            self._ended
-            or connection is None
-            or self._outlets[0]
-            or not connection.has_room(0)
-            or not all(p.message.qos == 0 and connection.takes(p.message) for p in parcels)
-        ):
-            for parcel in parcels:
-                self.publish(parcel)
-        else:
-            connection.send_together(parcels)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until nothing waits and sockets have taken everything, or the time is up.
@@ -114,15 +111,15 @@ class MqttSender:
 
     def expire(self) -> None:
         """Drop what has waited too long; to be called now and then."""
-        for outlet in self._outlets:
-            outlet.expire()
+        for queue in self._queues:
+            queue.expire()
         self._tell_of_room()
 
     def send_by(self, connection: MqttConnection | None) -> None:
         """From now on, by this one, or by none; what another had not delivered waits for it."""
         lost, self._connection = self._connection, connection
         if lost is not None:
-            self._outlets[1].put_back(lost.give_up())
+            self._queues[1].put_back(lost.give_up())
         self._has_room_again()
 
     def end(self) -> MqttConnection | None:
@@ -130,8 +127,8 @@ class MqttSender:
         self._ended = True
         connection = self._connection
         self.send_by(None)
-        for outlet in self._outlets:
-            outlet.give_up()
+        for queue in self._queues:
+            queue.give_up()
         self._room.set()
         return connection
 
@@ -147,33 +144,31 @@ class MqttSender:
         """Send what waits, in its order and a slice at a time, as far as there is room."""
         self._sending = None
         more = False
-        for qos, outlet in enumerate(self._outlets):
+        for qos, queue in enumerate(self._queues):
             for _ in range(SLICE):
                 if self._connection is None or not self._connection.has_room(qos):
                     break
-                entry = outlet.take()
-                if entry is None:
+                found = queue.take()
+                if found is None:
                     break
-                self._send(self._connection, entry)
+                self._send(self._connection, *found)
             else:
                 more = True
         if more:
             self._has_room_again()
         self._tell_of_room()
 
-    def _send(self, connection: MqttConnection, entry: QueuedDelivery) -> None:
-        message = entry.parcel.message
-        if not connection.takes(message):
-            self._drop(entry.parcel)
-        elif message.qos:
-            self.counts.repeated += entry.sent
-            connection.send_until_acknowledged(entry)
+    def _send(
+        self, connection: MqttConnection, delivery: Delivery, sent_before: bool = False
+    ) -> None:
+        if not connection.takes(delivery.message):
+            self.counts.dropped += 1
+            delivery.settle(delivered=False)
+        elif delivery.message.qos:
+            self.counts.repeated += sent_before
+            connection.send_until_acknowledged(delivery)
         else:
-            connection.send(entry.parcel)
-
-    def _drop(self, parcel: Delivery) -> None:
-        self.counts.dropped += 1
-        parcel.settle(delivered=False)
+            connection.send(delivery)
 
     def _tell_of_room(self) -> None:
         if not self.is_full:

@@ -39,7 +39,7 @@ class SocketBuffer:
         self._transport = transport
         self._on_room = on_room
         self._now_s = now_s
-        self._parcels: deque[tuple[int, Delivery]] = deque()
+        self._deliveries: deque[tuple[int, Delivery]] = deque()
         self._holds = False
         self._octets = 0
         """In the buffer, at the last look."""
@@ -58,7 +58,7 @@ class SocketBuffer:
     @property
     def messages(self) -> int:
         """Of QoS 0, that it has not taken."""
-        return len(self._parcels)
+        return len(self._deliveries)
 
     @property
     def has_room(self) -> bool:
@@ -68,7 +68,7 @@ class SocketBuffer:
         self._look()
         return (
             self._octets <= MAX_UNSENT_OCTETS
-            and len(self._parcels) < MAX_UNSENT_MESSAGES
+            and len(self._deliveries) < MAX_UNSENT_MESSAGES
             and not self._transport.is_closing()
         )
 
@@ -84,15 +84,15 @@ class SocketBuffer:
         self._settle_taken()
         return False
 
-    def keep(self, parcel: Delivery) -> None:
+    def keep(self, delivery: Delivery) -> None:
         """The one that was given last, and has not left."""
-        self._parcels.append((self._given, parcel))
+        self._deliveries.append((self._given, delivery))
 
     def give_up(self) -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""
-        lost = len(self._parcels)
-        while self._parcels:
-            self._parcels.popleft()[1].settle(delivered=False)
+        lost = len(self._deliveries)
+        while self._deliveries:
+            self._deliveries.popleft()[1].settle(delivered=False)
         return lost
 
     def is_stuck(self) -> bool:
@@ -111,8 +111,8 @@ class SocketBuffer:
 
     def _settle_taken(self) -> None:
         taken = self._given - self._octets
-        while self._parcels and self._parcels[0][0] <= taken:
-            self._parcels.popleft()[1].settle(delivered=True)
+        while self._deliveries and self._deliveries[0][0] <= taken:
+            self._deliveries.popleft()[1].settle(delivered=True)
 
     def _hold(self) -> None:
         self._holds = self._only_began = True
@@ -123,6 +123,6 @@ class SocketBuffer:
         self._holds = False
         self._octets = 0
         self.moved_s = self._now_s()
-        for _ in range(len(self._parcels)):
-            self._parcels.popleft()[1].settle(delivered=True)
+        for _ in range(len(self._deliveries)):
+            self._deliveries.popleft()[1].settle(delivered=True)
         self._on_room()

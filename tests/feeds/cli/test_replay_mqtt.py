@@ -320,7 +320,7 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         async def room(self) -> None:
             await asyncio.Event().wait()
 
-        def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+        def publish(self, *deliveries: Delivery) -> None:
             self.taken += len(deliveries)
             for delivery in deliveries:
                 delivery.settle(delivered=True)

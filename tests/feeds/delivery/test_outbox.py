@@ -8,7 +8,7 @@ import pytest
 
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.delivery.ledger import LedgerEntry, told
+from plotfeed.feeds.delivery.ledger import records
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
@@ -29,21 +29,20 @@ def message(payload: bytes = b"abc", content_type: str = ASTERIX, due_utc_ns: in
 class Link:
     """Settles at once, or when it is told to."""
 
+    waiting = 0
+
     def __init__(self, *, takes: bool | None = True) -> None:
         self.takes = takes
         self.drained = 0
         self.carried: list[bytes] = []
-        self.waiting: list[Delivery] = []
+        self.kept: list[Delivery] = []
 
-    def publish(self, delivery: Delivery) -> None:
-        if self.takes is None:
-            self.waiting.append(delivery)
-            return
-        self.settle(delivery, delivered=self.takes)
-
-    def publish_together(self, deliveries: Sequence[Delivery]) -> None:
+    def publish(self, *deliveries: Delivery) -> None:
         for delivery in deliveries:
-            self.publish(delivery)
+            if self.takes is None:
+                self.kept.append(delivery)
+            else:
+                self.settle(delivery, delivered=self.takes)
 
     def settle(self, delivery: Delivery, *, delivered: bool) -> None:
         if delivered:
@@ -73,10 +72,9 @@ class Case:
         )
 
     def send(self, *messages: Message) -> None:
-        account = LedgerEntry(lambda settled: self.entries.append(told(settled)))
-        for one in messages:
-            self.outbox.send(one, account)
-        account.close()
+        self.outbox.send(
+            *messages, on_complete=lambda settled: self.entries.append(records(settled))
+        )
 
     async def until(self, t_utc_ns: int) -> None:
         while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= t_utc_ns:
@@ -104,7 +102,7 @@ async def test_a_message_is_delivered_if_every_link_took_it(
     assert (case.totals.messages, case.totals.undelivered) == ((1, 0) if delivered else (0, 1))
     if delivered:
         assert sent.sent_utc_ns == 100
-        assert list(case.totals.lateness_ns) == list(case.outbox.counts.lateness_ns) == [40]
+        assert list(case.totals.lateness_ns) == list(case.outbox.counters.lateness_ns) == [40]
 
 
 def test_an_entry_is_complete_when_the_last_link_has_settled() -> None:
@@ -112,9 +110,9 @@ def test_an_entry_is_complete_when_the_last_link_has_settled() -> None:
     case = Case([Link(), slow])
     case.send(message(b"1"), message(b"2"))
     assert case.entries == []
-    slow.settle(slow.waiting[1], delivered=False)
+    slow.settle(slow.kept[1], delivered=False)
     assert case.entries == []
-    slow.settle(slow.waiting[0], delivered=True)
+    slow.settle(slow.kept[0], delivered=True)
     ((first, second),) = case.entries
     assert [s.fate for s in (first, second)] == [pb.SENT, pb.UNDELIVERED]
     assert [s.number for s in (first, second)] == [0, 1]
@@ -169,7 +167,7 @@ def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fat
     case.send(message())
     ((sent,),) = case.entries
     assert (sent.fate, sent.delivered, sent.sent_utc_ns, link.carried) == (fate, False, 0, [])
-    assert case.totals.lost == case.outbox.counts.lost == 1
+    assert case.totals.lost == case.outbox.counters.lost == 1
 
 
 @pytest.mark.asyncio

@@ -9,39 +9,37 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
+from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
-from plotfeed.feeds.transport.mqtt import send_queue as outlets
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, QueuedDelivery, SendQueue
+from plotfeed.feeds.transport.mqtt import send_queue
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 
 POLICIES = ["drop-oldest", "drop-newest", "wait"]
 
 
 class Bench:
-    """An outlet, its deliveries, and a time that only the test moves."""
+    """A queue, its deliveries, and a time that only the test moves."""
 
     def __init__(self, qos: int = 1, **settings: object) -> None:
         self.now_s = 0.0
         self.deliveries = Deliveries()
         self.counts = QueueCounts()
         queue = MqttQueueKeys.model_validate(settings)
-        self.outlet = SendQueue(queue, qos, self.counts, lambda: self.now_s)
+        self.queue = SendQueue(queue, qos, self.counts, lambda: self.now_s)
 
     def put(self, n: int = 1, **how: object) -> None:
         for _ in range(n):
-            self.outlet.put(self.deliveries.make(**how))  # type: ignore[arg-type]
+            self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
-    def take(self) -> QueuedDelivery | None:
-        return self.outlet.take()
+    def take(self) -> Delivery | None:
+        found = self.queue.take()
+        return None if found is None else found[0]
 
     def take_all(self) -> list[int]:
         found = []
-        while (entry := self.outlet.take()) is not None:
-            found.append(number(entry))
+        while (delivery := self.take()) is not None:
+            found.append(delivery.number)
         return found
-
-
-def number(entry: QueuedDelivery) -> int:
-    return entry.delivery.number  # type: ignore[attr-defined,no-any-return]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +64,7 @@ def test_without_a_number_plots_of_qos_0_do_not_wait_and_10_000_of_qos_1_do() ->
     late.put(5, qos=0)
     sure.put(10_005)
     assert late.deliveries.given_up == [0, 1, 2, 3, 4]
-    assert len(sure.outlet) == 10_000
+    assert len(sure.queue) == 10_000
     assert sure.deliveries.given_up == [0, 1, 2, 3, 4]
 
 
@@ -82,7 +80,7 @@ def test_it_does_what_the_simplest_queue_would_do(
     numbers = count()
     waiting: list[int] = []
     dropped: list[int] = []
-    sent: list[QueuedDelivery] = []
+    sent: list[Delivery] = []
     for step in steps:
         if step == "put":
             bench.put()
@@ -97,16 +95,16 @@ def test_it_does_what_the_simplest_queue_would_do(
             entry = bench.take()
             assert (entry is not None) == bool(waiting)
             if entry is not None:
-                assert number(entry) == waiting.pop(0)
+                assert entry.number == waiting.pop(0)
                 sent.append(entry)
         else:
-            bench.outlet.put_back(sent)
-            waiting[:0] = [number(entry) for entry in sent]
+            bench.queue.put_back(sent)
+            waiting[:0] = [entry.number for entry in sent]
             sent.clear()
-        assert len(bench.outlet) == len(waiting)
+        assert len(bench.queue) == len(waiting)
         assert bench.deliveries.given_up == sorted(dropped)
         full = policy == "wait" and len(waiting) > 0 and len(waiting) >= limit
-        assert bench.outlet.is_full == full
+        assert bench.queue.is_full == full
     assert bench.take_all() == waiting
     assert bench.counts.dropped == len(dropped)
 
@@ -118,7 +116,7 @@ def test_it_does_what_the_simplest_queue_would_do(
 def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None]) -> None:
     """None takes one away."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outlets, "MAX_WAITING_OCTETS", 500)
+        patch.setattr(send_queue, "MAX_WAITING_OCTETS", 500)
         bench = Bench(policy=policy)
         most, sent = 1000 if policy == "wait" else 500, 0
         for size in sizes:
@@ -126,16 +124,18 @@ def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None
                 sent += bench.take() is not None
             else:
                 bench.put(octets=size)
-            assert bench.outlet.octets <= max(most, 300)
-            assert bench.outlet.is_full == (policy == "wait" and bench.outlet.octets >= 500)
-        assert len(bench.deliveries.made) == sent + len(bench.outlet) + bench.counts.dropped
+            assert bench.queue.statistics().octets <= max(most, 300)
+            assert bench.queue.is_full == (
+                policy == "wait" and bench.queue.statistics().octets >= 500
+            )
+        assert len(bench.deliveries.made) == sent + len(bench.queue) + bench.counts.dropped
         left = bench.take_all()
         assert left == sorted(left)
-        assert bench.outlet.octets == 0
+        assert bench.queue.statistics().octets == 0
 
 
 def test_one_message_may_wait_however_large_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outlets, "MAX_WAITING_OCTETS", 500)
+    monkeypatch.setattr(send_queue, "MAX_WAITING_OCTETS", 500)
     for policy in POLICIES:
         bench = Bench(policy=policy)
         bench.put(octets=5000)
@@ -145,7 +145,7 @@ def test_one_message_may_wait_however_large_it_is(monkeypatch: pytest.MonkeyPatc
 def test_whoever_does_not_wait_although_it_is_full_is_not_kept_for_ever(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(outlets, "OVERRUN", 4)
+    monkeypatch.setattr(send_queue, "OVERRUN", 4)
     bench = Bench(policy="wait", messages=3)
     bench.put(20)
     assert bench.deliveries.given_up == list(range(7, 20))
@@ -162,7 +162,7 @@ def test_what_has_waited_too_long_is_dropped_and_nothing_else(
     """A number is time that passes. What was sent and comes back is as old as it was."""
     bench = Bench(policy=policy, max_age_s=5.0)
     since_s: list[float] = []
-    sent: list[QueuedDelivery] = []
+    sent: list[Delivery] = []
     for step in steps:
         if step == "put":
             since_s.append(bench.now_s)
@@ -170,15 +170,15 @@ def test_what_has_waited_too_long_is_dropped_and_nothing_else(
         elif step == "take":
             entry = bench.take()
             if entry is not None:
-                assert bench.now_s - since_s[number(entry)] <= 5.0
+                assert bench.now_s - since_s[entry.number] <= 5.0
                 sent.append(entry)
         elif step == "lose":
-            bench.outlet.put_back(sent)
+            bench.queue.put_back(sent)
             sent.clear()
         else:
             assert isinstance(step, float)
             bench.now_s += step
-            bench.outlet.expire()
+            bench.queue.expire()
         for old in bench.deliveries.given_up:
             assert bench.now_s - since_s[old] > 5.0
     bench.now_s += 5.1
@@ -202,7 +202,7 @@ def test_a_retained_message_that_comes_back_gives_way_to_a_newer_one() -> None:
     bench.put(topic="b", retain=True)
     sent = [bench.take(), bench.take()]
     bench.put(topic="a", retain=True)
-    bench.outlet.put_back([entry for entry in sent if entry is not None])
+    bench.queue.put_back([entry for entry in sent if entry is not None])
     assert bench.deliveries.given_up == [0]
     assert bench.take_all() == [1, 2]
 
@@ -220,6 +220,6 @@ def test_a_newer_retained_message_takes_the_room_of_the_older() -> None:
 def test_all_that_waits_is_given_up_at_the_end() -> None:
     bench = Bench()
     bench.put(50, octets=20)
-    bench.outlet.give_up()
+    bench.queue.give_up()
     assert bench.deliveries.given_up == list(range(50))
-    assert (len(bench.outlet), bench.outlet.octets, bench.counts.dropped) == (0, 0, 50)
+    assert (len(bench.queue), bench.queue.statistics().octets, bench.counts.dropped) == (0, 0, 50)
