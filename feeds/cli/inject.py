@@ -15,11 +15,10 @@ import click
 
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import JSON, PROTOBUF, Message
-from plotfeed.feeds.telemetry.altitude import AltitudeDatum
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 from plotfeed.feeds.messages.message import JSON, PROTOBUF
-from plotfeed.feeds.telemetry.category_129 import is_block_129
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
+from plotfeed.proto.asterix.encode_129 import is_block_129
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
 from plotfeed.replay.recorded import Recorded

@@ -12,8 +12,7 @@ from plotfeed.feeds.scene.drones import Drone, FlightFile
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.geometry import geodetic
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.telemetry.altitude import AltitudeDatum
-from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, PositionReport
+from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum, PositionReport
 from plotfeed.feeds.telemetry.receiver import add_report
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Emitter, Floats, Signature

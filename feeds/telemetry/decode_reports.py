@@ -13,7 +13,6 @@ from typing import Any
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from plotfeed.feeds.telemetry.category_129 import CATEGORY, is_block_129, report_129
 from plotfeed.feeds.telemetry.position_report import (
     PositionReport,
     Reason,
@@ -23,21 +22,22 @@ from plotfeed.feeds.telemetry.position_report import (
 )
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.utc import NS
+from plotfeed.proto.asterix.encode_129 import CATEGORY, UasReport, is_block_129, read_129
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS, nearest_utc_ns
 
 MAX_OCTETS = 4096
-
-_PROTOBUF_TYPES = frozenset(
-    {
-        "application/x-protobuf",
-        "application/protobuf",
-        "application/vnd.google.protobuf",
-        "application/x-google-protobuf",
-        "application/octet-stream",
-    }
+HALF_OF_POSITIONS = math.sqrt(2 * math.log(2))
+"""Radius that holds half of a circular normal distribution, in standard deviations."""
+VELOCITY_FIELDS = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
+OPTIONAL_FIELDS = (
+    "horizontal_accuracy_m",
+    "vertical_accuracy_m",
+    "velocity_accuracy_m_s",
+    "rcs_m2",
+    "sound_power_db",
 )
-_JSON_TYPES = frozenset({"application/json", "text/json"})
-_ASTERIX_TYPES = frozenset({"application/x-asterix", "application/asterix"})
+EMITTER_FIELDS = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")
 
 
 class _Kind(Enum):
@@ -46,6 +46,18 @@ class _Kind(Enum):
     ASTERIX = auto()
 
 
+_KINDS = {
+    "application/x-protobuf": _Kind.PROTOBUF,
+    "application/protobuf": _Kind.PROTOBUF,
+    "application/vnd.google.protobuf": _Kind.PROTOBUF,
+    "application/x-google-protobuf": _Kind.PROTOBUF,
+    "application/octet-stream": _Kind.PROTOBUF,
+    "application/json": _Kind.JSON,
+    "text/json": _Kind.JSON,
+    "application/x-asterix": _Kind.ASTERIX,
+    "application/asterix": _Kind.ASTERIX,
+}
+"""Of media types; what ends in +json or +protobuf is likewise."""
 _REFERENCE_TO_PB = {
     AltitudeReference.ELLIPSOID: pb.ELLIPSOID,
     AltitudeReference.MEAN_SEA_LEVEL: pb.MEAN_SEA_LEVEL,
@@ -71,7 +83,7 @@ def decode(
         raise Refused(Reason.OVERSIZED, detail)
     match _kind(payload, content_type):
         case _Kind.ASTERIX:
-            report = report_129(payload, now_utc_ns)
+            report = _from_129(payload, now_utc_ns)
         case _Kind.JSON:
             report = _report(_from_json(payload))
         case _Kind.PROTOBUF:
@@ -97,36 +109,29 @@ def _kind(payload: bytes, content_type: str | None) -> _Kind:
     media_type, _, parameters = (content_type or "").lower().partition(";")
     media_type = media_type.strip()
     if not media_type:
-        return _kind_by_looks(payload)
-    if media_type in _JSON_TYPES or media_type.endswith("+json"):
-        return _Kind.JSON
-    if media_type in _PROTOBUF_TYPES or media_type.endswith("+protobuf"):
-        return _Kind.PROTOBUF
-    if media_type in _ASTERIX_TYPES:
-        if parameters.replace(" ", "") in ("", f"cat={CATEGORY}"):
-            return _Kind.ASTERIX
+        if payload.lstrip(b" \t\r\n").startswith(b"{"):
+            return _Kind.JSON
+        return _Kind.ASTERIX if is_block_129(payload) else _Kind.PROTOBUF
+    kind = _KINDS.get(media_type)
+    if media_type.endswith(("+json", "+protobuf")):
+        kind = _Kind.JSON if media_type.endswith("+json") else _Kind.PROTOBUF
+    if kind is None:
+        detail = (
+            f"content type {media_type!r}; expected application/x-protobuf, application/json or "
+            f"application/x-asterix; cat={CATEGORY}"
+        )
+        raise Refused(Reason.CONTENT_TYPE, detail)
+    if kind is _Kind.ASTERIX and parameters.replace(" ", "") not in ("", f"cat={CATEGORY}"):
         raise Refused(Reason.CONTENT_TYPE, f"ASTERIX of {parameters!r}; expected cat={CATEGORY}")
-    detail = (
-        f"content type {media_type!r}; expected application/x-protobuf, application/json or "
-        f"application/x-asterix; cat={CATEGORY}"
-    )
-    raise Refused(Reason.CONTENT_TYPE, detail)
-
-
-def _kind_by_looks(payload: bytes) -> _Kind:
-    if payload.lstrip(b" \t\r\n").startswith(b"{"):
-        return _Kind.JSON
-    return _Kind.ASTERIX if is_block_129(payload) else _Kind.PROTOBUF
+    return kind
 
 
 def _from_protobuf(payload: bytes) -> pb.Telemetry:
-    message = pb.Telemetry()
     try:
-        message.ParseFromString(payload)
+        return pb.Telemetry.FromString(payload)
     except (ProtobufDecodeError, ValueError) as error:
         detail = "payload is not a protobuf message plotfeed.v1.Telemetry"
         raise Refused(Reason.UNDECODABLE, detail) from error
-    return message
 
 
 def _from_json(payload: bytes) -> pb.Telemetry:
@@ -172,20 +177,9 @@ def _report(message: pb.Telemetry) -> PositionReport:
         altitude_m=_required(message, "altitude_m"),
         altitude_reference=reference,
         velocity_enu_m_s=_velocity(message),
-        horizontal_accuracy_m=_optional(message, "horizontal_accuracy_m"),
-        vertical_accuracy_m=_optional(message, "vertical_accuracy_m"),
-        velocity_accuracy_m_s=_optional(message, "velocity_accuracy_m_s"),
-        rcs_m2=_optional(message, "rcs_m2"),
-        sound_power_db=_optional(message, "sound_power_db"),
+        **{name: _optional(message, name) for name in OPTIONAL_FIELDS},
         emitters=tuple(
-            Emitter(
-                frequency_hz=e.frequency_hz,
-                bandwidth_hz=e.bandwidth_hz,
-                eirp_dbm=e.eirp_dbm,
-                kind=e.kind,
-                identity=e.identity,
-            )
-            for e in message.emitters
+            Emitter(**{name: getattr(e, name) for name in EMITTER_FIELDS}) for e in message.emitters
         ),
     )
 
@@ -216,24 +210,12 @@ def _required(message: pb.Telemetry, name: str) -> float:
     return value
 
 
-_VELOCITY_FIELDS = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
-
-
 def _velocity(message: pb.Telemetry) -> tuple[float, float, float] | None:
-    values = [_optional(message, name) for name in _VELOCITY_FIELDS]
+    values = [_optional(message, name) for name in VELOCITY_FIELDS]
     if all(v is None for v in values):
         return None
     east, north, up = (math.nan if v is None else v for v in values)
     return east, north, up
-
-
-_OPTIONAL_FIELDS = (
-    "horizontal_accuracy_m",
-    "vertical_accuracy_m",
-    "velocity_accuracy_m_s",
-    "rcs_m2",
-    "sound_power_db",
-)
 
 
 def _message(report: PositionReport) -> pb.Telemetry:
@@ -244,18 +226,58 @@ def _message(report: PositionReport) -> pb.Telemetry:
         altitude_reference=_REFERENCE_TO_PB[report.altitude_reference],
     )
     message.time_utc.seconds, message.time_utc.nanos = divmod(report.t_utc_ns, NS)
-    for name in _OPTIONAL_FIELDS:
+    for name in OPTIONAL_FIELDS:
         if (value := getattr(report, name)) is not None:
             setattr(message, name, value)
-    for name, value in zip(_VELOCITY_FIELDS, report.velocity_enu_m_s or (), strict=False):
+    for name, value in zip(VELOCITY_FIELDS, report.velocity_enu_m_s or (), strict=False):
         if not math.isnan(value):
             setattr(message, name, value)
     for e in report.emitters:
-        message.emitters.add(
-            frequency_hz=e.frequency_hz,
-            bandwidth_hz=e.bandwidth_hz,
-            eirp_dbm=e.eirp_dbm,
-            kind=e.kind,
-            identity=e.identity,
-        )
+        message.emitters.add(**{name: getattr(e, name) for name in EMITTER_FIELDS})
     return message
+
+
+def _from_129(payload: bytes, now_utc_ns: int | None) -> PositionReport:
+    """The latest report in data blocks of one aircraft; raises `Refused`.
+
+    Its day is the one that brings it nearest to now.
+    """
+    if now_utc_ns is None:
+        detail = "ASTERIX tells a time of day, and nobody said what day it is"
+        raise Refused(Reason.MISSING, detail)
+    try:
+        found = read_129(payload)
+    except DecodeError as error:
+        detail = f"payload is not ASTERIX category 129: {error}"
+        raise Refused(Reason.UNDECODABLE, detail) from error
+    if not found:
+        raise Refused(Reason.UNDECODABLE, "payload holds no report of ASTERIX category 129")
+    aircraft = {report.identity for report in found}
+    if len(aircraft) > 1:
+        detail = f"reports of {len(aircraft)} aircraft in one message; expected those of one"
+        raise Refused(Reason.NAME, detail)
+    return max((_report_of(one, now_utc_ns) for one in found), key=lambda report: report.t_utc_ns)
+
+
+def _report_of(uas: UasReport, now_utc_ns: int) -> PositionReport:
+    velocity = (uas.velocity_east_m_s, uas.velocity_north_m_s, uas.climb_m_s)
+    accuracy_m = uas.accuracy_m / HALF_OF_POSITIONS
+    return PositionReport(
+        t_utc_ns=nearest_utc_ns(round(uas.t_of_day_s * NS), now_utc_ns),
+        latitude_deg=uas.latitude_deg,
+        longitude_deg=uas.longitude_deg,
+        altitude_m=_altitude_m(uas),
+        altitude_reference=AltitudeReference.MEAN_SEA_LEVEL,
+        velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
+        horizontal_accuracy_m=None if math.isnan(accuracy_m) else accuracy_m,
+    )
+
+
+def _altitude_m(uas: UasReport) -> float:
+    """What I129/090 says; a height above ground is none, where nobody knows the ground."""
+    if not math.isnan(uas.altitude_m):
+        return uas.altitude_m
+    if math.isnan(uas.height_m):
+        raise Refused(Reason.MISSING, "I129/090, the altitude above mean sea level, is missing")
+    detail = "I129/100 is a height above ground; expected I129/090, above mean sea level"
+    raise Refused(Reason.ALTITUDE, detail)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container
 
 from google.protobuf import json_format
 
 from plotfeed.feeds.messages.message import JSON, Message, attributes
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.telemetry.altitude import AltitudeDatum
 from plotfeed.feeds.telemetry.decode_reports import decode
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
 from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -23,38 +21,22 @@ NAME_SEPARATORS = frozenset("/+#")
 
 
 class Admission:
-    """Admission in the order of time, drone by drone; counts what is refused and why."""
+    """Which reports are taken: those of few enough drones, near now, in the order of time."""
 
     def __init__(
         self, *, max_ahead_s: float = 2.0, max_age_s: float | None = None, max_drones: int = 10_000
     ) -> None:
-        self.max_ahead_ns = round(max_ahead_s * NS)
-        self.max_age_ns = None if max_age_s is None else round(max_age_s * NS)
-        self.max_drones = max_drones
-        self.refused: Counter[Reason] = Counter()
+        self._max_ahead_ns = round(max_ahead_s * NS)
+        self._max_age_ns = None if max_age_s is None else round(max_age_s * NS)
+        self._max_drones = max_drones
         self._last_utc_ns: dict[str, int] = {}
 
     def admit(self, drone: str, report: PositionReport, now_utc_ns: int) -> None:
-        """Take the report as the drone's latest, or raise `Refused`, already counted."""
-        try:
-            self._check_name(drone)
-            self._check_now(report.t_utc_ns, now_utc_ns)
-            self._check_order(drone, report.t_utc_ns)
-        except Refused as refused:
-            self.refuse(refused)
-            raise
+        """Take the report as the drone's latest; raises `Refused`."""
+        self._check_name(drone)
+        self._check_now(report.t_utc_ns, now_utc_ns)
+        self._check_order(drone, report.t_utc_ns)
         self._last_utc_ns[drone] = report.t_utc_ns
-
-    def refuse(self, refused: Refused) -> int:
-        """Count a refusal, once however often it is asked; how many there were for its reason."""
-        if refused.count is None:
-            self.refused[refused.reason] += 1
-            refused.count = self.refused[refused.reason]
-        return refused.count
-
-    def forget(self, drone: str) -> None:
-        """Make room for another drone; this one may come back at any time."""
-        self._last_utc_ns.pop(drone, None)
 
     def _check_name(self, drone: str) -> None:
         shown = ascii(drone[: MAX_DRONE_NAME + 1])
@@ -62,18 +44,18 @@ class Admission:
         if not good or NAME_SEPARATORS.intersection(drone):
             expected = f"1 to {MAX_DRONE_NAME} printable characters without / + #"
             raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
-        if drone not in self._last_utc_ns and len(self._last_utc_ns) >= self.max_drones:
-            detail = f"drone {shown} is new, and {self.max_drones} drones are the most taken"
+        if drone not in self._last_utc_ns and len(self._last_utc_ns) >= self._max_drones:
+            detail = f"drone {shown} is new, and {self._max_drones} drones are the most taken"
             raise Refused(Reason.TOO_MANY_DRONES, detail)
 
     def _check_now(self, t_utc_ns: int, now_utc_ns: int) -> None:
         ahead_ns = t_utc_ns - now_utc_ns
-        if ahead_ns > self.max_ahead_ns:
-            limit_s = self.max_ahead_ns / NS
+        if ahead_ns > self._max_ahead_ns:
+            limit_s = self._max_ahead_ns / NS
             detail = f"time_utc is {ahead_ns / NS:.3f} s ahead of now; at most {limit_s:g} s"
             raise Refused(Reason.FUTURE, detail)
-        if self.max_age_ns is not None and -ahead_ns > self.max_age_ns:
-            limit_s = self.max_age_ns / NS
+        if self._max_age_ns is not None and -ahead_ns > self._max_age_ns:
+            limit_s = self._max_age_ns / NS
             detail = f"time_utc is {-ahead_ns / NS:.3f} s old; at most {limit_s:g} s"
             raise Refused(Reason.STALE, detail)
 
@@ -93,21 +75,22 @@ MAX_REFUSALS_PER_S = 50
 
 
 class TelemetryReceiver:
-    """Takes telemetry for a session."""
+    """Takes telemetry for a session, and counts what is refused and why."""
 
     def __init__(self, scene: Scene, trajectories: Trajectories) -> None:
         settings = scene.telemetry
-        self.gate = Admission(
+        self.taken = 0
+        self.last_refusal = ""
+        self.refusals: Counter[Reason] = Counter()
+        self._admission = Admission(
             max_ahead_s=settings.max_ahead_s,
             max_age_s=settings.max_age_s,
             max_drones=settings.max_drones,
         )
-        self.taken = 0
-        self.last_refusal = ""
         self._prefix = scene.mqtt.prefix
         self._datum = AltitudeDatum(settings.takeoff_height_m, settings.geoid_undulation_m)
         self._default = Signature(rcs_m2=settings.rcs_m2, sound_power_db=settings.sound_power_db)
-        self._scripted: Container[str] = frozenset(d.id for d in scene.drone)
+        self._scripted = frozenset(d.id for d in scene.drone)
         self._trajectories = trajectories
         self._published_in_second = (0, 0)
 
@@ -119,7 +102,7 @@ class TelemetryReceiver:
     @property
     def refused(self) -> int:
         """How many messages were refused so far."""
-        return self.gate.refused.total()
+        return self.refusals.total()
 
     def take(
         self, topic: str, payload: bytes, content_type: str | None, now_utc_ns: int
@@ -127,29 +110,21 @@ class TelemetryReceiver:
         """One telemetry message; the refusal to publish if it was not taken and there is room."""
         drone = topic.rpartition("/")[2]
         try:
-            self._admit(drone, decode(payload, content_type, now_utc_ns=now_utc_ns), now_utc_ns)
+            report = decode(payload, content_type, now_utc_ns=now_utc_ns)
+            if drone in self._scripted:
+                raise Refused(Reason.NAME, f"drone {drone!r} is flown by the scene itself")
+            height_m = self._datum.height_m(report)
+            self._admission.admit(drone, report, now_utc_ns)
         except Refused as refused:
             return self.refuse(topic, refused, now_utc_ns)
+        add_report(self._trajectories, drone, report, height_m, self._default)
         self.taken += 1
         return None
 
     def refuse(self, topic: str, refused: Refused, now_utc_ns: int) -> Message | None:
         """Count a message that is not taken; the refusal to publish if there is room."""
-        count = self.gate.refuse(refused)
+        self.refusals[refused.reason] += 1
         self.last_refusal = f"{topic}: {refused.detail}"
-        drone = topic.rpartition("/")[2] if refused.reason is not Reason.CONTROL else ""
-        return self._refusal(topic, drone, refused, count, now_utc_ns)
-
-    def _admit(self, drone: str, report: PositionReport, now_utc_ns: int) -> None:
-        if drone in self._scripted:
-            raise Refused(Reason.NAME, f"drone {drone!r} is flown by the scene itself")
-        height_m = self._datum.height_m(report)
-        self.gate.admit(drone, report, now_utc_ns)
-        add_report(self._trajectories, drone, report, height_m, self._default)
-
-    def _refusal(
-        self, topic: str, drone: str, refused: Refused, count: int, now_utc_ns: int
-    ) -> Message | None:
         # What is taken in late, as of a time before, counts with what is refused now.
         second, published = max(now_utc_ns // NS, self._published_in_second[0]), 0
         if second == self._published_in_second[0]:
@@ -158,7 +133,11 @@ class TelemetryReceiver:
             return None
         self._published_in_second = (second, published + 1)
         refusal = pb.Refusal(
-            topic=topic, drone=drone, reason=refused.reason, detail=refused.detail, count=count
+            topic=topic,
+            drone=topic.rpartition("/")[2] if refused.reason is not Reason.CONTROL else "",
+            reason=refused.reason,
+            detail=refused.detail,
+            count=self.refusals[refused.reason],
         )
         refusal.time_utc.FromNanoseconds(now_utc_ns)
         return Message(

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from plotfeed.proto.asterix.cat129 import CAT129
 from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.asterix.codec.report_profiles import TIME_LSB_NS, Reports, checked_position
 from plotfeed.proto.errors import DecodeError, EncodeError
 
+CATEGORY = 129
 DAY_S = 86_400
 SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
 
@@ -46,6 +48,15 @@ class UasReport:
         """The serial number, or whatever else was sent of its name."""
         others = (self.country, self.manufacturer, self.model)
         return self.serial or "-".join(filter(None, others))
+
+
+def is_block_129(payload: bytes) -> bool:
+    """Whether octets look like one data block of the category, and nothing else."""
+    return (
+        len(payload) > HEADER_OCTETS
+        and payload[0] == CATEGORY
+        and int.from_bytes(payload[1:HEADER_OCTETS], "big") == len(payload)
+    )
 
 
 def read_129(data: bytes) -> list[UasReport]:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from plotfeed.feeds.telemetry import altitude
-from plotfeed.feeds.telemetry.altitude import AltitudeDatum
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry import position_report
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 
 REPORT = PositionReport(
@@ -26,7 +25,7 @@ ABOVE_SEA = replace(REPORT, altitude_reference=AltitudeReference.MEAN_SEA_LEVEL)
 WITH_GRID = """
 import sys
 import pyproj
-from plotfeed.feeds.telemetry.altitude import egm96_undulation_m
+from plotfeed.feeds.telemetry.position_report import egm96_undulation_m
 from plotfeed.feeds.telemetry.position_report import Refused
 pyproj.datadir.append_data_dir(sys.argv[1])
 print(egm96_undulation_m(20.0, 30.0), egm96_undulation_m(-20.0, -30.0))
@@ -52,14 +51,14 @@ def test_without_a_takeoff_height_the_key_is_named() -> None:
 
 
 def test_without_undulation_or_grid_both_mends_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(altitude, "EGM96_GRIDS", ("no_such_grid.gtx",))
-    altitude._egm96.cache_clear()
+    monkeypatch.setattr(position_report, "EGM96_GRIDS", ("no_such_grid.gtx",))
+    position_report._egm96.cache_clear()
     try:
         with pytest.raises(Refused, match=r"telemetry\.geoid_undulation_m.*plotfeed\[geoid\]") as e:
             AltitudeDatum().height_m(ABOVE_SEA)
         assert e.value.reason is Reason.ALTITUDE
     finally:
-        altitude._egm96.cache_clear()
+        position_report._egm96.cache_clear()
 
 
 def test_an_installed_grid_gives_the_undulation(tmp_path: Path) -> None:

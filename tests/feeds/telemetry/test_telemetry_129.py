@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.telemetry.category_129 import DAY_NS, is_block_129, nearest_utc_ns
 from plotfeed.feeds.telemetry.decode_reports import MAX_OCTETS, decode
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.asterix.encode_129 import TargetEncoder129
+from plotfeed.proto.asterix.encode_129 import TargetEncoder129, is_block_129
+from plotfeed.proto.utc import DAY_NS, nearest_utc_ns
 
 S = 1_000_000_000
 NOW = 1_767_268_800 * S  # 2026-01-01T12:00:00Z
@@ -85,7 +85,7 @@ def test_only_one_whole_block_looks_like_one() -> None:
 )
 def test_the_day_is_the_nearest(ticks: int, ahead_ns: int) -> None:
     t_utc_ns = NOW // DAY_NS * DAY_NS + ticks * (S // 128)
-    assert nearest_utc_ns(ticks / 128, t_utc_ns - ahead_ns) == t_utc_ns
+    assert nearest_utc_ns(ticks * (S // 128), t_utc_ns - ahead_ns) == t_utc_ns
 
 
 @pytest.mark.parametrize("off_s", [-1.5, -1 / 128, 0.0, 1 / 128, 1.5])

@@ -71,14 +71,14 @@ def test_every_reason_has_its_case() -> None:
 
 @pytest.mark.parametrize("reason", REFUSED, ids=str)
 def test_a_refusal_is_published_with_its_reason(reason: Reason, scene: Scene) -> None:
-    intake, trajectories = make(scene)
-    intake.take("plotfeed/telemetry/known", report(-1.0), PROTOBUF, NOW)
+    receiver, trajectories = make(scene)
+    receiver.take("plotfeed/telemetry/known", report(-1.0), PROTOBUF, NOW)
     if reason is Reason.TOO_MANY_DRONES:
-        intake.take("plotfeed/telemetry/second", report(-1.0), PROTOBUF, NOW)
+        receiver.take("plotfeed/telemetry/second", report(-1.0), PROTOBUF, NOW)
     names, version = list(trajectories.names), trajectories.version
     drone, payload, content_type = REFUSED[reason]
     topic = f"plotfeed/telemetry/{drone}"
-    refusal = intake.take(topic, payload, content_type, NOW)
+    refusal = receiver.take(topic, payload, content_type, NOW)
     assert refusal is not None
     assert refusal.topic == "plotfeed/errors"
     assert refusal.content_type == "application/json"
@@ -89,48 +89,48 @@ def test_a_refusal_is_published_with_its_reason(reason: Reason, scene: Scene) ->
     assert told["detail"]
     assert told["count"] == "1"
     assert told["time_utc"] == "2026-01-01T12:00:00Z"
-    assert intake.refused == 1
+    assert receiver.refused == 1
     assert (trajectories.names, trajectories.version) == (names, version)
 
 
 def test_a_drone_of_the_scene_cannot_be_moved_from_outside(scene: Scene) -> None:
-    intake, trajectories = make(scene)
-    refusal = intake.take("plotfeed/telemetry/visitor", report(), PROTOBUF, NOW)
+    receiver, trajectories = make(scene)
+    refusal = receiver.take("plotfeed/telemetry/visitor", report(), PROTOBUF, NOW)
     assert refusal is not None
     assert "flown by the scene itself" in json.loads(refusal.payload)["detail"]
     assert trajectories.names == []
 
 
 def test_what_is_taken_is_where_it_said(scene: Scene) -> None:
-    intake, trajectories = make(scene)
-    assert intake.take("plotfeed/telemetry/a", report(-1.0), PROTOBUF, NOW) is None
-    assert intake.taken == 1
+    receiver, trajectories = make(scene)
+    assert receiver.take("plotfeed/telemetry/a", report(-1.0), PROTOBUF, NOW) is None
+    assert receiver.taken == 1
     assert trajectories.names == ["a"]
     assert len(trajectories.state_at(NOW)) == 1
 
 
 def test_the_datum_of_the_scene_is_added(tmp_path: Path) -> None:
     text = scene_text(telemetry="takeoff_height_m = 650.0\ngeoid_undulation_m = 51.0", port=1883)
-    intake, trajectories = make(load(scene_file(tmp_path, text)))
+    receiver, trajectories = make(load(scene_file(tmp_path, text)))
     for drone, reference, altitude_m in (
         ("a", pb.ELLIPSOID, 751.0),
         ("b", pb.MEAN_SEA_LEVEL, 700.0),
         ("c", pb.ABOVE_TAKEOFF, 101.0),
     ):
         payload = report(altitude_m=altitude_m, altitude_reference=reference)
-        assert intake.take(f"plotfeed/telemetry/{drone}", payload, None, NOW) is None
+        assert receiver.take(f"plotfeed/telemetry/{drone}", payload, None, NOW) is None
     positions = trajectories.state_at(NOW).position_ecef_m
     assert abs(positions - positions[0]).max() < 1e-8
 
 
 def test_refusals_are_published_up_to_a_rate_and_all_are_counted(scene: Scene) -> None:
-    intake, _ = make(scene)
-    take: Callable[[int], Message | None] = lambda t: intake.take(  # noqa: E731
+    receiver, _ = make(scene)
+    take: Callable[[int], Message | None] = lambda t: receiver.take(  # noqa: E731
         "plotfeed/telemetry/a", b"\xff", PROTOBUF, t
     )
     published = [take(NOW + i) for i in range(500)]
     assert sum(m is not None for m in published) == MAX_REFUSALS_PER_S
-    assert intake.refused == 500
+    assert receiver.refused == 500
     later = take(NOW + S)
     assert later is not None
     assert json.loads(later.payload)["count"] == "501"
@@ -148,8 +148,8 @@ TEXTS = st.text(max_size=20)
 def test_arbitrary_messages_are_refused_in_json(
     scene: Scene, topic: str, payload: bytes, content_type: str | None, now_ns: int
 ) -> None:
-    intake, _ = make(scene)
-    refusal = intake.take(topic, payload, content_type, now_ns)
+    receiver, _ = make(scene)
+    refusal = receiver.take(topic, payload, content_type, now_ns)
     assert refusal is not None
     assert json.loads(refusal.payload)["reason"] in set(Reason)
 
@@ -166,10 +166,10 @@ FIELDS = [field.name for field in pb.Telemetry.DESCRIPTOR.fields]
 def test_arbitrary_json_is_taken_or_refused(
     scene: Scene, fields: dict[str, Any], ascii_only: bool
 ) -> None:
-    intake, _ = make(scene)
+    receiver, _ = make(scene)
     payload = json.dumps(fields, ensure_ascii=ascii_only).encode("utf-8", "replace")
-    refusal = intake.take("plotfeed/telemetry/a", payload, "application/json", NOW)
-    assert (refusal is None) == (intake.taken == 1)
+    refusal = receiver.take("plotfeed/telemetry/a", payload, "application/json", NOW)
+    assert (refusal is None) == (receiver.taken == 1)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_arbitrary_json_is_taken_or_refused(
     ],
 )
 def test_awkward_json_is_refused(scene: Scene, payload: bytes) -> None:
-    intake, _ = make(scene)
-    refusal = intake.take("plotfeed/telemetry/a", payload, "application/json", NOW)
+    receiver, _ = make(scene)
+    refusal = receiver.take("plotfeed/telemetry/a", payload, "application/json", NOW)
     assert refusal is not None
     assert json.loads(refusal.payload)["detail"].isprintable()
