@@ -19,7 +19,7 @@ from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
-from plotfeed.feeds.scene.sensors.sensor_keys import in_force, instants_ns
+from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.state import Ints
 from plotfeed.proto.errors import DecodeError, PlotfeedError

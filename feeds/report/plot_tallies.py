@@ -12,7 +12,7 @@ from plotfeed.feeds.recording.recorded_session import RecordedSettings
 from plotfeed.feeds.report.spreads import z_score
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.sensor_keys import RotatingScan
+from plotfeed.feeds.scene.sensors.scan_keys import RotatingScan
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats

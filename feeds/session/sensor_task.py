@@ -16,7 +16,7 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import changed, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.sensors.sensor_keys import in_force, instants_ns
+from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.session.observer import Observer

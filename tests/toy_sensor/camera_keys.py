@@ -8,12 +8,8 @@ from pydantic import Field
 from toy_sensor.camera_model import Camera
 
 from plotfeed.feeds.scene.fields import Positive, Site
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    AzimuthCoverKeys,
-    Reports,
-    SensorGeometry,
-    StaringScan,
-)
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 
 
 class CameraKeys(AzimuthCoverKeys):

@@ -8,46 +8,43 @@ import numpy as np
 
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import enu_to_aer, wrap_360
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets, true_geometry
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
 from plotfeed.models.state import Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class Camera(SensorModel):
     """Every drone within reach is seen; azimuth and elevation err by `sigma_deg`."""
 
-    range_max_m: float
     sigma_deg: float
 
-    signal_speed_m_s = None
-    measures_range_rate = False
-    false_alarms_per_scan = 0.0
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """It has none."""
+        return 0.0
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """One look at each target within reach, and its direction."""
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
-        seen = np.flatnonzero(range_m <= self.range_max_m)
+        geometry = enu_to_aer(targets.position_enu_m)
+        seen = np.flatnonzero(geometry[2] <= self.range_max_m)
         n = len(seen)
-        looks = Looks(
-            drone=targets.drone[seen],
-            channel=np.zeros(n, np.int64),
-            t_utc_ns=targets.t_utc_ns[seen],
-            range_m=range_m[seen],
-            azimuth_deg=azimuth_deg[seen],
-            elevation_deg=elevation_deg[seen],
+        looks = targets.looks(
+            seen,
+            geometry,
             snr=np.full(n, np.nan),
             pd=np.ones(n),
             detected=np.ones(n, np.bool_),
         )
         errors_deg = self.sigma_deg * rng.standard_normal((2, n))
+        azimuth_deg = targets.read_azimuth_deg(looks.azimuth_deg + errors_deg[0], looks.t_utc_ns)
         return looks, Plots.of(
             t_utc_ns=looks.t_utc_ns,
-            azimuth_deg=wrap_360(looks.azimuth_deg + errors_deg[0]),
+            azimuth_deg=wrap_360(azimuth_deg),
             elevation_deg=looks.elevation_deg + errors_deg[1],
             sigma_azimuth_deg=np.full(n, self.sigma_deg),
             sigma_elevation_deg=np.full(n, self.sigma_deg),
             drone=looks.drone,
-            **true_geometry(looks, targets, seen),
+            **targets.true_geometry(looks, seen),
         )
 
     def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:

@@ -8,12 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Beamwidth, Decibels, Loss, NotNegative, Probability, Site
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    AzimuthCoverKeys,
-    Reports,
-    SensorGeometry,
-    StaringScan,
-)
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 
@@ -93,26 +89,13 @@ class AcousticKeys(AzimuthCoverKeys):
         array_gain_db = self.array_gain_db
         if array_gain_db is None:
             array_gain_db = float(10 * np.log10(self.microphones))
-        return MicrophoneArray(
-            directivity_db=self.directivity_db,
-            absorption_db_per_m=self._absorption_db_per_m(),
-            barrier_db=self.barrier_db,
-            misc_db=self.misc_db,
-            array_gain_db=array_gain_db,
-            noise_db=self.noise_db,
-            sensitivity_db=self.sensitivity_db,
-            slope_per_db=self.slope_per_db,
-            pfa=self.pfa,
-            range_max_m=self.range_max_m,
-            height_above_ground_m=self.height_above_ground_m,
-            sound_speed_m_s=float(speed_of_sound_m_s(self.temperature_c)),
-            azimuth_cover=self.azimuth_cover,
-            azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
-            elevation_beamwidth_deg=self.elevation_beamwidth_deg,
-            azimuth_floor_deg=self.azimuth_floor_deg,
-            elevation_floor_deg=self.elevation_floor_deg,
-            kind=self.kind,
-        )
+        converted = {
+            "absorption_db_per_m": self._absorption_db_per_m(),
+            "array_gain_db": array_gain_db,
+            "sound_speed_m_s": float(speed_of_sound_m_s(self.temperature_c)),
+            "azimuth_cover": self.azimuth_cover,
+        }
+        return MicrophoneArray(**self.by_name(MicrophoneArray) | converted)
 
     def _absorption_db_per_m(self) -> float:
         if self.absorption_db_per_km is not None:

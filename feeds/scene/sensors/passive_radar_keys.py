@@ -22,11 +22,11 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MultipathKeys,
     multipath_of,
 )
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     IlluminatorKeys,
     Reports,
     SensorGeometry,
-    StaringScan,
     TrackingSensorKeys,
     VolumeKeys,
 )
@@ -157,31 +157,15 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
 
     def model(self, site: Site, /) -> PassiveRadar:
         """The model, with the transmitters as the receiver sees them."""
-        return PassiveRadar(
-            transmitters=tuple(self._transmitter(t, site) for t in self.transmitters),
-            gain_rx_dbi=self._gain_rx_dbi(),
-            azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
-            integration_s=self.integration_s,
-            loss_db=self.loss_db,
-            sidelobe_db=self.sidelobe_db,
-            cancellation_db=self.cancellation_db,
-            line_loss_db=self.line_loss_db,
-            antenna_loss_db=self.antenna_loss_db,
-            receiver_noise_figure_db=self.receiver_noise_figure_db,
-            pfa=self.pfa,
-            n_reference=self.n_reference,
-            range_min_m=self.range_min_m,
-            range_max_m=self.range_max_m,
-            azimuth_cover=self.azimuth_cover,
-            elevation_min_deg=self.elevation_min_deg,
-            elevation_max_deg=self.elevation_max_deg,
-            doppler_cells=self.doppler_cells,
-            bistatic_range_floor_m=self.bistatic_range_floor_m,
-            azimuth_floor_deg=self.azimuth_floor_deg,
-            multipath=multipath_of(self.multipath),
-            doppler=self._doppler(),
-            merging=self._merging(),
-        )
+        converted = {
+            "transmitters": tuple(self._transmitter(t, site) for t in self.transmitters),
+            "gain_rx_dbi": self._gain_rx_dbi(),
+            "azimuth_cover": self.azimuth_cover,
+            "multipath": multipath_of(self.multipath),
+            "doppler": self._doppler(),
+            "merging": self._merging(),
+        }
+        return PassiveRadar(**self.by_name(PassiveRadar) | converted)
 
     def _doppler(self) -> Doppler | None:
         if self.doppler is None:

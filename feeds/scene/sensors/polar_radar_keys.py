@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -28,11 +27,10 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     PulsedDopplerKeys,
     multipath_of,
 )
+from plotfeed.feeds.scene.sensors.scan_keys import Scan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
-    Scan,
     SensorGeometry,
-    StaringScan,
     TrackingSensorKeys,
     VolumeKeys,
 )
@@ -142,8 +140,7 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
 
     def _polar(self) -> dict[str, Any]:
         """What the model calls by the same names, its cover and its receive gain."""
-        names = {f.name for f in fields(PolarRadar)} & type(self).model_fields.keys()
-        return {name: getattr(self, name) for name in names} | {
+        return self.by_name(PolarRadar) | {
             "azimuth_cover": self.azimuth_cover,
             "gain_rx_dbi": self._gain_rx_dbi(),
             "measures_run_length": any(

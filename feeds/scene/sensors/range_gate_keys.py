@@ -5,12 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, Site
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    Reports,
-    SensorGeometry,
-    StaringScan,
-    TrackingSensorKeys,
-)
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, TrackingSensorKeys
 from plotfeed.models.sensors.range_gate import RangeGate
 
 

@@ -19,13 +19,9 @@ from plotfeed.feeds.scene.fields import (
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys, multipath_of
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    AzimuthCoverKeys,
-    Reports,
-    SensorGeometry,
-    StaringScan,
-)
-from plotfeed.models.sensors.rf import RfDirectionFinder as RfModel
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
+from plotfeed.models.sensors.rf import RfDirectionFinder
 
 MAX_SAMPLES = 1e8
 """Up to here the detector's probabilities are good to some 1e-11."""
@@ -113,11 +109,11 @@ class RfKeys(AzimuthCoverKeys):
     def _receives_something(self) -> Self:
         if not self.frequency_min_hz < self.frequency_max_hz:
             raise ValueError("frequency_min_hz: must be less than frequency_max_hz")
-        if self._heard_at_once_hz() > self.frequency_max_hz - self.frequency_min_hz:
+        if self._received_at_once_hz() > self.frequency_max_hz - self.frequency_min_hz:
             raise ValueError(
                 "instantaneous_bandwidth_hz: must not exceed frequency_max_hz - frequency_min_hz"
             )
-        if self.channel_bandwidth_hz > self._heard_at_once_hz():
+        if self.channel_bandwidth_hz > self._received_at_once_hz():
             raise ValueError("channel_bandwidth_hz: must not exceed what is received at once")
         if self.channel_bandwidth_hz * self.integration_s > MAX_SAMPLES:
             raise ValueError(
@@ -144,42 +140,29 @@ class RfKeys(AzimuthCoverKeys):
         """Kinds of emission that it reads."""
         return tuple(name for name in self.decodes if name)
 
-    def _heard_at_once_hz(self) -> float:
+    def _received_at_once_hz(self) -> float:
         if self.instantaneous_bandwidth_hz is not None:
             return self.instantaneous_bandwidth_hz
         return self.frequency_max_hz - self.frequency_min_hz
 
-    def model(self, _site: Site, /) -> RfModel:
+    def model(self, _site: Site, /) -> RfDirectionFinder:
         """The model; free space is log-distance with exponent 2."""
         path_loss = self.path_loss
         if isinstance(path_loss, Friis):
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
         cover = self.azimuth_cover
         beams = round(cover.span_deg / (self.azimuth_beamwidth_deg or cover.span_deg))
-        return RfModel(
-            frequency_min_hz=self.frequency_min_hz,
-            frequency_max_hz=self.frequency_max_hz,
-            instantaneous_bandwidth_hz=self._heard_at_once_hz(),
-            channel_bandwidth_hz=self.channel_bandwidth_hz,
-            integration_s=self.integration_s,
-            gain_rx_dbi=self.gain_rx_dbi,
-            loss_db=self.loss_db,
-            noise_figure_db=self.noise_figure_db,
-            path_loss_exponent=path_loss.exponent,
-            path_loss_reference_m=path_loss.reference_m,
-            pfa=self.pfa,
-            duty_cycle=self.duty_cycle,
-            bursts_per_dwell=self.bursts_per_dwell,
-            range_max_m=self.range_max_m,
-            azimuth_cover=cover,
-            azimuth_beams=max(beams, 1) if self.measures_azimuth else 1,
-            measures_azimuth=self.measures_azimuth,
-            baseline_m=self.baseline_m or 1.0,
-            azimuth_floor_deg=self.azimuth_floor_deg,
-            classifies=self.classifies,
-            decodes=frozenset(self.decodes),
-            multipath=multipath_of(self.multipath),
-        )
+        converted = {
+            "instantaneous_bandwidth_hz": self._received_at_once_hz(),
+            "path_loss_exponent": path_loss.exponent,
+            "path_loss_reference_m": path_loss.reference_m,
+            "azimuth_cover": cover,
+            "azimuth_beams": max(beams, 1) if self.measures_azimuth else 1,
+            "baseline_m": self.baseline_m or 1.0,
+            "decodes": frozenset(self.decodes),
+            "multipath": multipath_of(self.multipath),
+        }
+        return RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Energy summed for longer than a scan, and directions that are never measured."""
