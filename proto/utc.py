@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 DAY_NS = 86_400 * NS
 
-__all__ = ["DAY_NS", "NS", "iso_utc", "nearest_utc_ns"]
+__all__ = ["DAY_NS", "NS", "iso_utc", "nearest_utc_ns", "utc_ns"]
 
 
 def iso_utc(t_utc_ns: int) -> str:
@@ -26,6 +27,19 @@ def iso_utc(t_utc_ns: int) -> str:
 @lru_cache(maxsize=16)  # a session writes the same second again and again
 def _to_the_second(seconds: int) -> str:
     return f"{_EPOCH + timedelta(seconds=seconds):%Y-%m-%dT%H:%M:%S}"
+
+
+def utc_ns(text: str) -> int | None:
+    """A time of ISO 8601 with a zone, up to nine decimals of the second; None for anything else."""
+    found = re.fullmatch(r"([^.]+)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)", text)
+    if found is None:
+        return None
+    try:
+        time = datetime.fromisoformat(found[1] + found[3].replace("Z", "+00:00"))
+    except ValueError:
+        return None
+    since = time - _EPOCH
+    return (since.days * 86_400 + since.seconds) * NS + int((found[2] or "").ljust(9, "0"))
 
 
 def nearest_utc_ns(time_of_day_ns: int, t_utc_ns: int) -> int:

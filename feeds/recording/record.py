@@ -7,9 +7,8 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import click
 
@@ -23,57 +22,37 @@ from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
     DEFAULT_PORTS,
     AddressError,
-    BrokerAddress,
     without_secrets,
 )
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded
 
-DEFAULT_FILTER = "plotfeed/#"
 SUFFIX = ".mcap"
 FAILED = 1
 MAX_TOPICS = 65_536
 """That are counted."""
 
 
-class CaptureSource(Protocol):
-    """Where messages come from."""
-
-    shown: str
-    """How to name it, without secrets."""
-
-    @property
-    def lost(self) -> int | None:
-        """Messages that are known to have been lost before they could be heard."""
-
-    async def open(self, hear: Callable[[Recorded], None]) -> None:
-        """Call `hear` with each message from now on; raises `PlotfeedError`."""
-
-    async def close(self) -> None:
-        """Hear no more. More than once is as good as once."""
+CaptureSource = BrokerSource | UdpSource
 
 
 def source_of(url: str, access: dict[str, Any], interface: str | None) -> CaptureSource:
-    """Of mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
+    """The source at mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
 
     `access` holds the keyword arguments of `BrokerAddress.parse`.
     """
     scheme, _, rest = url.partition("://")
-    shown = without_secrets(url)
     if scheme == "udp":
         try:
             return UdpSource(Endpoint.parse(rest.rstrip("/")), interface)
         except ValueError as error:
-            raise AddressError(f"{shown}: {error}") from None
-    if scheme not in DEFAULT_PORTS:
-        raise AddressError(
-            f"{shown!r}: expected mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
-        )
-    if interface is not None:
+            raise AddressError(f"{without_secrets(url)}: {error}") from None
+    if interface is not None and scheme in DEFAULT_PORTS:
         raise AddressError("--interface: only for udp://")
-    place, _, topic_filter = rest.partition("/")
-    address = BrokerAddress.parse(f"{scheme}://{place}", **access)
-    return BrokerSource(address, checked(topic_filter or DEFAULT_FILTER))
+    expected = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
+    source = BrokerSource.parse(url, access, "plotfeed-record", expected=expected)
+    checked(source.topic_filter)
+    return source
 
 
 def record_source(
@@ -125,7 +104,7 @@ class _Recording:
         began_s = time.monotonic()
         try:
             with stopped_by_signals(self._stop.set) as signals:
-                await self._source.open(self._hear)
+                await self._source.open(self._receive)
                 recorder = self._recorder = Recorder(self._target, force=self._force)
                 try:
                     await self._work(recorder, duration_s)
@@ -141,7 +120,7 @@ class _Recording:
 
     async def _work(self, recorder: Recorder, duration_s: float | None) -> None:
         for recorded in self._early:
-            self._hear(recorded)
+            self._receive(recorded)
         if not self._quiet:
             click.echo(f"recording {self._source.shown} to {self._target}; stop: Ctrl-C")
             sys.stdout.flush()
@@ -156,7 +135,7 @@ class _Recording:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _hear(self, recorded: Recorded) -> None:
+    def _receive(self, recorded: Recorded) -> None:
         if self._recorder is None:
             self._early.append(recorded)
             return

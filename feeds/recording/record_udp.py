@@ -57,7 +57,7 @@ class UdpSource:
         self._topic = _topic(endpoint.address, endpoint.port)
         self._is_any = endpoint.address.is_unspecified
         self._socket: socket.socket | None = None
-        self._hear: Callable[[Recorded], None] = _forget
+        self._receive: Callable[[Recorded], None] = _forget
         self._lost: int | None = None
         self._latest_ns = 0
         self._settled_s = 0.0
@@ -73,10 +73,10 @@ class UdpSource:
         except (OSError, struct.error):
             return None
 
-    async def open(self, hear: Callable[[Recorded], None]) -> None:
-        """Call `hear` with each datagram from now on; raises `UdpError`."""
+    async def open(self, receive: Callable[[Recorded], None]) -> None:
+        """Call `receive` with each datagram from now on; raises `UdpError`."""
         family = socket.AF_INET if self._endpoint.address.version == 4 else socket.AF_INET6
-        self._hear = hear
+        self._receive = receive
         opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
             self._prepare(opened)
@@ -90,7 +90,7 @@ class UdpSource:
         asyncio.get_running_loop().add_reader(opened, self._take, opened)
 
     async def close(self) -> None:
-        """Hear what is there already, and no more."""
+        """Receive what is there already, and no more."""
         opened = self._socket
         if opened is None:
             return
@@ -109,10 +109,10 @@ class UdpSource:
                 payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
             except OSError:  # there is nothing, or only word of an error
                 return n
-            topic, at_ns = self._told(extras)
+            topic, at_ns = self._kernel_told(extras)
             if is_settling:
                 at_ns = self._latest_ns = max(at_ns, self._latest_ns)
-            self._hear(
+            self._receive(
                 Recorded(
                     topic=topic,
                     payload=payload,
@@ -124,7 +124,7 @@ class UdpSource:
             )
         return AT_ONCE
 
-    def _told(self, extras: Sequence[tuple[int, int, bytes]]) -> tuple[str, int]:
+    def _kernel_told(self, extras: Sequence[tuple[int, int, bytes]]) -> tuple[str, int]:
         """Topic and time, as far as the kernel says them."""
         topic, at_ns = self._topic, 0
         for level, kind, data in extras:
@@ -135,40 +135,40 @@ class UdpSource:
                 topic = self._topic_of(level, kind, data) or topic
         return topic, at_ns or time.time_ns()
 
-    def _prepare(self, ears: socket.socket) -> None:
+    def _prepare(self, receiver: socket.socket) -> None:
         address = self._endpoint.address
-        ears.setblocking(False)
-        ears.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
+        receiver.setblocking(False)
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
         with contextlib.suppress(OSError):  # beyond the limit for everybody, which needs a right
             if IS_LINUX:
-                ears.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
+                receiver.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
         with contextlib.suppress(OSError):
             if IS_LINUX:
-                ears.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+                receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
                 self.has_kernel_times = True
         if address.is_multicast:  # others on this machine may hear the group too
-            ears.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if self._is_any and IS_LINUX:  # where a datagram went is not known otherwise
             if address.version == 4:
-                ears.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
+                receiver.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
             else:
-                ears.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
+                receiver.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
         found = socket.getaddrinfo(
-            str(address), self._endpoint.port, ears.family, socket.SOCK_DGRAM
+            str(address), self._endpoint.port, receiver.family, socket.SOCK_DGRAM
         )
         place = found[0][4]
         if address.is_multicast and address.version == 6:  # whose scope may need its interface
             place = (*place[:3], self._index())
-        ears.bind(place)
+        receiver.bind(place)
 
-    def _join(self, ears: socket.socket) -> None:
+    def _join(self, receiver: socket.socket) -> None:
         group = self._endpoint.address
         if group.version == 4:
             member = group.packed + _interface_4(self._interface)
-            ears.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         else:
             member = group.packed + struct.pack("@I", self._index())
-            ears.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+            receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
 
     def _index(self) -> int:
         """Of the interface for a group of IPv6; 0 is the system's own choice."""

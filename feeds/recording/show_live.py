@@ -13,17 +13,10 @@ import click
 
 from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.feeds.recording.decoded_text import categories_of, message_lines
+from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.feeds.recording.show_file import show_file
-from plotfeed.feeds.transport.mqtt.address import (
-    DEFAULT_PORTS,
-    AddressError,
-    BrokerAddress,
-    without_secrets,
-)
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.replay.recorded import Recorded
 
-DEFAULT_FILTER = "plotfeed/#"
-CONNECT_S = 5.0
 MAX_WAITING_LINES = 100_000
 
 
@@ -43,26 +36,18 @@ def show_source(
     of a file are wanted. Raises `PlotfeedError`, and `OSError` of a file.
     """
     categories = categories_of(editions)
-    if "://" in source:
-        place, topic_filter = _split(source)
-        address = BrokerAddress.parse(place, **access)
-        return asyncio.run(
-            _show_broker(
-                address,
-                topic_filter,
-                count,
-                duration,
-                partial(message_lines, as_json=as_json, categories=categories),
-            )
+    if "://" not in source:
+        return show_file(
+            Path(source), listed=listed, count=count, as_json=as_json, categories=categories
         )
-    return show_file(
-        Path(source), listed=listed, count=count, as_json=as_json, categories=categories
-    )
+    expected = "a file or mqtt://HOST:PORT/TOPIC-FILTER"
+    broker = BrokerSource.parse(source, access, "plotfeed-show", expected=expected)
+    lines_of = partial(message_lines, as_json=as_json, categories=categories)
+    return asyncio.run(_show_broker(broker, count, duration, lines_of))
 
 
 async def _show_broker(
-    address: BrokerAddress,
-    topic_filter: str,
+    source: BrokerSource,
     count: int | None,
     duration_s: float | None,
     lines_of: Callable[[str, bytes, str | None], Iterator[str]],
@@ -70,26 +55,23 @@ async def _show_broker(
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
     dropped = 0
 
-    def heard(topic: str, payload: bytes, content_type: str | None) -> None:
+    def receive(message: Recorded) -> None:
         nonlocal dropped
-        for line in lines_of(topic, payload, content_type):
+        for line in lines_of(message.topic, message.payload, message.content_type or None):
             if lines.full():
                 dropped += 1
             else:
                 lines.put_nowait(line)
 
-    link = MqttLink(address, "plotfeed-show", subscribe=[topic_filter], on_message=heard)
-    running = asyncio.create_task(link.run(), name="link[show]")
     try:
-        await link.wait_until_up(CONNECT_S)
+        await source.open(receive)
         printing = asyncio.create_task(_print(lines, count), name="print")
         with stopped_by_signals(printing.cancel) as signals:
             await asyncio.wait({printing}, timeout=duration_s)
         printing.cancel()
         await asyncio.gather(printing, return_exceptions=True)
     finally:
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+        await source.close()
     if dropped:
         click.echo(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
     return INTERRUPTED if signal.SIGINT in signals else 0
@@ -100,13 +82,3 @@ async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
     while count is None or printed < count:
         click.echo(await lines.get())
         printed += 1
-
-
-def _split(url: str) -> tuple[str, str]:
-    """Address and topic filter of mqtt://HOST:PORT/FILTER, where the filter may hold # and +."""
-    scheme, _, rest = url.partition("://")
-    place, _, topic_filter = rest.partition("/")
-    if scheme not in DEFAULT_PORTS:
-        shown = without_secrets(url)
-        raise AddressError(f"{shown!r}: expected a file or mqtt://HOST:PORT/TOPIC-FILTER")
-    return f"{scheme}://{place}", topic_filter or DEFAULT_FILTER

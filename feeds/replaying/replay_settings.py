@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Literal
 
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.recorded import Stage
 
 Choice = Literal["after", "before", "telemetry"]
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MAX_SECONDS = 10**10
 
 
@@ -82,11 +79,11 @@ class Moment:
         since_ns = _nanoseconds(text)
         if since_ns is not None and since_ns >= 0:
             return cls(since_ns=since_ns)
-        utc_ns = _utc_ns(text)
-        if utc_ns is None:
+        at_utc_ns = utc_ns(text)
+        if at_utc_ns is None:
             expected = "seconds from the beginning, or a time such as 2026-01-01T12:00:00Z"
             raise ReplayError(f"expected {expected}, not {text!r}")
-        return cls(utc_ns=utc_ns)
+        return cls(utc_ns=at_utc_ns)
 
     def at(self, first_ns: int) -> int:
         """As recorded time, in a recording that begins then."""
@@ -167,16 +164,3 @@ def _nanoseconds(text: str) -> int | None:
         return int(seconds * NS)
     except InvalidOperation:
         return None
-
-
-def _utc_ns(text: str) -> int | None:
-    """Of ISO 8601 with a zone; digits beyond the microsecond count too."""
-    found = re.fullmatch(r"([^.]+)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d)", text)
-    if found is None:
-        return None
-    try:
-        time = datetime.fromisoformat(found[1] + found[3].replace("Z", "+00:00"))
-    except ValueError:
-        return None
-    since = time - EPOCH
-    return (since.days * 86_400 + since.seconds) * NS + int((found[2] or "").ljust(9, "0"))

@@ -18,7 +18,7 @@ from support.waiting import PATIENCE_S
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.recording.record import CaptureSource
-from plotfeed.feeds.recording.record_mqtt import BrokerSource, recorded_of, utc_ns
+from plotfeed.feeds.recording.record_mqtt import BrokerSource, recorded_of, rfc_3339_ns
 from plotfeed.feeds.recording.record_udp import UdpSource
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.timing.clock import WallClock
@@ -163,7 +163,7 @@ async def test_at_first_no_datagram_is_older_than_the_one_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stamps = iter([5, 3, 9, 7])
-    monkeypatch.setattr(UdpSource, "_told", lambda *_: ("udp", next(stamps)))
+    monkeypatch.setattr(UdpSource, "_kernel_told", lambda *_: ("udp", next(stamps)))
 
     async def listen() -> list[int]:
         port = free_port()
@@ -314,4 +314,4 @@ def test_a_topic_that_is_no_text_is_recorded_all_the_same() -> None:
     ],
 )
 def test_times_are_exact_or_unknown(text: str, expected: int | None) -> None:
-    assert utc_ns(text) == expected
+    assert rfc_3339_ns(text) == expected
