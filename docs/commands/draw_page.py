@@ -15,9 +15,9 @@ import numpy as np
 from playwright.async_api import Page, async_playwright
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.attach import PageObserver, following
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
 from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.page_observer import PageObserver, alongside
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.tracker_tracks import decode_tracks
 from plotfeed.feeds.page.view import View
@@ -177,7 +177,11 @@ async def draw() -> None:
             view.tracks(decode_tracks(message.payload, observer.now_utc_ns(), site))
 
     server = PageServer(PageAddress("127.0.0.1", 0), view, observer, observer.now_utc_ns)
-    async with serving(server) as url, following(observer), async_playwright() as playwright:
+    async with (
+        serving(server) as url,
+        alongside(observer.follow(), "page-follow"),
+        async_playwright() as playwright,
+    ):
         session = asyncio.create_task(
             run(
                 shown,

@@ -272,7 +272,7 @@ def report(recording: Path, **options: Any) -> int:
 
     FILE is MCAP, made by run --record or by record: delays, losses, detection, errors of plots.
     """
-    from plotfeed.feeds.report.command import print_report
+    from plotfeed.feeds.report.report_command import print_report
 
     return print_report(recording, **options)
 

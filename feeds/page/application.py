@@ -20,10 +20,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from plotfeed.feeds.page.controls import MAX_COMMAND_OCTETS, Controls, Look, refused, wish_in
 from plotfeed.feeds.page.page_access import PageAccess
-from plotfeed.feeds.page.server import Viewer
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.viewers import MAX_COMMAND_OCTETS, Controls, Look, Viewer, refused, wish_in
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.page.attach import model_differs, tell_settings
+from plotfeed.feeds.page.page_observer import model_differs, tell_settings
 from plotfeed.feeds.page.recorded_sectors import DroneNumbers, RecordedSector, RecordedSectors
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession

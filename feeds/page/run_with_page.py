@@ -1,4 +1,4 @@
-"""Runs sessions with the page beside them."""
+"""Sessions and replays one after the other, with one page beside them all."""
 
 from __future__ import annotations
 
@@ -9,19 +9,23 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
 from plotfeed.feeds.page.basemap import Basemap, load_basemap
 from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.page_observer import PageObserver, alongside
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
-from plotfeed.feeds.page.tracker_tracks import TrackNews
+from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
+from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.proto.errors import PlotfeedError
 
 
 async def run_with_page(
@@ -41,10 +45,10 @@ async def run_with_page(
     Raises `PlotfeedError`. The brokers and the page outlast a session.
     """
     view = View()
-    stage = SessionSwitch(scene, view, Path.cwd())
-    observer = PageObserver(view, stage)
-    server = PageServer(address, view, observer, lambda: _shown_utc_ns(stage, observer))
-    stopping = asyncio.create_task(_pass_on(stop, stage.ending), name="page-stop")
+    switch = SessionSwitch(scene, view, Path.cwd())
+    observer = PageObserver(view, switch)
+    server = PageServer(address, view, observer, lambda: _shown_utc_ns(switch, observer))
+    stopping = asyncio.create_task(_pass_on(stop, switch.ending), name="page-stop")
     told, totals = False, SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
@@ -54,48 +58,52 @@ async def run_with_page(
         told = True
 
     try:
-        async with brokers_of(scene, broker) as brokers, serving(server), following(observer):
+        async with (
+            brokers_of(scene, broker) as brokers,
+            serving(server),
+            alongside(observer.follow(), "page-follow"),
+        ):
             while True:
-                recording = stage.begin()
+                recording = switch.begin()
                 if stop.is_set():
-                    stage.ending.set()
+                    switch.ending.set()
                 if recording is not None:
-                    await _replay(stage, recording, view, brokers)
+                    await _replay(switch, recording, view, brokers)
                 else:
-                    observer.scene(_basemap_of(stage.scene))
-                    async with _tracks_of(stage.scene, view, brokers, observer.now_utc_ns):
+                    observer.scene(_basemap_of(switch.scene))
+                    async with _tracks_of(switch.scene, view, brokers, observer.now_utc_ns):
                         totals = await run_over(
                             brokers,
-                            stage.scene,
+                            switch.scene,
                             clock=clock,
                             duration_s=duration_s,
-                            stop=stage.ending,
-                            observers=[*observers, observer, stage],
+                            stop=switch.ending,
+                            observers=[*observers, observer, switch],
                             on_ready=ready,
                         )
-                if stop.is_set() or not stage.goes_on:
+                if stop.is_set() or not switch.goes_on:
                     return totals
-                clock = another_clock(stage.scene)
+                clock = another_clock(switch.scene)
     finally:
         stopping.cancel()
         server.close()
 
 
 async def _replay(
-    stage: SessionSwitch, recording: RecordedSession, view: View, brokers: Brokers
+    switch: SessionSwitch, recording: RecordedSession, view: View, brokers: Brokers
 ) -> None:
-    """In place of a session; its map is known where its scene is that of the session before."""
+    """Replay in place of a session, with the map that is known if the scene is the same."""
 
     def shown(tracks: TrackNews) -> TrackNews:
-        return tracks if stage.show is None else stage.show.shown_tracks(tracks)
+        return tracks if switch.replaying is None else switch.replaying.shown_tracks(tracks)
 
-    basemap = _basemap_of(stage.scene) if recording.scene.text == stage.scene.text else None
+    basemap = _basemap_of(switch.scene) if recording.scene.text == switch.scene.text else None
     async with _tracks_of(recording.scene, view, brokers, time.time_ns, shown):
-        await stage.replay(recording, brokers[0], basemap)
+        await switch.replay(recording, brokers[0], basemap)
 
 
-def _shown_utc_ns(stage: SessionSwitch, observer: PageObserver) -> int:
-    return observer.now_utc_ns() if stage.show is None else stage.show.now_utc_ns
+def _shown_utc_ns(switch: SessionSwitch, observer: PageObserver) -> int:
+    return observer.now_utc_ns() if switch.replaying is None else switch.replaying.now_utc_ns
 
 
 async def _pass_on(stop: asyncio.Event, ending: asyncio.Event) -> None:
@@ -117,11 +125,38 @@ async def _tracks_of(
     now_utc_ns: Callable[[], int],
     shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
 ) -> AsyncIterator[None]:
-    """Tracks of the tracker under test, from every broker of the session."""
-    async with contextlib.AsyncExitStack() as hearing:
+    """Show tracks of the tracker under test, from every broker of the session."""
+    async with contextlib.AsyncExitStack() as receiving:
         topic, (addresses, _) = scene.page.tracks_topic, brokers
         if topic is not None:
             for address in addresses:
-                tracks = hearing_tracks(view, scene, address, topic, now_utc_ns, shown=shown)
-                await hearing.enter_async_context(tracks)
+                tracks = receiving_tracks(view, scene, address, topic, now_utc_ns, shown=shown)
+                await receiving.enter_async_context(tracks)
+        yield
+
+
+@contextlib.asynccontextmanager
+async def receiving_tracks(
+    view: View,
+    scene: Scene,
+    address: BrokerAddress,
+    topic: str,
+    now_utc_ns: Callable[[], int],
+    *,
+    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
+) -> AsyncIterator[None]:
+    """Show the tracks that come on a topic; what cannot be read is said on the page.
+
+    `now_utc_ns` is the tracker's time; `shown` are its tracks at the times that the page shows.
+    """
+    site = site_frame(scene.scene.site)
+
+    def take(_topic: str, payload: bytes, _content_type: str | None) -> None:
+        try:
+            view.tracks(shown(decode_tracks(payload, now_utc_ns(), site)))
+        except PlotfeedError as error:
+            view.track_problem(str(error))
+
+    link = MqttLink(address, "plotfeed-page", subscribe=[topic], on_message=take)
+    async with alongside(link.run(), "page-tracks"):
         yield

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.controls import refused
-from plotfeed.feeds.page.recordings_folder import new_path, recordings_in
-from plotfeed.feeds.page.replay_show import EXPECTED, REFUSES, WISHES, ReplayShow
+from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, WISHES, PageReplay
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.replay.mcap.contents import library_of
 
 TELL_EVERY_S = 0.5
 EXAMPLES = ("section-4",)
@@ -33,7 +35,7 @@ class SessionSwitch(Observer):
         """Recordings are those in `folder`; scenes to choose from are those beside this one."""
         self.scene = scene
         """Of the session that runs, or ran before the replay that does."""
-        self.show: ReplayShow | None = None
+        self.replaying: PageReplay | None = None
         """The replay that runs in place of a session."""
         self.ending = asyncio.Event()
         """Set when the session that runs shall end."""
@@ -62,15 +64,15 @@ class SessionSwitch(Observer):
         basemap: Basemap | None,
     ) -> None:
         """Replay it until something else is wanted; if it fails, a session is."""
-        self.show = ReplayShow(recording, self._view)
+        self.replaying = PageReplay(recording, self._view)
         self._tell_choice()
         try:
-            await self.show.run(addresses, basemap, self.ending)
+            await self.replaying.run(addresses, basemap, self.ending)
         except (PlotfeedError, OSError) as error:
             self._notes = [f"The replay has ended: {one_line(error)}"]
             self.goes_on = True
         finally:
-            self.show = None
+            self.replaying = None
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
         """Do as a viewer asks; commands for a session's sensor or clock come without a session."""
@@ -78,8 +80,8 @@ class SessionSwitch(Observer):
             return self._another(command["session"])
         if "replay" in command:
             return await self._replay(command["replay"])
-        if self.show is not None:
-            return self._in_replay(self.show, command)
+        if self.replaying is not None:
+            return self._in_replay(self.replaying, command)
         if "record" in command:
             return await self._record(command["record"])
         return refused("no session runs")
@@ -142,12 +144,12 @@ class SessionSwitch(Observer):
         """Replay a recording, or do something with the replay that runs."""
         if isinstance(wish, dict) and "load" in wish:
             return await self._load(wish["load"])
-        if self.show is None:
+        if self.replaying is None:
             known = isinstance(wish, dict) and not wish.keys().isdisjoint({*WISHES, "stop"})
             return refused("replay: none runs" if known else EXPECTED)
         if isinstance(wish, dict) and wish.get("stop"):
             return self._another({"restart": True})
-        return self.show.apply(wish)
+        return self.replaying.apply(wish)
 
     async def _load(self, name: object) -> Mapping[str, Any]:
         """End what runs for that recording, once it is known that it can be shown."""
@@ -161,7 +163,7 @@ class SessionSwitch(Observer):
         self._end_for(recording)
         return {"ok": True, "in_force": {"file": name}}
 
-    def _in_replay(self, show: ReplayShow, command: dict[str, Any]) -> Mapping[str, Any]:
+    def _in_replay(self, replay: PageReplay, command: dict[str, Any]) -> Mapping[str, Any]:
         """What is meant for a session: its clock is that of the replay."""
         subject = next(key for key in ("sensor", "clock", "record") if key in command)
         if subject != "clock":
@@ -169,7 +171,7 @@ class SessionSwitch(Observer):
         wish = command["clock"]
         if isinstance(wish, dict) and "step_s" in wish:
             return refused(REFUSES["step"])
-        return show.apply(wish)
+        return replay.apply(wish)
 
     def _end_for(self, recording: RecordedSession | None) -> None:
         """End what runs for a replay of that one, or for a session."""
@@ -253,3 +255,46 @@ def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:
         files: Sequence[Path] = sorted(scene.folder.glob("*.toml"))[:100]
         found |= {path.stem: (lambda path=path: load(path)) for path in files}  # type: ignore[misc]
     return found
+
+
+SUFFIX = ".mcap"
+LIBRARY = "plotfeed "
+"""What those of plotfeed say that they were written by, before its version."""
+MAX_LISTED = 50
+MAX_LOOKED_AT = 500
+"""Files, the newest first, of which it is found out whose they are."""
+
+
+def recordings_in(folder: Path) -> dict[str, Path]:
+    """Files by name, the newest first, at most `MAX_LISTED`; none if the folder cannot be read."""
+    found: dict[str, Path] = {}
+    for path in _newest_first(folder)[:MAX_LOOKED_AT]:
+        if len(found) < MAX_LISTED and _is_ours(path):
+            found[path.name] = path
+    return found
+
+
+def new_path(folder: Path, scene: str, at: datetime) -> Path:
+    """The name of a recording of that scene from then on, in UTC; numbered if there is one."""
+    stem = f"{scene}-{at:%Y%m%dT%H%M%SZ}"
+    names = (f"{stem}-{number}" if number > 1 else stem for number in count(1))
+    return next(path for name in names if not (path := folder / f"{name}{SUFFIX}").exists())
+
+
+def _newest_first(folder: Path) -> list[Path]:
+    times: dict[Path, int] = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.name.endswith(SUFFIX) and entry.name.isprintable() and entry.is_file():
+                    times[Path(entry.path)] = entry.stat().st_mtime_ns
+    except OSError:
+        pass
+    return sorted(times, key=lambda path: (-times[path], path.name))
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return library_of(path).startswith(LIBRARY)
+    except (DecodeError, OSError):
+        return False

@@ -1,16 +1,21 @@
-"""The drones and the tracks of the tracker under test as the page shows them: their news."""
+"""Plots, drones and tracks as the page shows them: what is new, and what has not faded yet."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.page.outline import Placements
 from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
-from plotfeed.feeds.page.updates import SectionKind, TrackFlag, section
+from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Floats, Ints, TruthState
+from plotfeed.models.state import Floats, Ints, Plots, TruthState
+from plotfeed.proto.batch import decibels
 
 SHOWN_AFTER_NS = 30_000_000_000
 """A drone that went is shown this long where it was last."""
@@ -59,6 +64,7 @@ class Drones:
 
 
 KEPT_NS = 60_000_000_000
+"""Plots and tracks that came longer ago are seen no more, however slowly a page lets them fade."""
 MAX_TRACKS = 10_000
 
 
@@ -128,3 +134,143 @@ _NAMES = (
     "velocity_north_m_s",
     "flags",
 )
+
+
+MAX_KEPT = 30_000
+"""Plots for whoever joins late; older ones give way."""
+MAX_NEW = 100_000
+"""Plots between two updates; what comes on top is not shown."""
+MAX_PARTS = 48
+"""Sectors that are worked out at once: the session must not wait for all of an update's."""
+MAX_MERGED = 255
+
+
+class _Arrived(NamedTuple):
+    sensor: int
+    plots: Plots
+    sent_utc_ns: int
+    """0 for what no message brought."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    at_utc_ns: int
+    rows: int
+    public: bytes
+    truth: bytes
+
+
+class PlotStore:
+    """Plots of a scene, from when it is known what became of them until they have faded."""
+
+    def __init__(self, placements: Placements) -> None:
+        self._placements = placements
+        self._waiting: list[_Arrived] = []
+        self._new: list[tuple[bytes, bytes]] = []
+        self._rows_new = 0
+        self._kept: deque[_Kept] = deque()
+        self._rows_kept = 0
+        self._next_number = 0
+
+    def take(self, sensor: int, plots: Plots, sent_utc_ns: int | None) -> None:
+        """Plots of a sensor by number, and when a message brought them; None if none did."""
+        if len(plots) and self._rows_new < MAX_NEW:
+            self._waiting.append(_Arrived(sensor, plots, sent_utc_ns or 0))
+            self._rows_new += len(plots)
+            if len(self._waiting) >= MAX_PARTS:
+                self._work_out()
+
+    def sections(self, now_utc_ns: int) -> tuple[bytes, bytes]:
+        """What is new since the last call: for everybody, and for who sees the truth besides."""
+        self._work_out()
+        public = b"".join(public for public, _ in self._new)
+        truth = b"".join(truth for _, truth in self._new)
+        if self._new:
+            self._keep(_Kept(now_utc_ns, self._rows_new, public, truth))
+        self._new, self._rows_new = [], 0
+        self._forget_before(now_utc_ns - KEPT_NS)
+        return public, truth
+
+    def _work_out(self) -> None:
+        """Sections of what waits."""
+        waiting, self._waiting = self._waiting, []
+        brought = [part for part in waiting if part.sent_utc_ns]
+        lost = [part for part in waiting if not part.sent_utc_ns]
+        public = truth = b""
+        if brought:
+            columns = self._columns(brought)
+            public = section(SectionKind.PLOTS, columns, self._next_number)
+            truth = section(SectionKind.PLOT_TRUTHS, columns, self._next_number)
+            self._next_number += len(columns["sensor"])
+        if lost:
+            truth += section(SectionKind.LOST_PLOTS, self._columns(lost))
+        if waiting:
+            self._new.append((public, truth))
+
+    def kept(self) -> tuple[bytes, bytes]:
+        """The same for all plots that have not faded."""
+        return b"".join(k.public for k in self._kept), b"".join(k.truth for k in self._kept)
+
+    def _columns(self, parts: Sequence[_Arrived]) -> dict[str, Floats | Ints]:
+        """Columns of every layout of plots, (n,)."""
+        lengths = [len(part.plots) for part in parts]
+        sensor = np.repeat(np.array([part.sensor for part in parts]), lengths)
+        sent_utc_ns = np.repeat(np.array([part.sent_utc_ns for part in parts]), lengths)
+        all_plots = [part.plots for part in parts]
+        column = {name: np.concatenate([getattr(p, name) for p in all_plots]) for name in _TAKEN}
+        measured = [column[name] for name in ("azimuth_deg", "elevation_deg", "range_m")]
+        true = [column[f"true_{name}"] for name in ("azimuth_deg", "elevation_deg", "range_m")]
+        east_m, north_m = self._placements.places_m(sensor, *measured)
+        true_east_m, true_north_m = self._placements.places_m(sensor, *true)
+        latency_ns = np.where(sent_utc_ns, sent_utc_ns - column["t_utc_ns"], np.nan)
+        return column | {
+            "t_utc_ms": column["t_utc_ns"] / 1e6,
+            "east_m": east_m,
+            "north_m": north_m,
+            "snr_db": decibels(column["snr"]),
+            "latency_ms": latency_ns / 1e6,
+            "sensor": sensor,
+            "flags": _flags(column["azimuth_deg"], column["range_m"]),
+            "true_east_m": true_east_m,
+            "true_north_m": true_north_m,
+            "merged": np.concatenate([_merged(p) for p in all_plots]),
+        }
+
+    def _keep(self, kept: _Kept) -> None:
+        self._kept.append(kept)
+        self._rows_kept += kept.rows
+        while self._rows_kept > MAX_KEPT and len(self._kept) > 1:
+            self._rows_kept -= self._kept.popleft().rows
+
+    def _forget_before(self, t_utc_ns: int) -> None:
+        while self._kept and self._kept[0].at_utc_ns < t_utc_ns:
+            self._rows_kept -= self._kept.popleft().rows
+
+
+_TAKEN = (
+    "t_utc_ns",
+    "range_m",
+    "azimuth_deg",
+    "elevation_deg",
+    "height_m",
+    "snr",
+    "drone",
+    "true_range_m",
+    "true_azimuth_deg",
+    "true_elevation_deg",
+)
+
+
+def _flags(azimuth_deg: Floats, range_m: Floats) -> Ints:
+    nowhere = np.isnan(azimuth_deg)
+    bearing = np.isnan(range_m) & ~nowhere
+    flags: Ints = bearing * int(PlotFlag.BEARING) + nowhere * int(PlotFlag.NOWHERE)
+    return flags
+
+
+def _merged(plots: Plots) -> Ints:
+    """How many more drones are behind each plot; (n,)."""
+    others = plots.merged_drones
+    if others is None:
+        return np.zeros(len(plots), np.int64)
+    return np.fromiter((min(len(o), MAX_MERGED) for o in others), np.int64, len(plots))

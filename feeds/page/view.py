@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.outline import Placements, outline
-from plotfeed.feeds.page.plot_store import PlotStore
-from plotfeed.feeds.page.shown import Drones, ShownTracks
+from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import DetectionRecord, LinkRecord, Rates
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind, UpdateFlag, header, news

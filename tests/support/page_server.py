@@ -16,10 +16,10 @@ from support.made_up_session import MadeUpSession
 from support.waiting import PATIENCE_S, wait_until
 from websockets.sync.client import ClientConnection, connect
 
-from plotfeed.feeds.page.controls import Controls
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.viewers import Controls
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE
 from plotfeed.feeds.page.recorded_view import RecordedView
-from plotfeed.feeds.page.recordings_folder import MAX_LISTED, recordings_in
+from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession

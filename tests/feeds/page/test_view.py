@@ -10,7 +10,7 @@ from support.made_up_session import MadeUpSession
 from support.page_updates import Frame, read_frame
 
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.page.plot_store import MAX_KEPT
+from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind
 from plotfeed.feeds.page.view import Update, View
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor

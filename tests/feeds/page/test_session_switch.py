@@ -13,7 +13,7 @@ from support.page_sessions import Begun, with_page
 from support.scene_files import scene_file, scene_text
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.page.recordings_folder import new_path, recordings_in
+from plotfeed.feeds.page.session_switch import new_path, recordings_in
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 

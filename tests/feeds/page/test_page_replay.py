@@ -20,8 +20,8 @@ from support.page_updates import Frame, read_frame
 from support.scene_files import radar, scene_text
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.page import replay_show
-from plotfeed.feeds.page.replay_show import NOT_NOW
+from plotfeed.feeds.page import page_replay
+from plotfeed.feeds.page.page_replay import NOT_NOW
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.replaying.replay_settings import Moment, Selection
 from plotfeed.feeds.scene.scene import load
@@ -470,7 +470,7 @@ async def test_after_a_replay_that_fails_a_session_says_so(
     def torn(_path: Path) -> McapReader:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(replay_show, "McapReader", torn)
+    monkeypatch.setattr(page_replay, "McapReader", torn)
 
     async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
         begun.waiting.clear()

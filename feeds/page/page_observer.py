@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,13 @@ import numpy as np
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.controls import Controls, NoControls
-from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.page.viewers import Controls, NoControls
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import PlotfeedError
 
 TRUTH_EVERY_S = 0.1
 PROBABILITIES = np.linspace(0, 1, 1001)
@@ -150,49 +144,15 @@ def clock_state(session: RunningSession) -> dict[str, Any]:
 
 
 @contextlib.asynccontextmanager
-async def following(observer: PageObserver) -> AsyncIterator[None]:
-    """`observer.follow` for as long as this lasts."""
-    task = asyncio.create_task(observer.follow(), name="page-follow")
+async def alongside(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Do that work for as long as this lasts."""
+    task = asyncio.create_task(work, name=name)
     try:
         yield
     finally:
-        await _cancelled(task)
-
-
-@contextlib.asynccontextmanager
-async def hearing_tracks(
-    view: View,
-    scene: Scene,
-    address: BrokerAddress,
-    topic: str,
-    now_utc_ns: Callable[[], int],
-    *,
-    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
-) -> AsyncIterator[None]:
-    """Show the tracks that come on a topic; what cannot be read is said on the page.
-
-    `now_utc_ns` is the tracker's time; `shown` are its tracks at the times that the page shows.
-    """
-    site = site_frame(scene.scene.site)
-
-    def heard(_topic: str, payload: bytes, _content_type: str | None) -> None:
-        try:
-            view.tracks(shown(decode_tracks(payload, now_utc_ns(), site)))
-        except PlotfeedError as error:
-            view.track_problem(str(error))
-
-    link = MqttLink(address, "plotfeed-page", subscribe=[topic], on_message=heard)
-    task = asyncio.create_task(link.run(), name="page-tracks")
-    try:
-        yield
-    finally:
-        await _cancelled(task)
-
-
-async def _cancelled(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
 
 
 def model_differs(before: Sensor, now: Sensor) -> bool:

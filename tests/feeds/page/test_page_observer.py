@@ -16,7 +16,8 @@ from support.page_updates import Frame, read_frame
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.attach import PageObserver, following, hearing_tracks
+from plotfeed.feeds.page.page_observer import PageObserver, alongside
+from plotfeed.feeds.page.run_with_page import receiving_tracks
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder
@@ -56,7 +57,7 @@ class Show:
     async def play(self, duration_s: float, act: Callable[[Show], Any] | None = None) -> None:
         tap: Any = lambda message, t_utc_ns: self.messages.append((message, t_utc_ns))  # noqa: E731
         observers = [Tap(tap), self.observer, *self.others]
-        async with following(self.observer):
+        async with alongside(self.observer.follow(), "page-follow"):
             session = asyncio.create_task(
                 run(
                     self._scene,
@@ -224,7 +225,7 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
 
     with mosquitto(tmp_path, port):
         address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
-        async with hearing_tracks(view, SCENE, address, "tracker/tracks", lambda: road.START_NS):
+        async with receiving_tracks(view, SCENE, address, "tracker/tracks", lambda: road.START_NS):
             tracker = await asyncio.to_thread(Client, port, 5)
             place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
             seen: dict[str, Any] = {}

@@ -15,8 +15,8 @@ from support.ledgers import entries, recorded, told, told_of, written
 from support.links import link
 from support.recordings import log_of
 
-from plotfeed.feeds.report.command import print_report
 from plotfeed.feeds.report.figures import as_values
+from plotfeed.feeds.report.report_command import print_report
 from plotfeed.feeds.report.report_text import lines
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError

@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.controls import refused
 from plotfeed.feeds.page.recorded_view import RecordedView
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, ways_out
@@ -32,7 +32,7 @@ REFUSES = dict.fromkeys(("sensor", "step", "record"), NOT_NOW)
 WHOSE_TIME = "Times are those of the recording; its messages leave with those of now."
 
 
-class ReplayShow:
+class PageReplay:
     """One replay, from its beginning until it is stopped; at its end it stands."""
 
     def __init__(self, recording: RecordedSession, view: View) -> None:
