@@ -14,7 +14,6 @@ from plotfeed.feeds.accuracy_chart.chart import (
     LITTLE,
     Chart,
     ChartedSensor,
-    Configuration,
     MeasuredStage,
 )
 from plotfeed.feeds.accuracy_chart.stage import errors_text, ns_text
@@ -23,8 +22,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 COLUMNS = 2
 PANEL_INCHES = (6.6, 4.7)
-LEFT_INCHES, RIGHT_INCHES, BELOW_INCHES, ABOVE_INCHES = 0.95, 0.15, 0.55, 0.4
-TITLE_INCHES, LEGEND_INCHES = 0.4, 0.5
+TITLE_AND_LEGEND_INCHES = 0.9
 DPI = 110
 LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e6
 """Smaller shares are none, and larger ones are drawn there."""
@@ -98,24 +96,23 @@ def _draw(title: str, panels: Mapping[str, Panel], path: Path) -> None:
 
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    width = PANEL_INCHES[0] * columns
-    height = PANEL_INCHES[1] * rows + TITLE_INCHES + LEGEND_INCHES
-    figure: Any = Figure(figsize=(width, height), dpi=DPI)
+    size = PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows + TITLE_AND_LEGEND_INCHES
+    figure: Any = Figure(figsize=size, dpi=DPI, layout="constrained")
     canvas: Any = FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=12 if columns > 1 else 10, y=1 - 0.25 / height)
-    for i, (name, panel) in enumerate(panels.items()):
-        down, along = divmod(i, columns)
-        left = along * PANEL_INCHES[0] + LEFT_INCHES
-        low = height - TITLE_INCHES - (down + 1) * PANEL_INCHES[1] + BELOW_INCHES
-        inner_width = PANEL_INCHES[0] - LEFT_INCHES - RIGHT_INCHES
-        inner_height = PANEL_INCHES[1] - BELOW_INCHES - ABOVE_INCHES
-        axes = figure.add_axes(
-            (left / width, low / height, inner_width / width, inner_height / height)
-        )
+    figure.suptitle(title, fontsize=12 if columns > 1 else 10)
+    places = figure.subplots(rows, columns, squeeze=False).flatten()
+    for unused in places[len(panels) :]:
+        unused.remove()
+    labels = []
+    for axes, (name, panel) in zip(places, panels.items(), strict=False):
         axes.set_title(name, fontsize=11, loc="left", fontweight="bold")
-        place_labels(axes, panel(axes), canvas.get_renderer())
+        labels.append((axes, panel(axes)))
     if "" not in panels:  # of which it would say nothing
         _legend(figure, columns)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # labels go where there is room, and make none
+    for axes, texts in labels:
+        place_labels(axes, texts, canvas.get_renderer())
     figure.savefig(path)
 
 
@@ -129,30 +126,26 @@ def _legend(figure: Any, columns: int) -> None:
         ("a tenth of the sensor's own error", {"color": CHEAP, "ls": "--"}),
     ]
     handles = [Line2D([], [], label=text, **how) for text, how in marks]
-    figure.legend(
-        handles=handles, loc="lower center", ncol=2 * columns, fontsize=8.5, frameon=False
-    )
+    place = "outside lower center"
+    figure.legend(handles=handles, loc=place, ncol=2 * columns, fontsize=8.5, frameon=False)
 
 
 def _stage_panel(sensor: ChartedSensor, stage: MeasuredStage, axes: Any) -> list[Label]:
     ns = np.array([m.time.median_ns for m in stage.methods])
     scale = _Shares.of([m.share for m in stage.methods])
     shares = scale.drawn([m.share for m in stage.methods])
-    for i, m in enumerate(stage.methods):
-        span_ns = ([ns[i] - m.time.low_ns], [m.time.high_ns - ns[i]])
-        axes.errorbar([ns[i]], [shares[i]], xerr=span_ns, color=QUIET, lw=1, zorder=1)
-    _scatter(axes, ns, shares, [m.method.ours for m in stage.methods], stage.front)
+    labels = []
+    for i, (x, y, m) in enumerate(zip(ns.tolist(), shares.tolist(), stage.methods, strict=True)):
+        span_ns = ([x - m.time.low_ns], [m.time.high_ns - x])
+        axes.errorbar([x], [y], xerr=span_ns, color=QUIET, lw=1, zorder=1)
+        ours = m.method.ours
+        color = SCENE if ours else FRONT if i in stage.front else OTHER
+        axes.scatter([x], [y], s=60, color=color, marker="D" if ours else "o", zorder=4)
+        text = f"{m.method.name}\n{errors_text(m.method.errors)}"
+        labels.append(Label(x=x, y=y, text=text, color=SCENE if ours else INK))
     front = list(stage.front)
     _finish(axes, sensor, scale, ns, (ns[front], shares[front]))
-    return [
-        Label(
-            x=float(x),
-            y=float(y),
-            text=f"{m.method.name}\n{errors_text(m.method.errors)}",
-            color=SCENE if m.method.ours else INK,
-        )
-        for x, y, m in zip(ns, shares, stage.methods, strict=True)
-    ]
+    return labels
 
 
 def _whole_panel(sensor: ChartedSensor, axes: Any) -> list[Label]:
@@ -168,14 +161,11 @@ def _whole_panel(sensor: ChartedSensor, axes: Any) -> list[Label]:
     for text, found, color, marker in marked:
         (y,) = scale.drawn([found.share])
         axes.scatter([found.ns], [y], s=70, color=color, marker=marker, zorder=5)
-        labels.append(Label(x=found.ns, y=float(y), text=_told(text, found), color=color))
+        told = f"{text}: {ns_text(found.ns)} ns\n{errors_text(found.errors)}"
+        labels.append(Label(x=found.ns, y=float(y), text=told, color=color))
     steps = np.array([c.ns for c in front]), scale.drawn([c.share for c in front])
     _finish(axes, sensor, scale, np.append(whole.ns, whole.scene.ns), steps)
     return labels
-
-
-def _told(text: str, found: Configuration) -> str:
-    return f"{text}: {ns_text(found.ns)} ns\n{errors_text(found.errors)}"
 
 
 def _batches_panel(sensors: Sequence[ChartedSensor], axes: Any) -> list[Label]:
@@ -201,14 +191,6 @@ def _batches_panel(sensors: Sequence[ChartedSensor], axes: Any) -> list[Label]:
     axes.set_ylabel(f"{COST_LABEL}, from place to plot")
     axes.grid(visible=True, alpha=0.2)
     return labels
-
-
-def _scatter(
-    axes: Any, ns: Floats, shares: Floats, ours: Sequence[bool], front: Sequence[int]
-) -> None:
-    for i, (x, y) in enumerate(zip(ns, shares, strict=True)):
-        color = SCENE if ours[i] else FRONT if i in front else OTHER
-        axes.scatter([x], [y], s=60, color=color, marker="D" if ours[i] else "o", zorder=4)
 
 
 @dataclass(frozen=True, slots=True)
