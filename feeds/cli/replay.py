@@ -22,7 +22,7 @@ from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.destinations import Destinations, WayOut, ways_out
+from plotfeed.feeds.replaying.destinations import Destinations, ReplayTransport, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayTotals
@@ -111,7 +111,7 @@ async def _replay(
     as_json: bool,
 ) -> int:
     control, totals = ReplayControl(), ReplayTotals()
-    async with ways_out(to, waits=settings.fastest) as outs:
+    async with open_transports(to, waits=settings.fastest) as outs:
         with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
             if not as_json:
                 _introduce(path, to, has_keys=has_keys)
@@ -175,7 +175,7 @@ def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
 
 
 def _summary(
-    totals: ReplayTotals, outs: Sequence[WayOut], took_s: float
+    totals: ReplayTotals, outs: Sequence[ReplayTransport], took_s: float
 ) -> dict[str, float | dict[str, int]]:
     p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
     return {

@@ -15,7 +15,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.destinations import Destinations, ways_out
+from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -65,7 +65,7 @@ class PageReplay:
         ):
             self._shown.open(shown)
             self._tell()
-            async with ways_out(to, waits=False) as outs:
+            async with open_transports(to, waits=False) as outs:
                 await self._play(replay(sent, outs, settings, control=self._control), ending)
 
     async def _play(self, replaying: Coroutine[Any, Any, object], ending: asyncio.Event) -> None:

@@ -1,4 +1,4 @@
-"""What messages of a recording may leave by: brokers."""
+"""Where messages of a recording go: brokers, UDP destinations, and where datagrams once went."""
 
 from __future__ import annotations
 
@@ -25,10 +25,20 @@ UDP_TOPIC = "udp"
 MAX_DESTINATIONS = 256
 FULL_S = 1.0
 """So long a socket that is full is waited for, where nothing else waits for its time."""
+WAITING = 4096
+"""Messages that may wait for a broker while whoever has no deadlines waits for room."""
+CONNECT_S = 5.0
+
+
+class ReplayTransport(Transport, Protocol):
+    """A transport that says what of a recording goes over it."""
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is a message for this transport."""
 
 
 def is_datagram(message: Message) -> bool:
-    """ASTERIX, or what was a datagram when it was recorded."""
+    """Whether it is ASTERIX, or was a datagram when it was recorded."""
     return (
         message.content_type.startswith("application/x-asterix")
         or message.topic.startswith(f"{UDP_TOPIC}/")
@@ -37,7 +47,7 @@ def is_datagram(message: Message) -> bool:
 
 
 class ReplayUdp(UdpLink):
-    """One destination; whatever it is given goes there."""
+    """One UDP destination, for every datagram of a recording."""
 
     def __init__(
         self, settings: UdpDestination, key: str = "--udp", *, waits: bool = False
@@ -59,7 +69,7 @@ class ReplayUdp(UdpLink):
             raise UdpError(f"{self.settings.destination}: {error.strerror or error}") from None
 
     def carries(self, message: Message) -> bool:
-        """What is a datagram."""
+        """Whether it is a datagram."""
         return is_datagram(message)
 
     def publish(self, *deliveries: Delivery) -> None:
@@ -151,18 +161,6 @@ class RecordedUdp:
         return link
 
 
-WAITING = 4096
-"""Messages that may wait for a broker while whoever has no deadlines waits for room."""
-CONNECT_S = 5.0
-
-
-class WayOut(Transport, Protocol):
-    """A link, and what of a recording goes over it."""
-
-    def carries(self, message: Message) -> bool:
-        """Whether it is a message for this link."""
-
-
 class ReplayMqtt(MqttLink):
     """A broker, which is given everything."""
 
@@ -172,7 +170,7 @@ class ReplayMqtt(MqttLink):
         super().__init__(address, "plotfeed-replay", queue=queue)
 
     def carries(self, message: Message) -> bool:
-        """Any."""
+        """Whether it has a topic: any message goes there."""
         return bool(message.topic)
 
 
@@ -191,27 +189,27 @@ class Destinations:
 
 
 @contextlib.asynccontextmanager
-async def ways_out(to: Destinations, *, waits: bool) -> AsyncIterator[list[WayOut]]:
+async def open_transports(to: Destinations, *, waits: bool) -> AsyncIterator[list[ReplayTransport]]:
     """Sockets that are open and brokers that are there; raises `PlotfeedError`."""
-    outs: list[WayOut] = []
+    transports: list[ReplayTransport] = []
     running: list[asyncio.Task[None]] = []
     with contextlib.ExitStack() as sockets:
         for settings in to.udp:
             link = ReplayUdp(settings, waits=waits)
             sockets.callback(link.close)
             link.open()
-            outs.append(link)
+            transports.append(link)
         if to.recorded_udp:
             recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
             sockets.callback(recorded.close)
-            outs.append(recorded)
+            transports.append(recorded)
         try:
             for broker in to.brokers:
                 mqtt = ReplayMqtt(broker, waits=waits)
                 running.append(asyncio.create_task(mqtt.run(), name="link[replay]"))
                 await mqtt.wait_until_up(CONNECT_S)
-                outs.append(mqtt)
-            yield outs
+                transports.append(mqtt)
+            yield transports
         finally:
             for task in running:
                 task.cancel()

@@ -10,22 +10,16 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Laps, lap_period_ns
 from plotfeed.replay.recorded import Recorded, Stage
 
 BATCH, BATCH_OCTETS = 256, 1 << 20
 """Messages looked at in one go."""
 BEFORE = Stage.BEFORE
-
-
-class ReplaySource(Protocol):
-    """A recording that can be read more than once, and from any time on."""
-
-    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
-        """Messages by log time, from `start_ns` on and before `end_ns`."""
 
 
 class ReplayItem(NamedTuple):
@@ -43,7 +37,7 @@ class ReplayItem(NamedTuple):
 class ReplayReader:
     """Reads what is to be replayed, a batch at a time; it may be used in a thread."""
 
-    def __init__(self, source: ReplaySource, settings: ReplaySettings) -> None:
+    def __init__(self, source: RepeatableRecording, settings: ReplaySettings) -> None:
         self.finished = False
         """Nothing is left."""
         self.begin_ns: int | None = None

@@ -8,12 +8,11 @@ from functools import partial
 from itertools import count
 
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.destinations import WayOut
+from plotfeed.feeds.replaying.destinations import ReplayTransport
 from plotfeed.feeds.replaying.read_ahead import (
     ReadAhead,
     ReplayItem,
     ReplayReader,
-    ReplaySource,
     undisturbed,
 )
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
@@ -23,6 +22,7 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.feeds.timing.timer import MARGIN_NS, MAX_EARLY_NS
 from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Pace
 
 READY_NS = 20_000_000
@@ -31,8 +31,12 @@ SPARE_NS = 100_000
 """Less than this before a deadline, nothing else is made ready."""
 AT_ONCE = 1024
 """Messages sent before others have their turn in the loop, where there are no deadlines."""
+FORGET = 64
+"""A late wake-up counts less and less over so many others."""
+SHARE = 4
+"""At most a quarter of the time is spent awake: nearer deadlines are left to the timer."""
 FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
-"""Ways out may take so long for the last messages; the second where a slow broker is waited for."""
+"""Transports may take so long for the last messages; longer where a slow broker is waited for."""
 
 
 class RushClock(InstantClock):
@@ -44,8 +48,8 @@ class RushClock(InstantClock):
 
 
 async def replay(
-    source: ReplaySource,
-    outs: Sequence[WayOut],
+    source: RepeatableRecording,
+    transports: Sequence[ReplayTransport],
     settings: ReplaySettings,
     *,
     control: ReplayControl | None = None,
@@ -55,13 +59,13 @@ async def replay(
     """Replay a recording over ways out that stand, until its end or until it is stopped.
 
     `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
-    are filled in on the way. Raises what reading the source raises, and `ReplayError`.
+    are filled in meanwhile. Raises what reading the source raises, and `ReplayError`.
     """
     totals = ReplayTotals() if totals is None else totals
     own = RushClock() if settings.fastest else WallClock()
     replayer = Replayer(
         source,
-        outs,
+        transports,
         settings,
         clock=clock or own,
         totals=totals,
@@ -76,31 +80,33 @@ async def replay(
 
 
 class Replayer:
-    """One agenda for what is due and for what links delay, and a queue of what comes next."""
+    """One schedule for what is due and for what links delay, and a queue of what comes next."""
 
     def __init__(
         self,
-        source: ReplaySource,
-        outs: Sequence[WayOut],
+        source: RepeatableRecording,
+        transports: Sequence[ReplayTransport],
         settings: ReplaySettings,
         *,
         clock: Clock,
         totals: ReplayTotals,
         control: ReplayControl,
     ) -> None:
-        self._outs = outs
+        self._transports = transports
         self._settings = settings
         self._clock = clock
         self._totals = totals
         self._control = control
         self._waker = Waker(clock) if isinstance(clock, WallClock) else None
-        self._agenda = Schedule()
-        self._ways = Routes(outs, settings, clock=clock, agenda=self._agenda, totals=totals)
+        self._schedule = Schedule()
+        self._routes = Routes(
+            transports, settings, clock=clock, schedule=self._schedule, totals=totals
+        )
         self._restamper = Restamper(totals.left)
         self._news = asyncio.Event()
         self._ahead = ReadAhead(ReplayReader(source, settings), self._wake)
         self._ready: dict[int, ReplayItem] = {}
-        """What is on the agenda, and can be taken back until it leaves."""
+        """What is on the schedule, and can be taken back until it leaves."""
         self._numbers = count()
 
     async def run(self) -> None:
@@ -110,16 +116,16 @@ class Replayer:
                 await self._play(self._clock)
             else:
                 await self._play_while_reading()
-            self._ways.flush()
+            self._routes.flush()
             patient = self._settings.fastest and not self._control.stopped
-            for out in self._outs:
-                await out.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
+            for transport in self._transports:
+                await transport.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
         finally:
-            self._ways.end()
+            self._routes.end()
             self._control.end()
 
     async def _play_while_reading(self) -> None:
-        """In two tasks; what went wrong in either is raised as it is."""
+        """Play and read ahead in two tasks; what went wrong in either is raised as it is."""
         reading = asyncio.create_task(self._ahead.run(), name="read-ahead")
         playing = asyncio.create_task(self._play(None), name="replay")
         try:
@@ -133,7 +139,7 @@ class Replayer:
             await asyncio.gather(playing, reading, return_exceptions=True)
 
     async def _play(self, rush: RushClock | None) -> None:
-        """Until nothing is left, or it is stopped; with `rush`, without deadlines."""
+        """Play until nothing is left, or it is stopped; with `rush`, without deadlines."""
         while not self._control.stopped:
             self._news.clear()
             if rush is not None:
@@ -151,20 +157,20 @@ class Replayer:
                 await (self._sleep(next_ns) if rush is None else self._breathe())
 
     async def _sleep(self, until_ns: int) -> None:
-        """Until then, or until there is news; more exactly where something is to be sent."""
-        if self._waker is not None and until_ns == self._agenda.next_due_ns():
+        """Wait until then or for news; more exactly where something is to be sent."""
+        if self._waker is not None and until_ns == self._schedule.next_due_ns():
             await self._waker.wait_until(until_ns)
         else:
             await self._clock.sleep_until(until_ns)
 
     def _begin(self) -> None:
-        """As soon as the first message has been read."""
+        """Begin as soon as the first message has been read."""
         begin_ns = self._ahead.reader.begin_ns
         if self._ahead.peek() is None or begin_ns is None:
             return
         start_utc_ns = self._clock.start() + READY_NS
         pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
-        self._ways.later_ns = start_utc_ns - begin_ns
+        self._routes.later_ns = start_utc_ns - begin_ns
         self._control.begin(
             pace,
             self._clock,
@@ -175,71 +181,65 @@ class Replayer:
         )
 
     def _work(self) -> int | None:
-        """Do what is due; when more will be, or None if that is not known."""
-        for _, action in self._agenda.due_by(self._clock.now_ns()):
+        """Do what is due, make ready what is due soon; when more will be, None if not known."""
+        for _, action in self._schedule.due_by(self._clock.now_ns()):
             action()
-        return self._prepare()
-
-    def _prepare(self) -> int | None:
-        """Make ready what is due soon; when something has to be done next."""
         pace = self._control.pace
         if pace is None:
             return None
         while not pace.paused and (item := self._ahead.peek()) is not None:
-            due_ns, soonest_ns = pace.due(item.unrolled_ns), self._agenda.next_due_ns()
-            now_ns = self._clock.now_ns()
-            if due_ns - READY_NS > now_ns:
-                return (
-                    due_ns - READY_NS if soonest_ns is None else min(soonest_ns, due_ns - READY_NS)
-                )
+            due_ns, soonest_ns = pace.due(item.unrolled_ns), self._schedule.next_due_ns()
+            now_ns, ready_ns = self._clock.now_ns(), due_ns - READY_NS
+            if ready_ns > now_ns:
+                return ready_ns if soonest_ns is None else min(soonest_ns, ready_ns)
             if soonest_ns is not None and soonest_ns < min(due_ns, now_ns + SPARE_NS):
                 return soonest_ns
             self._plan(self._ahead.pop(), due_ns)
-        return self._agenda.next_due_ns()
+        return self._schedule.next_due_ns()
 
     def _plan(self, item: ReplayItem, due_ns: int) -> None:
         departure = self._departure(item, due_ns)
         if departure is not None:
-            self._ways.make_ready(departure)
+            self._routes.prepare(departure)
             number = next(self._numbers)
             self._ready[number] = item
-            self._agenda.put(due_ns, partial(self._leave, number, departure))
+            self._schedule.put(due_ns, partial(self._leave, number, departure))
 
     def _leave(self, number: int, departure: Departure) -> None:
-        """It is due, and leaves unless it was taken back."""
+        """Let a departure that is due leave, unless it was taken back."""
         if self._ready.pop(number, None) is not None:
-            self._ways.send(departure)
+            self._routes.send(departure)
 
     def _rush(self, clock: RushClock) -> int | None:
         """Do some of what comes next at once; the time that it is, or None if nothing is left."""
         for _ in range(AT_ONCE):
             pace = self._control.pace
             item = None if pace is None or pace.paused else self._ahead.peek()
-            soonest_ns = self._agenda.next_due_ns()
+            soonest_ns = self._schedule.next_due_ns()
             if pace is not None and item is not None:
                 due_ns = pace.due(item.unrolled_ns)
                 if soonest_ns is None or due_ns <= soonest_ns:
                     clock.go_to(due_ns)
                     departure = self._departure(self._ahead.pop(), due_ns)
                     if departure is not None:
-                        self._ways.send(departure)
+                        self._routes.send(departure)
                     continue
             if soonest_ns is None:
                 waits = self._control.is_paused or self._ahead.finished
                 return None if waits else clock.now_ns()
             clock.go_to(soonest_ns)
-            for _, action in self._agenda.due_by(soonest_ns):
+            for _, action in self._schedule.due_by(soonest_ns):
                 action()
         return clock.now_ns()
 
     async def _breathe(self) -> None:
         """Let others have their turn, and a broker that is slow take its time."""
-        self._ways.flush()
+        self._routes.flush()
         await asyncio.sleep(0)
-        for out in self._outs:
-            while isinstance(out, MqttLink) and out.is_full and not self._control.stopped:
+        for broker in (t for t in self._transports if isinstance(t, MqttLink)):
+            while broker.is_full and not self._control.stopped:
                 self._news.clear()
-                waits = [asyncio.create_task(x) for x in (out.room(), self._news.wait())]
+                waits = [asyncio.create_task(x) for x in (broker.room(), self._news.wait())]
                 await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
                 for wait in waits:
                     wait.cancel()
@@ -249,18 +249,18 @@ class Replayer:
         """The message as it is sent then; None if it is not."""
         recorded, properties = item.recorded, item.recorded.properties
         self._totals.laps = item.lap + 1
-        way, payload = self._ways.of(recorded), recorded.payload
-        if way.obstacle:
-            self._totals.skipped[way.obstacle] += 1
+        route, payload = self._routes.of(recorded), recorded.payload
+        if route.obstacle:
+            self._totals.skipped[route.obstacle] += 1
             return None
         shift_ns = self._settings.stamps.shift_ns(due_ns, item.recorded_ns)
         if shift_ns:
             payload = self._restamper.payload(recorded, shift_ns)
             properties = self._restamper.properties(recorded, shift_ns)
-        return self._ways.departure(recorded, way, payload, properties, due_ns)
+        return self._routes.departure(recorded, route, payload, properties, due_ns)
 
     def _repaced(self) -> None:
-        """What has not left is due at other times."""
+        """Take back what has not left: it is due at other times now."""
         pace = self._control.pace
         if pace is not None:
             back = [n for n, item in self._ready.items() if item.unrolled_ns > pace.recorded_ns]
@@ -268,7 +268,7 @@ class Replayer:
         self._wake()
 
     def _sought(self, lap: int, from_ns: int) -> None:
-        """It goes on elsewhere."""
+        """Go on elsewhere."""
         self._ready.clear()
         self._ahead.go_on(self._ahead.reader.elsewhere(lap, from_ns))
         self._wake()
@@ -276,14 +276,6 @@ class Replayer:
     def _wake(self) -> None:
         self._news.set()
         self._clock.wake()
-
-
-FORGET = 64
-"""A late wake-up counts less and less over so many others."""
-
-
-SHARE = 4
-"""At most a quarter of the time is spent awake: nearer deadlines are left to the timer."""
 
 
 class Waker:

@@ -13,7 +13,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.replaying.destinations import ReplayUdp, WayOut
+from plotfeed.feeds.replaying.destinations import ReplayTransport, ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock
@@ -65,14 +65,10 @@ class ReplayTotals(SessionCounters):
     """Times that were left alone although they should have been moved, by what they are in."""
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
-        """Count what became of a message."""
-        if fate != pb.SENT:
-            SessionCounters.settle(self, fate, copy, lateness_ns)
-            return
-        self.messages += 1
-        self.duplicated += copy > 0
-        self.lateness_ns.append(lateness_ns)
-        self.worst_ns = max(self.worst_ns, lateness_ns)
+        """Count what became of a copy of a message."""
+        SessionCounters.settle(self, fate, copy, lateness_ns)
+        if fate == pb.SENT:
+            self.worst_ns = max(self.worst_ns, lateness_ns)
 
 
 def source_of(topic: str) -> str:
@@ -98,7 +94,7 @@ class Route(NamedTuple):
 class Departure(NamedTuple):
     """A message that is sent when it is due."""
 
-    way: Route
+    route: Route
     payload: bytes
     message: Message | None
     """None for a datagram that is its payload and nothing else."""
@@ -106,45 +102,45 @@ class Departure(NamedTuple):
 
 
 class Routes:
-    """All of them; each is found once."""
+    """The routes of all topics, each found once, and what leaves by them."""
 
     def __init__(
         self,
-        outs: Sequence[WayOut],
+        transports: Sequence[ReplayTransport],
         settings: ReplaySettings,
         *,
         clock: Clock,
-        agenda: Schedule,
+        schedule: Schedule,
         totals: ReplayTotals,
     ) -> None:
         self.later_ns = 0
-        """By how much the replay's time is ahead of the recorded one, at its beginning."""
-        self._outs = outs
+        """How far the replay's time is ahead of the recorded one, at its beginning."""
+        self._transports = transports
         self._settings = settings
         self._clock = clock
-        self._agenda = agenda
+        self._schedule = schedule
         self._totals = totals
         self._together = TOGETHER if settings.fastest else 1
         self._gathered: list[Delivery] = []
-        self._ways: dict[tuple[str, str], Route] = {}
+        self._routes: dict[tuple[str, str], Route] = {}
         self._outboxes: dict[str, Outbox] = {}
 
     def of(self, recorded: Recorded) -> Route:
-        """That of a recorded message."""
+        """The route of a recorded message."""
         key = (recorded.topic, recorded.content_type)
-        way = self._ways.get(key)
-        if way is None:
-            way = self._ways[key] = self._found(recorded)
-        return way
+        route = self._routes.get(key)
+        if route is None:
+            route = self._routes[key] = self._found(recorded)
+        return route
 
     def departure(
-        self, recorded: Recorded, way: Route, payload: bytes, properties: Properties, due_ns: int
+        self, recorded: Recorded, route: Route, payload: bytes, properties: Properties, due_ns: int
     ) -> Departure:
         """A message as it is sent when it is due."""
-        if way.datagram is not None:
-            return Departure(way, payload, None, due_ns)
+        if route.datagram is not None:
+            return Departure(route, payload, None, due_ns)
         message = Message(
-            topic=way.topic,
+            topic=route.topic,
             payload=payload,
             content_type=recorded.content_type,
             due_utc_ns=due_ns,
@@ -152,26 +148,26 @@ class Routes:
             retain=recorded.retain,
             qos=min(recorded.qos, 1),
         )
-        return Departure(way, payload, message, due_ns)
+        return Departure(route, payload, message, due_ns)
 
-    def make_ready(self, departure: Departure) -> None:
+    def prepare(self, departure: Departure) -> None:
         """Do ahead of time what can be done for it."""
         if departure.message is not None:
-            for out in self._outs:
-                out.prepare((departure.message,))
+            for transport in self._transports:
+                transport.prepare((departure.message,))
 
     def send(self, departure: Departure) -> None:
         """Send it now, through its link if it has one."""
-        way, message = departure.way, departure.message
+        route, message = departure.route, departure.message
         self._totals.octets += len(departure.payload)
-        if way.datagram is not None:
-            fate = pb.SENT if way.datagram(departure.payload) else pb.UNDELIVERED
+        if route.datagram is not None:
+            fate = pb.SENT if route.datagram(departure.payload) else pb.UNDELIVERED
             self._totals.settle(fate, 0, self._clock.now_ns() - departure.due_ns)
-        elif message is not None and way.outbox is not None:
+        elif message is not None and route.outbox is not None:
             self.flush()
-            way.outbox.send(message)
+            route.outbox.send(message)
         elif message is not None:
-            self._gathered.append(Delivery(message, self._clock, len(self._outs), self))
+            self._gathered.append(Delivery(message, self._clock, len(self._transports), self))
             if len(self._gathered) >= self._together:
                 self.flush()
 
@@ -179,8 +175,8 @@ class Routes:
         """Send what was gathered to leave together."""
         if self._gathered:
             deliveries, self._gathered = self._gathered, []
-            for out in self._outs:
-                out.publish(*deliveries)
+            for transport in self._transports:
+                transport.publish(*deliveries)
 
     def settled(self, delivery: Delivery) -> None:
         """The fate of a message that goes through no link is known."""
@@ -203,11 +199,11 @@ class Routes:
         )
         if not is_topic(topic):
             return Route(topic, None, "their topic is none that a broker takes")
-        if not any(out.carries(message) for out in self._outs):
+        if not any(transport.carries(message) for transport in self._transports):
             return Route(topic, None, "they are no datagrams, or of no destination")
-        outbox, out = self._outbox(recorded.topic), self._outs[0]
-        if outbox is None and len(self._outs) == 1 and isinstance(out, ReplayUdp):
-            return Route(topic, None, datagram=out.send)
+        outbox, first = self._outbox(recorded.topic), self._transports[0]
+        if outbox is None and len(self._transports) == 1 and isinstance(first, ReplayUdp):
+            return Route(topic, None, datagram=first.send)
         return Route(topic, outbox)
 
     def _renamed(self, topic: str) -> str:
@@ -224,20 +220,21 @@ class Routes:
                 raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
             from plotfeed.feeds.delivery.outbox import Outbox
 
-            # By the same name as in a session, so that the same seed gives the same losses.
-            name = source.rpartition("/")[2]
+            impair = partial(
+                ReplayImpairment,
+                seed=self._settings.seed,
+                name=source.rpartition("/")[
+                    2
+                ],  # as in a session, so that the same seed loses alike
+                later_ns=self.later_ns,
+            )
             self._outboxes[source] = Outbox(
                 self._clock,
-                self._outs,
-                schedule=self._agenda,
+                self._transports,
+                schedule=self._schedule,
                 totals=self._totals,
                 link=link,
-                impair=partial(
-                    ReplayImpairment,
-                    seed=self._settings.seed,
-                    name=name,
-                    later_ns=self.later_ns,
-                ),
+                impair=impair,
             )
         return self._outboxes[source]
 

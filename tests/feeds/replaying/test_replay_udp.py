@@ -14,7 +14,12 @@ from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, WayOut, is_datagram
+from plotfeed.feeds.replaying.destinations import (
+    RecordedUdp,
+    ReplayTransport,
+    ReplayUdp,
+    is_datagram,
+)
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayTotals
@@ -24,7 +29,9 @@ from plotfeed.replay.recorded import Recorded
 
 
 async def sent_over(
-    outs: Sequence[WayOut], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
+    outs: Sequence[ReplayTransport],
+    recorded: Sequence[Recorded],
+    settings: ReplaySettings | None = None,
 ) -> ReplayTotals:
     running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
     return await asyncio.wait_for(running, 30)
