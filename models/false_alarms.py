@@ -12,8 +12,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam.scan import AzimuthCover, Sector
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats, Ints

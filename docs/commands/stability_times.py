@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stability_case import Case
 
-from plotfeed.models.beam.scan import nth_sector, sector_at
+from plotfeed.models.beam.scan import Timetable
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto.asterix.cat048 import CAT048
@@ -40,7 +40,7 @@ def week() -> Case:
     start_ns = first * PERIOD_NS
     clock_s = float(np.cumsum(np.concatenate([[start_ns / NS], np.full(scans, 0.6)]))[-1])
     exact_ns = start_ns + scans * PERIOD_NS
-    ours_ns = nth_sector(first + scans, 0, PERIOD_NS, 12).start_ns
+    ours_ns = Timetable(PERIOD_NS, 12).sector(first + scans, 0).start_ns
     return Case(
         where="start of a scan of 0.6 s after a week",
         plain_form="seconds since 1970, 0.6 added at each scan",
@@ -56,7 +56,7 @@ def scan_number() -> Case:
     scans = START_NS // PERIOD_NS + np.arange(10_000)
     starts_ns = scans * PERIOD_NS
     plain = (starts_ns / NS // 0.6).astype(np.int64)
-    ours = [sector_at(int(t), PERIOD_NS, 12).scan for t in starts_ns]
+    ours = [Timetable(PERIOD_NS, 12).sector_at(int(t)).scan for t in starts_ns]
     return Case(
         where="wrong numbers of scans of 0.6 s",
         plain_form="seconds // period",

@@ -10,7 +10,7 @@ import numpy as np
 
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
-from plotfeed.models.beam.scan import Sector, nth_sector
+from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.beam.sweep import meetings
 from plotfeed.models.frames import enu_to_aer, wrap_180
 from plotfeed.models.state import Bools, Floats, Ints, Signature, TruthState
@@ -104,7 +104,7 @@ def crossings(flights: ScannedFlights) -> tuple[Bools, Floats]:
 
 def _flights(case: Case) -> ScannedFlights:
     period_ns, n = case.sensor.scan.period_ns, case.sensor.scan.sectors
-    sectors = [nth_sector(SOME_SCAN, i, period_ns, n) for i in range(n)]
+    sectors = [Timetable(period_ns, n).sector(SOME_SCAN, i) for i in range(n)]
     middle_ns = sectors[0].start_ns + period_ns // 2
     reach_m = case.seen.velocity_ecef_m_s * (2 * period_ns / NS)
     times_ns = [middle_ns - 2 * period_ns, middle_ns + 2 * period_ns]

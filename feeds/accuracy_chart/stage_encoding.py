@@ -13,7 +13,7 @@ from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.sensing.staring import with_heights
-from plotfeed.models.beam.scan import Sector, next_sector, nth_sector
+from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -90,9 +90,9 @@ def _group(case: Case) -> list[Sector]:
     """The sectors that SAPIENT keeps together, so that its messages leave within them."""
     period_ns, n = case.sensor.scan.period_ns, case.sensor.scan.sectors
     size = Groups(period_ns, n).size
-    sectors = [nth_sector(size * SOME_SCAN, 0, period_ns, n)]
+    sectors = [Timetable(period_ns, n).sector(size * SOME_SCAN, 0)]
     while len(sectors) < size:
-        sectors.append(next_sector(sectors[-1], period_ns, n))
+        sectors.append(Timetable(period_ns, n).next_sector(sectors[-1]))
     return sectors
 
 

@@ -18,7 +18,7 @@ from plotfeed.feeds.accuracy_chart.case import (
     error_law,
 )
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, ChartStage
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import Timetable
 from plotfeed.models.state import Floats
 
 FLUCTUATING, STEADY = "exact draw, given the hit", "by the level"
@@ -93,7 +93,7 @@ def false_alarms_stage(case: Case) -> ChartStage | None:
         return None
     excess = float(np.sqrt(mean - variance))  # of the Poisson number over the binomial one
     scan = case.sensor.scan
-    turn = replace(nth_sector(SOME_SCAN, 0, scan.period_ns, 1), stares=not scan.rotates)
+    turn = replace(Timetable(scan.period_ns, 1).sector(SOME_SCAN, 0), stares=not scan.rotates)
     draw, poisson = case.model.draw_false_alarms, PoissonGenerator(np.random.Philox(case.seed))
     return ChartStage.of(
         "false alarms",

@@ -14,8 +14,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.rotating import RotatingBeam
 from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
-from plotfeed.models.beam.scan import Sector
-from plotfeed.models.beam.sweep import Timetable
+from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.state import Looks, Plots
 from plotfeed.models.truth import Trajectories

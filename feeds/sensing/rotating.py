@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from plotfeed.feeds.sensing.staring import SensorSite
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.beam.scan_draws import ScanDraws
-from plotfeed.models.beam.sweep import Border, Timetable, meetings
+from plotfeed.models.beam.sweep import Border, meetings
 from plotfeed.models.chance import Purpose
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.polar_radar import PolarRadar

@@ -1,21 +1,17 @@
-"""When a beam is where: scans, their sectors, and the instant at which it passes a target."""
+"""When and where a sensor looks: scans, their sectors, and cover."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from functools import lru_cache
 
 import numpy as np
 
-from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import wrap_360
 from plotfeed.models.state import Bools, Floats, Ints
 
-ON_BEAM_DEG = 1e-7
-"""As near as a look's instant brings beam and target."""
-LEAP_DEG = 5.0
-"""A target that never comes as near as this leapt over the beam: it flew over the sensor."""
-MAX_STEPS = 50
+MOST_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,86 +31,56 @@ class Sector:
     """Whether everything is looked at once, when it ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sectors:
-    """Several sectors, columns (m,), wherever one could stand."""
+class Timetable:
+    """Scans and their sectors; with jitter, a scan begins `jitter_ns` of sigma off its time.
 
-    start_ns: Ints
-    end_ns: Ints
-    start_deg: Floats
-    end_deg: Floats
-
-    @classmethod
-    def of(cls, sectors: Sequence[Sector]) -> Self:
-        """Those."""
-        return cls(
-            np.array([s.start_ns for s in sectors], np.int64),
-            np.array([s.end_ns for s in sectors], np.int64),
-            np.array([s.start_deg for s in sectors]),
-            np.array([s.end_deg for s in sectors]),
-        )
-
-    def rows(self, which: Ints) -> Sectors:
-        """Some of them, or one of them several times; (m,)."""
-        return Sectors(
-            self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
-        )
-
-
-def sector_at(t_utc_ns: int, period_ns: int, sectors: int) -> Sector:
-    """The sector that is being scanned at a time; the first of a scan starts at true north."""
-    scan, into_ns = divmod(t_utc_ns, period_ns)
-    index = into_ns * sectors // period_ns
-    return nth_sector(scan, index, period_ns, sectors)
-
-
-def nth_sector(scan: int, index: int, period_ns: int, sectors: int) -> Sector:
-    """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond."""
-    return sector_within(scan * period_ns, (scan + 1) * period_ns, scan, index, sectors)
-
-
-def sector_within(start_ns: int, end_ns: int, scan: int, index: int, sectors: int) -> Sector:
-    """Sector `index` of a scan from one time to another."""
-    duration_ns = end_ns - start_ns
-    first_ns = start_ns - (-index * duration_ns // sectors)
-    last_ns = start_ns - (-(index + 1) * duration_ns // sectors)
-    start_deg, end_deg = 360.0 * index / sectors, 360.0 * (index + 1) / sectors  # 360 at the last
-    return Sector(scan, index, first_ns, last_ns, start_deg, end_deg, stares=sectors == 1)
-
-
-def next_sector(sector: Sector, period_ns: int, sectors: int) -> Sector:
-    """The one that follows."""
-    carry, index = divmod(sector.index + 1, sectors)
-    return nth_sector(sector.scan + carry, index, period_ns, sectors)
-
-
-def beam_passes(
-    sector: Sector, azimuth_at_start_deg: Floats, azimuth_at_end_deg: Floats
-) -> tuple[Bools, Floats]:
-    """Which targets a clockwise beam passes within a sector, and after what share of it.
-
-    A target is passed when it was ahead of the beam at the start and is behind it at the end. The
-    two instants are shared with the neighbouring sectors, and so is the arithmetic to the last bit,
-    so that nobody falls between two of them and nobody is seen in both. NaN azimuths, at the
-    zenith, are never passed.
+    The beginnings are drawn for each scan by itself, clipped at four sigmas: they do not add up.
     """
-    return passes_between(
-        ahead_of_beam_deg(azimuth_at_start_deg, sector.start_deg),
-        ahead_of_beam_deg(azimuth_at_end_deg, sector.end_deg % 360.0),
-    )
 
+    def __init__(
+        self, period_ns: int, sectors: int, jitter_ns: float = 0.0, chance: Chance | None = None
+    ) -> None:
+        """`chance` is needed for jitter alone, of at most a fiftieth of the period."""
+        self.period_ns = period_ns
+        self.sectors = sectors
+        self._jitter_ns = jitter_ns
+        self._chance = chance if jitter_ns else None
+        self._start_ns = lru_cache(maxsize=8)(self._drawn_start_ns)
 
-def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:
-    """By how much targets are ahead of a beam, in [-180, 180): negative behind it."""
-    return wrap_180(azimuth_deg - beam_deg)
+    def sector(self, scan: int, index: int) -> Sector:
+        """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond.
 
+        The first sector of a scan starts at true north.
+        """
+        start_ns = self._start_ns(scan)
+        duration_ns, n = self._start_ns(scan + 1) - start_ns, self.sectors
+        first_ns = start_ns - (-index * duration_ns // n)
+        last_ns = start_ns - (-(index + 1) * duration_ns // n)
+        start_deg, end_deg = 360.0 * index / n, 360.0 * (index + 1) / n  # 360 at the last
+        return Sector(scan, index, first_ns, last_ns, start_deg, end_deg, stares=n == 1)
 
-def passes_between(ahead_deg: Floats, still_ahead_deg: Floats) -> tuple[Bools, Floats]:
-    """`beam_passes` by how far ahead of the beam targets are when it begins, and when it ends."""
-    passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = ahead_deg / (ahead_deg - still_ahead_deg)
-    return passed, share
+    def sector_at(self, t_utc_ns: int) -> Sector:
+        """The sector under way at a time."""
+        scan = t_utc_ns // self.period_ns
+        scan += (self._start_ns(scan + 1) <= t_utc_ns) - (self._start_ns(scan) > t_utc_ns)
+        start_ns, end_ns = self._start_ns(scan), self._start_ns(scan + 1)
+        return self.sector(scan, (t_utc_ns - start_ns) * self.sectors // (end_ns - start_ns))
+
+    def next_sector(self, sector: Sector) -> Sector:
+        """The one after it."""
+        carry, index = divmod(sector.index + 1, self.sectors)
+        return self.sector(sector.scan + carry, index)
+
+    def turn(self, scan: int) -> Sector:
+        """A whole scan of a rotating sensor, as if it were one sector."""
+        return Sector(scan, 0, self._start_ns(scan), self._start_ns(scan + 1), 0.0, 360.0)
+
+    def _drawn_start_ns(self, scan: int) -> int:
+        if self._chance is None:
+            return scan * self.period_ns
+        off = float(self._chance.rng(Purpose.SCAN_TIMES, scan).standard_normal())
+        off = min(max(off, -MOST_SIGMAS), MOST_SIGMAS)
+        return scan * self.period_ns + round(off * self._jitter_ns)
 
 
 def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:
@@ -122,43 +88,65 @@ def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:
     if sector.stares:
         return np.full(len(azimuth_deg), sector.end_ns, np.int64)
     share = wrap_360(azimuth_deg - sector.start_deg) / (sector.end_deg - sector.start_deg)
-    return time_after_share_ns(sector, share)
+    return time_after_share_ns(sector.start_ns, sector.end_ns, share)
 
 
-def time_after_share_ns(sector: Sector | Sectors, share: Floats) -> Ints:
-    """The time after a share of a sector, kept within it."""
-    into_ns = np.rint(share * (sector.end_ns - sector.start_ns)).astype(np.int64)
-    return sector.start_ns + np.clip(into_ns, 0, sector.end_ns - sector.start_ns - 1)
+def time_after_share_ns(start_ns: Ints | int, end_ns: Ints | int, share: Floats) -> Ints:
+    """The times after shares of stretches of time, kept within these; (n,)."""
+    into_ns = np.rint(share * (end_ns - start_ns)).astype(np.int64)
+    return start_ns + np.clip(into_ns, 0, end_ns - start_ns - 1)
 
 
-def beam_meets(
-    sector: Sector | Sectors, share: Floats, azimuth_at: Callable[[Floats], Floats]
-) -> Floats:
-    """The share of a sector after which the beam meets each target that it passes; (n,).
+@dataclass(frozen=True, slots=True)
+class AzimuthCover:
+    """Clockwise from one azimuth to another, degrees from true north; at most the full circle."""
 
-    By secants, halving where they lead out of what is left, from the first guess `share`;
-    `azimuth_at` tells the targets' azimuths after shares. NaN where a target is gone, or leaps.
-    """
-    low, high = np.zeros(len(share)), np.ones(len(share))
-    before, late_before = share, np.zeros(len(share))
-    width_deg = sector.end_deg - sector.start_deg
-    late = np.full(len(share), np.nan)
-    for step in range(MAX_STEPS):
-        late = beam_is_late_by(sector, share, azimuth_at(share))
-        on_beam = np.abs(late) * width_deg <= ON_BEAM_DEG
-        if on_beam.all():
-            break
-        low, high = np.where(late > 0, share, low), np.where(late < 0, share, high)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (late - late_before) / (share - before) if step else -1.0
-            guess = share - late / slope
-        good = (guess > low) & (guess < high) & (step % 4 < 3)
-        following = np.where(on_beam, share, np.where(good, guess, (low + high) / 2))
-        before, late_before, share = share, late, following
-    return np.where(np.abs(late) * width_deg <= LEAP_DEG, share, np.nan)
+    min_deg: float
+    max_deg: float
+
+    @property
+    def span_deg(self) -> float:
+        """Its width."""
+        return min(self.max_deg - self.min_deg, 360.0)
+
+    def holds(self, azimuth_deg: Floats) -> Bools:
+        """Whether azimuths lie within; an undefined one does not."""
+        if self.span_deg == 360.0:
+            return ~np.isnan(azimuth_deg)
+        return wrap_360(azimuth_deg - self.min_deg) <= self.span_deg
+
+    def shares_in(self, sector: Sector) -> list[tuple[float, float]]:
+        """The pieces of the cover that lie in a sector, as shares of the cover: 0, 1 or 2."""
+        if sector.stares:
+            return [(0.0, 1.0)]
+        start_deg = float(wrap_360(sector.start_deg - self.min_deg))
+        end_deg = start_deg + sector.end_deg - sector.start_deg
+        pieces = []
+        for turn_deg in (0.0, 360.0):
+            low_deg = max(start_deg - turn_deg, 0.0)
+            high_deg = min(end_deg - turn_deg, self.span_deg)
+            if low_deg < high_deg:
+                pieces.append((low_deg / self.span_deg, high_deg / self.span_deg))
+        return pieces
 
 
-def beam_is_late_by(sector: Sector | Sectors, share: Floats, azimuth_deg: Floats) -> Floats:
-    """The share of a sector by which the beam has yet to turn to reach those azimuths."""
-    width_deg = sector.end_deg - sector.start_deg
-    return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg
+@dataclass(frozen=True, kw_only=True)
+class Volume:
+    """What a radar covers: from the blind range to the instrumented one, azimuths, elevations."""
+
+    range_min_m: float
+    range_max_m: float
+    azimuth_cover: AzimuthCover
+    elevation_min_deg: float
+    elevation_max_deg: float
+
+    def in_cover(self, range_m: Floats, azimuth_deg: Floats, elevation_deg: Floats) -> Bools:
+        """Whether places lie within; one with an undefined angle does not."""
+        return (
+            (range_m >= self.range_min_m)
+            & (range_m > 0)
+            & (range_m <= self.range_max_m)
+            & self.azimuth_cover.holds(azimuth_deg)
+            & (elevation_deg >= self.elevation_min_deg)
+            & (elevation_deg <= self.elevation_max_deg)
+        )

@@ -1,85 +1,53 @@
-"""A rotating beam over moving drones: when its scans begin."""
+"""A rotating beam over moving drones: the instants at which it meets them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
-from plotfeed.models.beam.scan import (
-    Sector,
-    Sectors,
-    ahead_of_beam_deg,
-    beam_meets,
-    next_sector,
-    passes_between,
-    sector_at,
-    sector_within,
-    time_after_share_ns,
-)
-from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import NS, Floats, TruthState, rows_where
+from plotfeed.models.beam.scan import Sector, time_after_share_ns
+from plotfeed.models.frames import LocalFrame, wrap_180
+from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState, rows_where
 from plotfeed.models.truth import Trajectories
 
-MOST_SIGMAS = 4.0
-
-
-class Timetable:
-    """Scans and their sectors; with jitter, a scan begins `jitter_ns` of sigma off its time.
-
-    The beginnings are drawn for each scan by itself, clipped at four sigmas: they do not add up.
-    """
-
-    def __init__(
-        self, period_ns: int, sectors: int, jitter_ns: float = 0.0, chance: Chance | None = None
-    ) -> None:
-        """`chance` is needed for jitter alone, of at most a fiftieth of the period."""
-        self.period_ns = period_ns
-        self.sectors = sectors
-        self._jitter_ns = jitter_ns
-        self._chance = chance if jitter_ns else None
-        self._start_ns = lru_cache(maxsize=8)(self._drawn_start_ns)
-
-    def sector_at(self, t_utc_ns: int) -> Sector:
-        """The sector under way at a time."""
-        if self._chance is None:
-            return sector_at(t_utc_ns, self.period_ns, self.sectors)
-        scan = t_utc_ns // self.period_ns
-        scan += (self._start_ns(scan + 1) <= t_utc_ns) - (self._start_ns(scan) > t_utc_ns)
-        start_ns, end_ns = self._start_ns(scan), self._start_ns(scan + 1)
-        index = (t_utc_ns - start_ns) * self.sectors // (end_ns - start_ns)
-        return sector_within(start_ns, end_ns, scan, index, self.sectors)
-
-    def next_sector(self, sector: Sector) -> Sector:
-        """The one after it."""
-        if self._chance is None:
-            return next_sector(sector, self.period_ns, self.sectors)
-        carry, index = divmod(sector.index + 1, self.sectors)
-        scan = sector.scan + carry
-        return sector_within(
-            self._start_ns(scan), self._start_ns(scan + 1), scan, index, self.sectors
-        )
-
-    def turn(self, scan: int) -> Sector:
-        """A whole scan of a rotating sensor, as if it were one sector."""
-        start_ns, end_ns = self._start_ns(scan), self._start_ns(scan + 1)
-        return Sector(scan, 0, start_ns, end_ns, 0.0, 360.0)
-
-    def _drawn_start_ns(self, scan: int) -> int:
-        if self._chance is None:
-            return scan * self.period_ns
-        off = float(self._chance.rng(Purpose.SCAN_TIMES, scan).standard_normal())
-        off = min(max(off, -MOST_SIGMAS), MOST_SIGMAS)
-        return scan * self.period_ns + round(off * self._jitter_ns)
-
-
+ON_BEAM_DEG = 1e-7
+"""As near as a look's instant brings beam and target."""
+LEAP_DEG = 5.0
+"""A target that never comes as near as this leapt over the beam: it flew over the sensor."""
+MAX_STEPS = 50
 CULLED_FROM = 32
 """Drones, of which those out of reach are left out before anything is computed of them."""
 FASTEST_M_S = 1000.0
 """No drone comes nearer faster than that between one border and the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sectors:
+    """Several sectors, columns (m,), wherever one could stand."""
+
+    start_ns: Ints
+    end_ns: Ints
+    start_deg: Floats
+    end_deg: Floats
+
+    @classmethod
+    def of(cls, sectors: Sequence[Sector]) -> Self:
+        """Those."""
+        return cls(
+            np.array([s.start_ns for s in sectors], np.int64),
+            np.array([s.end_ns for s in sectors], np.int64),
+            np.array([s.start_deg for s in sectors]),
+            np.array([s.end_deg for s in sectors]),
+        )
+
+    def rows(self, which: Ints) -> Sectors:
+        """Some of them, or one of them several times; (m,)."""
+        return Sectors(
+            self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,11 +106,64 @@ def meetings(
     of_each = Sectors.of(sectors).rows(which)
 
     def azimuth_at(share: Floats) -> Floats:
-        t_utc_ns = time_after_share_ns(of_each, share)
+        t_utc_ns = time_after_share_ns(of_each.start_ns, of_each.end_ns, share)
         return frame.azimuths_deg(trajectories.position_at(t_utc_ns, drones))
 
     met_share = beam_meets(of_each, share[passed], azimuth_at)
     met = ~np.isnan(met_share)
-    t_utc_ns = time_after_share_ns(of_each.rows(met), met_share[met])
+    of_met = of_each.rows(met)
+    t_utc_ns = time_after_share_ns(of_met.start_ns, of_met.end_ns, met_share[met])
     state = trajectories.state_at(t_utc_ns, drones[met])
     return Meetings(state.rows(np.argsort(state.t_utc_ns, kind="stable")), borders)
+
+
+def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:
+    """By how much targets are ahead of a beam, in [-180, 180): negative behind it."""
+    return wrap_180(azimuth_deg - beam_deg)
+
+
+def passes_between(ahead_deg: Floats, still_ahead_deg: Floats) -> tuple[Bools, Floats]:
+    """Which targets a clockwise beam passes within a sector, and after what share of it.
+
+    A target is passed when it was ahead of the beam at the start and is behind it at the end. The
+    two instants are shared with the neighbouring sectors, and so is the arithmetic to the last bit,
+    so that nobody falls between two of them and nobody is seen in both. NaN, of azimuths at the
+    zenith, is never passed.
+    """
+    passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = ahead_deg / (ahead_deg - still_ahead_deg)
+    return passed, share
+
+
+def beam_meets(
+    sector: Sector | Sectors, share: Floats, azimuth_at: Callable[[Floats], Floats]
+) -> Floats:
+    """The share of a sector after which the beam meets each target that it passes; (n,).
+
+    By secants, halving where they lead out of what is left, from the first guess `share`;
+    `azimuth_at` tells the targets' azimuths after shares. NaN where a target is gone, or leaps.
+    """
+    low, high = np.zeros(len(share)), np.ones(len(share))
+    before, late_before = share, np.zeros(len(share))
+    width_deg = sector.end_deg - sector.start_deg
+    late = np.full(len(share), np.nan)
+    for step in range(MAX_STEPS):
+        late = beam_is_late_by(sector, share, azimuth_at(share))
+        on_beam = np.abs(late) * width_deg <= ON_BEAM_DEG
+        if on_beam.all():
+            break
+        low, high = np.where(late > 0, share, low), np.where(late < 0, share, high)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope = (late - late_before) / (share - before) if step else -1.0
+            guess = share - late / slope
+        good = (guess > low) & (guess < high) & (step % 4 < 3)
+        following = np.where(on_beam, share, np.where(good, guess, (low + high) / 2))
+        before, late_before, share = share, late, following
+    return np.where(np.abs(late) * width_deg <= LEAP_DEG, share, np.nan)
+
+
+def beam_is_late_by(sector: Sector | Sectors, share: Floats, azimuth_deg: Floats) -> Floats:
+    """The share of a sector by which the beam has yet to turn to reach those azimuths."""
+    width_deg = sector.end_deg - sector.start_deg
+    return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from plotfeed.models import accuracy, detection, propagation
-from plotfeed.models.beam.cover import Volume
+from plotfeed.models.beam.scan import Volume
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.numerics import nan_without_warnings

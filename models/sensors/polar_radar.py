@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, propagation
-from plotfeed.models.beam.cover import Volume
+from plotfeed.models.beam.scan import Volume
 from plotfeed.models.beam.scan_draws import of_rows
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import range_rate_m_s

@@ -24,7 +24,7 @@ from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder
 
@@ -105,9 +105,9 @@ def main() -> None:
         "range-bearing": SapientReports(scene, sensor),
         "location": SapientReports(on_earth, sensor),
     }
-    sector = nth_sector(T_NS // 10**9, 31, 10**9, 32)
+    sector = Timetable(10**9, 32).sector(T_NS // 10**9, 31)
     while not reports["range-bearing"].messages(Seen(sector, plots(1))):
-        sector = nth_sector(sector.scan, sector.index - 1, 10**9, 32)
+        sector = Timetable(10**9, 32).sector(sector.scan, sector.index - 1)
     found = {n: plots(n) for n in SIZES}
     ways: dict[str, Callable[[int], object]] = {
         "encoder alone": lambda n: encoder.messages(T_NS, found[n]),

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.formats.sapient.sapient_node import MIN_GAP_NS, Groups
-from plotfeed.models.beam.scan import Sector, next_sector, sector_at
+from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.proto.sapient.envelope import stamp_ns
 
 schedules = st.tuples(
@@ -17,9 +17,9 @@ times = st.integers(1_000_000_000, 1_800_000_000).map(lambda s: s * 1_000_000_00
 
 
 def sectors(t_utc_ns: int, period_ns: int, count: int, n: int) -> list[Sector]:
-    found = [sector_at(t_utc_ns, period_ns, count)]
+    found = [Timetable(period_ns, count).sector_at(t_utc_ns)]
     while len(found) < n:
-        found.append(next_sector(found[-1], period_ns, count))
+        found.append(Timetable(period_ns, count).next_sector(found[-1]))
     return found
 
 

@@ -17,7 +17,7 @@ from support.sapient_rules import checked
 from plotfeed.feeds.formats import Seen
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example, from_tree
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -265,7 +265,7 @@ def test_what_was_not_finished_is_not_sent_later() -> None:
     reports = SapientReports(turning, turning.sensor[0])
 
     def sent(index: int, scan: int) -> int:
-        sector = nth_sector(scan, index, 10**9, 32)
+        sector = Timetable(10**9, 32).sector(scan, index)
         plot = Plots.of(t_utc_ns=np.array([sector.start_ns]), azimuth_deg=np.array([1.0]))
         return len(reports.messages(Seen(sector, plot)))
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import AzimuthCover, Timetable
 
 S = 1_000_000_000
 
@@ -21,7 +20,9 @@ def covers(draw: st.DrawFn) -> AzimuthCover:
 
 def pieces(cover: AzimuthCover, sectors: int) -> list[tuple[float, float]]:
     return [
-        piece for i in range(sectors) for piece in cover.shares_in(nth_sector(0, i, S, sectors))
+        piece
+        for i in range(sectors)
+        for piece in cover.shares_in(Timetable(S, sectors).sector(0, i))
     ]
 
 
@@ -38,7 +39,7 @@ def test_the_shares_of_a_scan_make_up_the_cover(cover: AzimuthCover, sectors: in
 def test_every_piece_lies_in_its_sector_and_in_the_cover(
     cover: AzimuthCover, sectors: int, index: int, share: float
 ) -> None:
-    sector = nth_sector(0, index % sectors, S, sectors)
+    sector = Timetable(S, sectors).sector(0, index % sectors)
     for low, high in cover.shares_in(sector):
         azimuth_deg = cover.min_deg + (low + share * (high - low)) * cover.span_deg
         assert cover.holds(np.array([azimuth_deg])).all() or high - low < 1e-9
@@ -61,9 +62,9 @@ def test_the_full_circle_holds_every_azimuth(azimuth_deg: float, min_deg: float)
 
 
 def test_a_sector_beside_the_cover_has_no_share() -> None:
-    assert AzimuthCover(90.0, 120.0).shares_in(nth_sector(0, 0, S, 4)) == []
+    assert AzimuthCover(90.0, 120.0).shares_in(Timetable(S, 4).sector(0, 0)) == []
 
 
 def test_a_sector_can_hold_both_ends_of_the_cover() -> None:
-    shares = AzimuthCover(80.0, 370.0).shares_in(nth_sector(0, 0, S, 4))
+    shares = AzimuthCover(80.0, 370.0).shares_in(Timetable(S, 4).sector(0, 0))
     assert shares == [(pytest.approx(280 / 290), 1.0), (0.0, pytest.approx(10 / 290))]

@@ -9,15 +9,13 @@ from hypothesis import strategies as st
 
 from plotfeed.models.beam.scan import (
     Sector,
-    beam_is_late_by,
-    beam_passes,
+    Timetable,
     beam_times_ns,
-    next_sector,
-    nth_sector,
-    sector_at,
     time_after_share_ns,
 )
+from plotfeed.models.beam.sweep import ahead_of_beam_deg, beam_is_late_by, passes_between
 from plotfeed.models.frames import wrap_180
+from plotfeed.models.state import Bools, Floats
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -31,7 +29,7 @@ times_ns = st.integers(0, 2**62)
 def test_every_time_is_in_the_sector_that_it_is_said_to_be_in(
     t_utc_ns: int, period_ns: int, sectors: int
 ) -> None:
-    sector = sector_at(t_utc_ns, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(t_utc_ns)
     assert sector.start_ns <= t_utc_ns < sector.end_ns
     assert 0 <= sector.index < sectors
     assert sector.scan == t_utc_ns // period_ns
@@ -41,16 +39,16 @@ def test_every_time_is_in_the_sector_that_it_is_said_to_be_in(
 def test_sectors_share_their_edges_to_the_nanosecond(
     t_utc_ns: int, period_ns: int, sectors: int
 ) -> None:
-    sector = sector_at(t_utc_ns, period_ns, sectors)
-    following = next_sector(sector, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(t_utc_ns)
+    following = Timetable(period_ns, sectors).next_sector(sector)
     assert following.start_ns == sector.end_ns
     assert following.start_deg % 360 == sector.end_deg % 360
-    assert following == sector_at(sector.end_ns, period_ns, sectors)
+    assert following == Timetable(period_ns, sectors).sector_at(sector.end_ns)
 
 
 @given(st.integers(0, 10**9), periods_ns, sector_counts)
 def test_sectors_fill_their_scan(scan: int, period_ns: int, sectors: int) -> None:
-    parts = [nth_sector(scan, i, period_ns, sectors) for i in range(sectors)]
+    parts = [Timetable(period_ns, sectors).sector(scan, i) for i in range(sectors)]
     assert parts[0].start_ns == scan * period_ns
     assert parts[-1].end_ns == (scan + 1) * period_ns
     assert parts[0].start_deg == 0
@@ -63,10 +61,18 @@ def test_sectors_fill_their_scan(scan: int, period_ns: int, sectors: int) -> Non
 def test_a_walk_comes_to_the_same_sectors_wherever_it_began(
     t_utc_ns: int, steps: int, period_ns: int, sectors: int
 ) -> None:
-    sector = sector_at(t_utc_ns, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(t_utc_ns)
     for _ in range(steps):
-        sector = next_sector(sector, period_ns, sectors)
-    assert sector == sector_at(sector.start_ns, period_ns, sectors)
+        sector = Timetable(period_ns, sectors).next_sector(sector)
+    assert sector == Timetable(period_ns, sectors).sector_at(sector.start_ns)
+
+
+def passed_by(sector: Sector, first_deg: Floats, last_deg: Floats) -> tuple[Bools, Floats]:
+    """Which azimuths a beam passes within a sector, and after what share of it."""
+    return passes_between(
+        ahead_of_beam_deg(first_deg, sector.start_deg),
+        ahead_of_beam_deg(last_deg, sector.end_deg % 360),
+    )
 
 
 class Straight:
@@ -109,13 +115,13 @@ def test_a_drone_is_passed_once_in_every_turn_that_the_beam_makes_over_it(
     # Slower than the beam turns: it neither overtakes the beam nor meets it twice in a turn.
     assume(math.degrees(speed / drone.nearest_m()) < 0.9 * 360 / turn_s)
     turns = 6
-    sector = sector_at(start_ns, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(start_ns)
     beginning = sector
     passes = 0
     for _ in range(turns * sectors):
         azimuths = [np.array([drone.azimuth_deg(t / S)]) for t in (sector.start_ns, sector.end_ns)]
-        passes += int(beam_passes(sector, *azimuths)[0][0])
-        ending, sector = sector, next_sector(sector, period_ns, sectors)
+        passes += int(passed_by(sector, *azimuths)[0][0])
+        ending, sector = sector, Timetable(period_ns, sectors).next_sector(sector)
     # A straight line never turns by more than 180 degrees around the radar.
     first = drone.azimuth_deg(beginning.start_ns / S)
     last = first + float(wrap_180(drone.azimuth_deg(ending.end_ns / S) - first))
@@ -132,26 +138,28 @@ def test_at_the_time_of_passage_the_beam_points_at_the_drone(
     speed = math.hypot(drone.east_m_s, drone.north_m_s)
     assume(drone.nearest_m() > 300)
     assume(math.degrees(speed / drone.nearest_m()) < 0.2 * 360 * S / period_ns)
-    sector = sector_at(0, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(0)
     for _ in range(sectors):
         azimuths = [np.array([drone.azimuth_deg(t / S)]) for t in (sector.start_ns, sector.end_ns)]
-        passed, share = beam_passes(sector, *azimuths)
+        passed, share = passed_by(sector, *azimuths)
         if passed[0]:
-            t = time_after_share_ns(sector, share)
+            t = time_after_share_ns(sector.start_ns, sector.end_ns, share)
             share = share + beam_is_late_by(sector, share, np.array([drone.azimuth_deg(t[0] / S)]))
-            t = time_after_share_ns(sector, share)
+            t = time_after_share_ns(sector.start_ns, sector.end_ns, share)
             beam_deg = 360 * (t[0] % period_ns) / period_ns
             error_deg = float(wrap_180(drone.azimuth_deg(t[0] / S) - beam_deg))
             assert abs(error_deg) < 0.02
-        sector = next_sector(sector, period_ns, sectors)
+        sector = Timetable(period_ns, sectors).next_sector(sector)
 
 
 def test_a_drone_at_rest_is_passed_exactly_when_the_beam_is_there() -> None:
     azimuth_deg = np.array([100.0])
-    sector = sector_at(T0 + 280_000_000, S, 32)
-    passed, share = beam_passes(sector, azimuth_deg, azimuth_deg)
+    sector = Timetable(S, 32).sector_at(T0 + 280_000_000)
+    passed, share = passed_by(sector, azimuth_deg, azimuth_deg)
     assert passed.all()
-    assert time_after_share_ns(sector, share)[0] == T0 + round(S * 100 / 360)
+    assert time_after_share_ns(sector.start_ns, sector.end_ns, share)[0] == T0 + round(
+        S * 100 / 360
+    )
     assert beam_times_ns(sector, azimuth_deg)[0] == T0 + round(S * 100 / 360)
 
 
@@ -159,7 +167,7 @@ def test_a_drone_at_rest_is_passed_exactly_when_the_beam_is_there() -> None:
 def test_a_drone_on_an_edge_belongs_to_the_sector_that_begins_there(azimuth_deg: float) -> None:
     still = np.array([azimuth_deg])
     passed_in = [
-        i for i in range(32) if beam_passes(nth_sector(5, i, S, 32), still, still)[0].all()
+        i for i in range(32) if passed_by(Timetable(S, 32).sector(5, i), still, still)[0].all()
     ]
     assert passed_in == [round(azimuth_deg / 11.25)]
 
@@ -167,12 +175,12 @@ def test_a_drone_on_an_edge_belongs_to_the_sector_that_begins_there(azimuth_deg:
 def test_nobody_is_passed_at_an_undefined_azimuth() -> None:
     nowhere = np.array([np.nan, np.nan, 5.0])
     somewhere = np.array([5.0, np.nan, np.nan])
-    passed, _ = beam_passes(nth_sector(0, 0, S, 4), nowhere, somewhere)
+    passed, _ = passed_by(Timetable(S, 4).sector(0, 0), nowhere, somewhere)
     assert not passed.any()
 
 
 def test_a_staring_sensor_measures_at_the_end_of_its_scan() -> None:
-    sector = sector_at(T0 + 5, S, 1)
+    sector = Timetable(S, 1).sector_at(T0 + 5)
     assert beam_times_ns(sector, np.array([0.0, 200.0])).tolist() == [T0 + S, T0 + S]
 
 
@@ -180,14 +188,12 @@ def test_a_staring_sensor_measures_at_the_end_of_its_scan() -> None:
 def test_times_of_a_beam_lie_within_its_sector(
     t_utc_ns: int, period_ns: int, sectors: int, share: float
 ) -> None:
-    sector = sector_at(t_utc_ns, period_ns, sectors)
+    sector = Timetable(period_ns, sectors).sector_at(t_utc_ns)
     azimuth_deg = np.array([sector.start_deg + share * (sector.end_deg - sector.start_deg)])
     t = int(beam_times_ns(sector, azimuth_deg)[0])
     assert sector.start_ns <= t < sector.end_ns
 
 
 def test_shares_beyond_a_sector_are_kept_within_it() -> None:
-    sector = Sector(0, 0, 100, 200, 0.0, 90.0)
-    assert time_after_share_ns(sector, np.array([-0.5, 0.25, 1.0, 1.5])).tolist() == [
-        100, 125, 199, 199,
-    ]  # fmt: skip
+    shares = np.array([-0.5, 0.25, 1.0, 1.5])
+    assert time_after_share_ns(100, 200, shares).tolist() == [100, 125, 199, 199]

@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 from support.significance import assert_chance, assert_law, assert_standard_normal
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import Targets
@@ -41,7 +40,7 @@ PAPER = MicrophoneArray(
     elevation_floor_deg=0.0,
     kind="",
 )
-SCAN = nth_sector(7, 0, 1_000_000_000, 1)
+SCAN = Timetable(1_000_000_000, 1).sector(7, 0)
 
 
 def array(**changes: Any) -> MicrophoneArray:

@@ -18,8 +18,7 @@ from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.models import detection
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam.scan import AzimuthCover, Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import NEAREST_M
 from plotfeed.models.sensors.active_radar import ActiveRadar

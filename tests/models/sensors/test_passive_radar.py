@@ -16,8 +16,7 @@ from support.passive_equations import passive_snr
 from support.significance import assert_counts, assert_law, assert_mean, assert_sum
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import AzimuthCover, Timetable
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.detection import pd_cfar_swerling1
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
@@ -27,7 +26,7 @@ from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Signatures
 
 BASELINE_M = 20e3
-SCAN = nth_sector(7, 0, 1_000_000_000, 1)
+SCAN = Timetable(1_000_000_000, 1).sector(7, 0)
 
 
 def transmitter(azimuth_deg, baseline_m=BASELINE_M, up_m=0.0, **changes):

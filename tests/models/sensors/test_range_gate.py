@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.significance import assert_standard_normal, assert_uncorrelated
 
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Floats, Plots, Signatures
 
-SCAN = nth_sector(0, 0, 1_000_000_000, 1)
+SCAN = Timetable(1_000_000_000, 1).sector(0, 0)
 
 
 def targets(position_enu_m: Any) -> Targets:

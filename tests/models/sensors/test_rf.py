@@ -15,15 +15,14 @@ from scipy.special import gammaincc, gammainccinv
 from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.cover import AzimuthCover
-from plotfeed.models.beam.scan import nth_sector
+from plotfeed.models.beam.scan import AzimuthCover, Timetable
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures
 
-SCAN = nth_sector(3, 0, 1_000_000_000, 1)
+SCAN = Timetable(1_000_000_000, 1).sector(3, 0)
 FINDER = RfDirectionFinder(
     frequency_min_hz=2.40e9,
     frequency_max_hz=2.48e9,
