@@ -11,7 +11,7 @@ from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
 from plotfeed.feeds.schema.published import text_of
-from plotfeed.feeds.transport.mqtt.connection import MESSAGE_EXPIRY_S
+from plotfeed.feeds.transport.mqtt.publish_packet import MESSAGE_EXPIRY_S
 from plotfeed.proto import plotfeed_pb2 as pb
 
 TIMESTAMP = "google.protobuf.Timestamp"

@@ -11,8 +11,7 @@ from uuid import uuid4
 from plotfeed.feeds.messages.message import Message, OnHeard
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
-from plotfeed.feeds.transport.mqtt.mqtt_errors import MqttError, no_answer
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
 from plotfeed.feeds.transport.mqtt.sender import MqttSender
 
 log = logging.getLogger(__name__)

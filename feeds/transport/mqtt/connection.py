@@ -1,8 +1,7 @@
-"""One connection to an MQTT broker, by gmqtt; nothing else in plotfeed knows that library.
+"""One connection to an MQTT broker: it lives once, and knows whether it is up and has room.
 
-gmqtt reconnects by itself, but drops what is published meanwhile without a word and forgets
-subscriptions. So here a connection lives once, knows whether it is up and whether there is room,
-and hands back what has not arrived.
+What has not arrived when it is over is handed back. Why there is none is told in words, without
+secrets.
 """
 
 from __future__ import annotations
@@ -10,34 +9,37 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import ssl
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-
-import gmqtt
 
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, OnHeard, ReceivedMessage
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.mqtt_errors import failure, hung_up, no_answer, reason_name
+from plotfeed.feeds.transport.mqtt.gmqtt_client import (
+    CONNECT_ERRORS,
+    GmqttClient,
+    Qos1Window,
+    reason_name,
+    refusal_code,
+)
 from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
-from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
+from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
-logging.getLogger("gmqtt").setLevel(logging.CRITICAL + 1)  # it logs tracebacks; we say it in a line
 
-KEEP_ALIVE_S = 15
-"""A broker that has said nothing for twice as long is gone."""
 CLOSE_S = 1.0
-MESSAGE_EXPIRY_S = 60
 HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 REFUSED = 128
 """The codes of SUBACK and PUBACK from here on."""
-PUBACK = 0x40
-GMQTTS_IDS = 65_536
-NEVER_RECONNECT = {"reconnect_retries": -2, "reconnect_delay": 0}
+VERSION_NAMES = {5: "5", 4: "3.1.1"}
+UNKNOWN_VERSION = frozenset({1, 132})
+"""CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak."""
+TRANSIENT = frozenset({3, 131, 136, 137, 151, 159})
+"""CONNACK's codes for what a broker may think better of: busy, not available yet."""
 
 OnMessage = Callable[[str, bytes, str | None], None]
 """Called with topic, payload and content type."""
@@ -73,21 +75,19 @@ class MqttConnection:
         """There is one as soon as it is open."""
         self._complained = False
         self._largest_payload: int | None = None
-        self._client = gmqtt.Client(
+        self._client = GmqttClient(
             client_id,
-            clean_session=True,
-            will_message=will and self._packed(will),
-            persistent_storage=self._in_flight,
+            version,
+            window=self._in_flight,
+            will=will,
+            username=address.access.username,
+            password=address.access.password,
+            on_accepted=self._accepted,
+            on_granted=self._subscribed,
+            on_message=self._received,
+            on_acknowledged=self._acknowledged,
+            on_ended=self._ended,
         )
-        self._client.set_config(NEVER_RECONNECT)
-        if address.access.username is not None:
-            self._client.set_auth_credentials(address.access.username, address.access.password)
-        self._client.on_connect = self._accepted
-        self._client.on_disconnect = self._ended
-        self._client.on_subscribe = self._subscribed
-        self._client.on_message = self._received
-        # gmqtt takes a PUBACK that refuses for one that accepts.
-        self._client._package_handler._handler_cache[PUBACK] = self._answered
 
     @property
     def unacknowledged(self) -> int:
@@ -106,13 +106,13 @@ class MqttConnection:
         except BaseException:
             self.abort()
             raise
-        wire = self._client._connection
-        self._unsent = SocketBuffer(wire._transport, wire._protocol, self._on_room)
+        self._unsent = SocketBuffer(self._client.transport, self._on_room)
+        self._client.watch_buffer(self._unsent.hold, self._unsent.release)
 
     def subscribe(self, topic_filter: str) -> None:
         """Hear what comes there."""
         as_published = self._on_heard is not None and self.version >= 5
-        self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
+        self._client.subscribe(topic_filter, as_published=as_published)
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
@@ -134,7 +134,7 @@ class MqttConnection:
             delivery.leave()
             message = delivery.message
             packets.append(message.packets.get(self.version) or self._packet(message))
-        self._client._connection.send_package(b"".join(packets))
+        self._client.write(b"".join(packets))
         for delivery in deliveries:
             if self._unsent.given(len(delivery.message.payload)):
                 delivery.settle(delivered=True)
@@ -148,16 +148,13 @@ class MqttConnection:
                 message.packets[self.version] = self._packet(message)
 
     def _packet(self, message: Message) -> bytes:
-        return publish_packet(message, self.version, MESSAGE_EXPIRY_S)
+        return publish_packet(message, self.version)
 
     def send_until_acknowledged(self, delivery: Delivery) -> None:
         """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
-        message = delivery.message
         delivery.leave()
-        self._in_flight.sending = delivery
-        self._client.publish(self._packed(message))
-        self._in_flight.sending = None
-        self._unsent.given(len(message.payload))
+        self._client.publish(delivery)
+        self._unsent.given(len(delivery.message.payload))
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
@@ -175,9 +172,8 @@ class MqttConnection:
         if self._unsent.is_stuck():
             self.good_bye = "it takes nothing any more"
             self.abort()
-        elif self._unsent.octets:  # else gmqtt takes a slow network for a dead one
-            wire = self._client._connection
-            wire._last_data_in = max(wire._last_data_in, self._unsent.moved_s)
+        elif self._unsent.octets:
+            self._client.note_life(self._unsent.moved_s)
 
     async def close(self) -> None:
         """Say goodbye, if there is still anybody."""
@@ -190,20 +186,13 @@ class MqttConnection:
 
     def abort(self) -> None:
         """Cut it, if there is any, and keep nothing of it."""
-        wire = self._client._connection
-        if wire is not None:
-            wire._keep_connection_callback.cancel()
-            wire._transport.abort()
+        self._client.abort()
 
     async def _open(self, timeout_s: float) -> None:
         address = self._address
         greeting = asyncio.ensure_future(
             self._client.connect(
-                address.host,
-                address.port,
-                ssl=address.access.tls_context() if address.tls else False,
-                version=self.version,
-                keepalive=KEEP_ALIVE_S,
+                address.host, address.port, address.access.tls_context() if address.tls else None
             )
         )
         lost = asyncio.ensure_future(self.lost.wait())
@@ -214,49 +203,28 @@ class MqttConnection:
             if greeting.done():
                 greeting.result()
             if lost.done():
-                raise hung_up(address, self.version, self._what_broke())
+                raise hung_up(address, self.version, self._client.what_broke())
             if not greeting.done():
                 raise no_answer()
-        except (OSError, ValueError, gmqtt.mqtt.handler.MQTTError) as error:
+        except CONNECT_ERRORS as error:
             raise failure(error) from None
         finally:
             for task in (greeting, lost):
                 task.cancel()
             await asyncio.gather(greeting, lost, return_exceptions=True)
 
-    def _packed(self, message: Message) -> gmqtt.Message:
-        properties: Mapping[str, Any] = self._properties(message) if self.version >= 5 else {}
-        return gmqtt.Message(
-            message.topic, message.payload, qos=message.qos, retain=message.retain, **properties
-        )
-
-    def _properties(self, message: Message) -> Mapping[str, Any]:
-        properties: dict[str, Any] = {"content_type": message.content_type}
-        if message.properties:
-            properties["user_property"] = list(message.properties)
-        if not message.retain:
-            properties["message_expiry_interval"] = MESSAGE_EXPIRY_S
-        return properties
-
-    def _what_broke(self) -> BaseException | None:
-        """The error that ended the connection; gmqtt tells it to its log alone."""
-        closed: asyncio.Future[None] = self._client._connection._protocol.closed
-        return closed.exception() if closed.done() and not closed.cancelled() else None
-
-    def _accepted(self, _client: object, _flags: int, _code: int, answer: dict[str, Any]) -> None:
+    def _accepted(self, answer: Mapping[str, Any]) -> None:
         for largest in answer.get("maximum_packet_size", ()):
             self._largest_payload = max(0, largest - HEADER_OCTETS)
         for window in answer.get("receive_maximum", ()):
             self._in_flight.window = min(self._in_flight.window, window)
-        # Else gmqtt counts subscriptions too, and raises an error where we wait.
-        self._client._package_handler.id_generator._max = GMQTTS_IDS
 
-    def _ended(self, _client: object, packet: bytes, *_: object) -> None:
+    def _ended(self, packet: bytes) -> None:
         if packet and self.version >= 5:
             self.good_bye = reason_name(packet[0])
         self.lost.set()
 
-    def _answered(self, command: int, packet: bytes) -> None:
+    def _acknowledged(self, packet: bytes) -> None:
         """A PUBACK; those of MQTT 5 may have a reason code."""
         if len(packet) > 2 and packet[2] >= REFUSED:
             self._in_flight.refuse(int.from_bytes(packet[:2], "big"))
@@ -264,28 +232,81 @@ class MqttConnection:
                 self._complained = True
                 reason = reason_name(packet[2])
                 log.warning("%s refuses what is published: %s", self._address, reason)
-        self._client._package_handler._handle_puback_packet(command, packet)
 
-    def _subscribed(
-        self, _client: object, _id: int, granted: Sequence[int], _properties: object
-    ) -> None:
+    def _subscribed(self, granted: Sequence[int]) -> None:
         if any(code >= REFUSED for code in granted):
             log.warning("%s does not grant a subscription", self._address)
 
     def _received(
-        self, _client: object, topic: str, payload: bytes, qos: int, properties: dict[str, Any]
-    ) -> int:
+        self, topic: str, payload: bytes, qos: int, properties: Mapping[str, Any]
+    ) -> None:
         content_type = (properties.get("content_type") or [None])[0]
         if self._on_message is not None:
-            self._on_message(topic, bytes(payload), content_type)
+            self._on_message(topic, payload, content_type)
         if self._on_heard is not None:
-            heard = ReceivedMessage(
-                topic=topic,
-                payload=bytes(payload),
-                content_type=content_type,
-                properties=tuple(properties.get("user_property", ())),
-                retain=bool(properties.get("retain")),
-                qos=qos,
+            self._on_heard(
+                ReceivedMessage(
+                    topic=topic,
+                    payload=payload,
+                    content_type=content_type,
+                    properties=tuple(properties.get("user_property", ())),
+                    retain=bool(properties.get("retain")),
+                    qos=qos,
+                )
             )
-            self._on_heard(heard)
-        return 0
+
+
+class MqttError(PlotfeedError):
+    """A broker with which there is no connection."""
+
+    exit_code = 1
+
+    def __init__(self, reason: str, *, final: bool = False, versions: bool = False) -> None:
+        super().__init__(reason)
+        self.final = final
+        """It would be no better a second time."""
+        self.other_version = versions
+        """It may be better with another version of MQTT."""
+
+
+def failure(error: Exception) -> MqttError:
+    """For what went wrong before the broker had an answer, or for the answer that it gave."""
+    if (code := refusal_code(error)) is not None:
+        return MqttError(
+            f"it refuses: {reason_name(code)}",
+            final=code not in TRANSIENT,
+            versions=code in UNKNOWN_VERSION,
+        )
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return MqttError(f"its certificate is not good: {error.verify_message}", final=True)
+    if isinstance(error, ssl.SSLError):
+        return MqttError(f"TLS failed: {_words(error.reason) or 'no more is known'}")
+    if isinstance(error, UnicodeError):
+        return MqttError("no host can have this name", final=True)
+    if isinstance(error, OSError):
+        return MqttError(error.strerror or str(error) or type(error).__name__)
+    return MqttError(str(error) or type(error).__name__)
+
+
+def hung_up(address: BrokerAddress, version: int, lost: BaseException | None) -> MqttError:
+    """For a broker that closes the connection instead of answering; `lost` is what broke it."""
+    if isinstance(lost, ssl.SSLError):
+        return failure(lost)
+    access, may_want = address.access, []
+    if not address.tls:
+        may_want.append("TLS (mqtts://)")
+    else:
+        may_want.append(f"{'a' if access.certificate_file is None else 'another'} certificate")
+    may_want.append(f"{'a' if access.username is None else 'another'} user name and password")
+    may_want.append(f"another version of MQTT than {VERSION_NAMES[version]}")
+    guess = f"it may want {', '.join(may_want[:-1])}, or {may_want[-1]}"
+    return MqttError(f"it hung up without an answer: {guess}", versions=True)
+
+
+def no_answer() -> MqttError:
+    """For a broker that takes the connection and says nothing."""
+    return MqttError("no answer to CONNECT", versions=True)
+
+
+def _words(reason: str | None) -> str:
+    return (reason or "").replace("_", " ").lower()

@@ -10,11 +10,13 @@ from functools import lru_cache
 
 from plotfeed.feeds.messages.message import Message
 
+MESSAGE_EXPIRY_S = 60
+"""So long a broker keeps what it cannot pass on."""
 PUBLISH, RETAIN = 0x30, 0x01
 EXPIRY, CONTENT_TYPE, USER_PROPERTY = b"\x02", b"\x03", b"\x26"
 
 
-def publish_packet(message: Message, version: int, expiry_s: int) -> bytes:
+def publish_packet(message: Message, version: int, expiry_s: int = MESSAGE_EXPIRY_S) -> bytes:
     """The packet of a message for that version; what is retained does not expire."""
     topic = _text(message.topic)
     rest = topic + message.payload

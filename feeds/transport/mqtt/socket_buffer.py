@@ -26,13 +26,12 @@ class SocketBuffer:
     def __init__(
         self,
         transport: Any,
-        protocol: Any,
         on_room: Callable[[], None],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Of a transport of asyncio, and the protocol of gmqtt, which looks at no buffer.
+        """`on_room` is called whenever the socket has taken everything after it had not.
 
-        `on_room` is called whenever the socket has taken everything after it had not.
+        Of a transport of asyncio, whose protocol shall tell `hold` and `release`.
         """
         self.moved_s = now_s()
         """When it last took something that had to wait."""
@@ -46,9 +45,6 @@ class SocketBuffer:
         self._given = 0
         """Octets since it began to hold any."""
         self._only_began = False
-        protocol.pause_writing = self._hold
-        protocol.resume_writing = self._release
-        transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
 
     @property
     def octets(self) -> int:
@@ -114,12 +110,14 @@ class SocketBuffer:
         while self._deliveries and self._deliveries[0][0] <= taken:
             self._deliveries.popleft()[1].settle(delivered=True)
 
-    def _hold(self) -> None:
+    def hold(self) -> None:
+        """The socket has not taken everything."""
         self._holds = self._only_began = True
         self._octets = self._given = self.octets
         self.moved_s = self._now_s()
 
-    def _release(self) -> None:
+    def release(self) -> None:
+        """The socket has taken everything."""
         self._holds = False
         self._octets = 0
         self.moved_s = self._now_s()

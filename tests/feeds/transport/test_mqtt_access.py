@@ -24,7 +24,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     BrokerAddress,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.mqtt.mqtt_errors import MqttError
+from plotfeed.feeds.transport.mqtt.connection import MqttError
 
 ME, PASSWORD = "surveyor", "open sesame"
 PLACES = ("anyone", "password", "tls", "tls-password", "mutual", "expired", "elsewhere")

@@ -20,10 +20,10 @@ from support.mqtt_client import Client, listening
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
-from plotfeed.feeds.transport.mqtt import client, connection, socket_buffer
+from plotfeed.feeds.transport.mqtt import client, gmqtt_client, socket_buffer
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
+from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_OCTETS
 
 PAUSE_S = {"drop-oldest": 0.0, "drop-newest": 0.0, "wait": 2.0}
@@ -246,7 +246,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     """Nothing comes through; then the connection is reset, or nobody says anything at all."""
     monkeypatch.setattr(client, "WATCH_EVERY_S", 0.02)
     if silently:
-        monkeypatch.setattr(connection, "KEEP_ALIVE_S", 1)
+        monkeypatch.setattr(gmqtt_client, "KEEP_ALIVE_S", 1)
         monkeypatch.setattr(socket_buffer, "GIVE_UP_S", 0.3)
 
     deliveries = Deliveries()

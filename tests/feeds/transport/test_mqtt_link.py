@@ -21,8 +21,8 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, socket_buffer
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.mqtt.mqtt_errors import MqttError
-from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
+from plotfeed.feeds.transport.mqtt.connection import MqttError
+from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS
 
 BUSY = 0x89

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -20,9 +21,6 @@ class Transport:
         self.protocol = SimpleNamespace()
         self.written = self.taken = self.room = 0
         self.paused = self.closing = False
-
-    def set_write_buffer_limits(self, high: int, low: int) -> None:
-        assert (high, low) == (1, 0)
 
     def get_write_buffer_size(self) -> int:
         return self.written - self.taken
@@ -49,6 +47,14 @@ class Transport:
             self.protocol.resume_writing()
 
 
+def watching(transport: Transport, *more: Any) -> SocketBuffer:
+    """What its protocol tells."""
+    buffer = SocketBuffer(transport, *more)
+    transport.protocol.pause_writing = buffer.hold
+    transport.protocol.resume_writing = buffer.release
+    return buffer
+
+
 steps = st.lists(
     st.one_of(
         st.tuples(st.just("publish"), st.integers(8, 400)),
@@ -66,7 +72,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(socket_buffer, "MAX_UNSENT_OCTETS", 1000)
         transport, deliveries = Transport(), Deliveries()
-        watch = SocketBuffer(transport, transport.protocol, lambda: None)
+        watch = watching(transport, lambda: None)
         ends: list[int] = []
         refused = pings = 0
         for step, octets in steps:
@@ -98,7 +104,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
 
 def test_what_has_left_counts_although_more_waits_behind_it() -> None:
     transport, deliveries = Transport(), Deliveries()
-    watch = SocketBuffer(transport, transport.protocol, lambda: None)
+    watch = watching(transport, lambda: None)
     for _ in range(5):
         delivery = deliveries.make(qos=0, octets=100)
         transport.write(105)
@@ -117,7 +123,7 @@ def test_what_has_left_counts_although_more_waits_behind_it() -> None:
 def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() -> None:
     now_s = 0.0
     transport = Transport()
-    watch = SocketBuffer(transport, transport.protocol, lambda: None, lambda: now_s)
+    watch = watching(transport, lambda: None, lambda: now_s)
     now_s = 1000.0
     assert not watch.is_stuck()  # nothing is to be sent
     transport.write(1000)

@@ -1,0 +1,251 @@
+"""The one file that knows gmqtt: its client as plotfeed uses it, and all of it that is private.
+
+gmqtt reconnects by itself, but drops what is published meanwhile without a word, looks at no
+buffer, takes a refusal for an acknowledgement and tells what broke a connection to its log alone.
+So more of it is used here than it offers; `PRIVATE` lists that, and a test holds each entry.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from ssl import SSLContext
+from typing import Any
+
+import gmqtt
+from gmqtt.mqtt.handler import MQTTConnectError, MQTTError
+from gmqtt.storage import PersistentStorage
+
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.transport.mqtt.publish_packet import MESSAGE_EXPIRY_S
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
+
+logging.getLogger("gmqtt").setLevel(logging.CRITICAL + 1)  # it logs tracebacks; we say it in a line
+
+PRIVATE = {
+    "Client._connection": "the connection that there is, None before any",
+    "Client._package_handler": "what it does with each packet that comes",
+    "MqttPackageHandler._handler_cache": "by the first octet of a packet, who is given it",
+    "MqttPackageHandler._handle_puback_packet": "what it would do with a PUBACK itself",
+    "MqttPackageHandler.id_generator._max": "how many packets may have an id at a time",
+    "MQTTConnection.send_package": "writes octets that we have packed",
+    "MQTTConnection._transport": "the socket's transport: its buffer, and its end",
+    "MQTTConnection._protocol": "the transport's protocol, which is told of a full buffer",
+    "MQTTConnection._protocol.closed": "a future with the error that ended the connection",
+    "MQTTConnection._last_data_in": "monotonic time at which the broker last gave a sign of life",
+    "MQTTConnection._keep_connection_callback": "its timer, which would outlive the connection",
+    "MQTTConnectError._code": "CONNACK's reason code",
+    "MQTTConnectError.__messages__": "words for reason codes",
+}
+"""What of gmqtt is used although it is not its public interface, and what that is."""
+
+KEEP_ALIVE_S = 15
+"""A broker that has said nothing for twice as long is gone."""
+PUBACK = 0x40
+ALL_IDS = 65_536
+NEVER_RECONNECT = {"reconnect_retries": -2, "reconnect_delay": 0}
+MAX_UNACKNOWLEDGED = 1000
+"""At once, where the broker does not say how many; gmqtt alone would send 65,535."""
+MAX_UNACKNOWLEDGED_OCTETS = 32 << 20
+"""Of payloads, besides the one that goes beyond it."""
+CONNECT_ERRORS = (OSError, ValueError, MQTTError)
+"""What `GmqttClient.connect` may raise."""
+
+
+class Qos1Window(PersistentStorage):  # type: ignore[misc]
+    """What gmqtt keeps of one connection until it is acknowledged: here, whose message it was.
+
+    A broker may take no more than so many messages at once (Receive Maximum: mosquitto takes 20).
+    """
+
+    def __init__(self, counts: QueueCounts, on_room: Callable[[], None]) -> None:
+        """`on_room` is called whenever one message less is on its way."""
+        super().__init__()
+        self.window = MAX_UNACKNOWLEDGED
+        self.sending: Delivery | None = None
+        """What gmqtt is told to publish now; it answers with the id that it gave it."""
+        self._deliveries: dict[int, Delivery] = {}
+        self._octets = 0
+        self._counts = counts
+        self._on_room = on_room
+
+    @property
+    def unacknowledged(self) -> int:
+        """How many have not arrived as far as is known."""
+        return len(self._deliveries)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another message may be sent."""
+        return len(self._deliveries) < self.window and self._octets < MAX_UNACKNOWLEDGED_OCTETS
+
+    def push_message(self, mid: int, raw_package: bytes) -> None:
+        """It is sent, under this id."""
+        if self.sending is not None:
+            super().push_message(mid, raw_package)
+            self._deliveries[mid] = self.sending
+            self._octets += len(self.sending.message.payload)
+
+    def remove_message_by_mid(self, mid: int) -> None:
+        """The broker has acknowledged it."""
+        self._answered(mid, delivered=True)
+
+    def refuse(self, mid: int) -> None:
+        """The broker has answered that it does not take it."""
+        self._counts.refused += self._answered(mid, delivered=False)
+
+    def get_all(self) -> list[tuple[int, bytes]]:
+        """Nothing that gmqtt should send again: that is the link's to do."""
+        return []
+
+    def take_all(self) -> list[Delivery]:
+        """All that is unacknowledged, in the order in which it was sent; it is kept no longer."""
+        deliveries, self._deliveries = list(self._deliveries.values()), {}
+        self._octets = 0
+        self.clear()
+        return deliveries
+
+    def _answered(self, mid: int, *, delivered: bool) -> bool:
+        delivery = self._deliveries.pop(mid, None)
+        if delivery is None:
+            return False
+        super().remove_message_by_mid(mid)
+        self._octets -= len(delivery.message.payload)
+        delivery.settle(delivered=delivered)
+        self._on_room()
+        return True
+
+
+class GmqttClient:
+    """A client of gmqtt that connects once; what it is told is passed on to `on_` callbacks."""
+
+    def __init__(
+        self,
+        client_id: str,
+        version: int,
+        *,
+        window: Qos1Window,
+        will: Message | None,
+        username: str | None,
+        password: str | None,
+        on_accepted: Callable[[Mapping[str, Any]], object],
+        on_granted: Callable[[Sequence[int]], object],
+        on_message: Callable[[str, bytes, int, Mapping[str, Any]], object],
+        on_acknowledged: Callable[[bytes], object],
+        on_ended: Callable[[bytes], object],
+    ) -> None:
+        """`on_accepted` and `on_message` are given properties of MQTT 5.
+
+        `on_acknowledged` is given a PUBACK before gmqtt is, `on_ended` a DISCONNECT or nothing.
+        """
+        self._version = version
+        self._window = window
+        self._client = gmqtt.Client(
+            client_id,
+            clean_session=True,
+            will_message=will and self._packed(will),
+            persistent_storage=window,
+        )
+        self._client.set_config(NEVER_RECONNECT)
+        if username is not None:
+            self._client.set_auth_credentials(username, password)
+        handler = self._client._package_handler
+
+        def accepted(_client: object, _flags: int, _code: int, answer: Mapping[str, Any]) -> None:
+            # Else gmqtt counts subscriptions too, and raises an error where we wait.
+            handler.id_generator._max = ALL_IDS
+            on_accepted(answer)
+
+        def received(
+            _client: object, topic: str, payload: bytes, qos: int, properties: Mapping[str, Any]
+        ) -> int:
+            on_message(topic, bytes(payload), qos, properties)
+            return 0
+
+        def acknowledged(command: int, packet: bytes) -> None:
+            on_acknowledged(packet)
+            handler._handle_puback_packet(command, packet)
+
+        self._client.on_connect = accepted
+        self._client.on_disconnect = lambda _client, packet, *_: on_ended(packet or b"")
+        self._client.on_subscribe = lambda _client, _id, granted, _properties: on_granted(granted)
+        self._client.on_message = received
+        # gmqtt takes a PUBACK that refuses for one that accepts.
+        handler._handler_cache[PUBACK] = acknowledged
+
+    async def connect(self, host: str, port: int, tls: SSLContext | None) -> None:
+        """Connect, and have the broker's consent; raises `CONNECT_ERRORS`."""
+        await self._client.connect(
+            host, port, ssl=tls or False, version=self._version, keepalive=KEEP_ALIVE_S
+        )
+
+    def subscribe(self, topic_filter: str, *, as_published: bool) -> None:
+        """Have what comes there; `as_published` says that retained messages are marked."""
+        self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
+
+    def publish(self, delivery: Delivery) -> None:
+        """Send a message of QoS 1, which is in the window from now on."""
+        self._window.sending = delivery
+        self._client.publish(self._packed(delivery.message))
+        self._window.sending = None
+
+    def write(self, octets: bytes) -> None:
+        """Send packets that are packed."""
+        self._client._connection.send_package(octets)
+
+    @property
+    def transport(self) -> Any:
+        """The socket's transport, of asyncio."""
+        return self._client._connection._transport
+
+    def watch_buffer(self, pause: Callable[[], None], resume: Callable[[], None]) -> None:
+        """Be told when the socket does not take everything at once, and when it has."""
+        protocol = self._client._connection._protocol
+        protocol.pause_writing, protocol.resume_writing = pause, resume
+        self.transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
+
+    def note_life(self, monotonic_s: float) -> None:
+        """The broker gave a sign of life then; else gmqtt takes a slow network for a dead one."""
+        connection = self._client._connection
+        connection._last_data_in = max(connection._last_data_in, monotonic_s)
+
+    def what_broke(self) -> BaseException | None:
+        """The error that ended the connection."""
+        closed: asyncio.Future[None] = self._client._connection._protocol.closed
+        return closed.exception() if closed.done() and not closed.cancelled() else None
+
+    async def disconnect(self) -> None:
+        """Say goodbye."""
+        await self._client.disconnect()
+
+    def abort(self) -> None:
+        """Cut the connection, if there is any, and keep nothing of it."""
+        connection = self._client._connection
+        if connection is not None:
+            connection._keep_connection_callback.cancel()
+            connection._transport.abort()
+
+    def _packed(self, message: Message) -> gmqtt.Message:
+        properties: dict[str, Any] = {}
+        if self._version >= 5:
+            properties["content_type"] = message.content_type
+            if message.properties:
+                properties["user_property"] = list(message.properties)
+            if not message.retain:
+                properties["message_expiry_interval"] = MESSAGE_EXPIRY_S
+        return gmqtt.Message(
+            message.topic, message.payload, qos=message.qos, retain=message.retain, **properties
+        )
+
+
+def refusal_code(error: Exception) -> int | None:
+    """CONNACK's reason code, if that is what the error is."""
+    return int(error._code) if isinstance(error, MQTTConnectError) else None
+
+
+def reason_name(code: int) -> str:
+    """A reason code of CONNACK, PUBACK or DISCONNECT in words."""
+    known = MQTTConnectError.__messages__.get(code, "").partition(": ")[2].lower()
+    return known or f"reason {code:#04x}"
