@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from plotfeed.proto.content_types import ASTERIX, asterix_content_type
 from plotfeed.proto.utc import DAY_NS
 
 HEADER_OCTETS = 3
 MAX_TRAILER_OCTETS = 16
-CONTENT_TYPE = "application/x-asterix"
 UNKNOWN = "application/octet-stream"
-_OF_CATEGORY = tuple(f"{CONTENT_TYPE}; cat={category}" for category in range(256))
+_OF_CATEGORY = tuple(map(asterix_content_type, range(256)))
 
 
 def block_octets(payload: bytes) -> int:
@@ -21,7 +21,7 @@ def block_octets(payload: bytes) -> int:
 
 
 def categories(payload: bytes) -> tuple[int, ...]:
-    """Of the whole data blocks at the start of a payload: each once, in their order."""
+    """Categories of the whole data blocks at the start of a payload: each once, in their order."""
     return tuple(dict.fromkeys(category for category, _ in _headers(payload)))
 
 
@@ -39,18 +39,18 @@ def trailer_octets(payload: bytes) -> int | None:
 
 
 def content_type(payload: bytes) -> str:
-    """Of a payload that nobody has labelled: ASTERIX, of one category or many, or unknown."""
+    """Type of a payload that nobody has labelled: ASTERIX, of one category or many, or unknown."""
     if _is_one_block(payload) and len(payload) > HEADER_OCTETS and payload[0]:
         return _OF_CATEGORY[payload[0]]
     if trailer_octets(payload) is None:
         return UNKNOWN
     found = categories(payload)
-    return _OF_CATEGORY[found[0]] if len(found) == 1 else CONTENT_TYPE
+    return _OF_CATEGORY[found[0]] if len(found) == 1 else ASTERIX
 
 
 def is_asterix(content: str, payload: bytes) -> bool:
     """Whether a payload of that content type, empty if unknown, holds a block of ASTERIX."""
-    if content and not content.startswith(CONTENT_TYPE):
+    if content and not content.startswith(ASTERIX):
         return False
     return bool(block_octets(payload)) if content else trailer_octets(payload) is not None
 
@@ -102,7 +102,7 @@ EXTENDED ones end with the first octet whose last bit is clear.
 
 
 def time_of_day_ns(block: bytes) -> int | None:
-    """Of the first record of a whole data block; None where it has none, or none that is known."""
+    """Time of a whole data block's first record; None if it has none, or none that is known."""
     slots = ITEMS.get(block[0], ()) if block else ()
     flags = _flags(block)
     at = HEADER_OCTETS + len(flags)

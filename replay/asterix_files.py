@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, pairwise
 from typing import BinaryIO
 
-from plotfeed.proto.utc import DAY_NS
+from plotfeed.proto.content_types import ASTERIX, asterix_content_type
+from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_blocks import (
-    CONTENT_TYPE,
     HEADER_OCTETS,
     block_octets,
     categories,
@@ -19,7 +19,6 @@ from plotfeed.replay.asterix_blocks import (
 )
 from plotfeed.replay.octets import OctetsReader
 from plotfeed.replay.recorded import Recorded, RecordingWriter
-from plotfeed.replay.times import BEHIND_NS, DayClock, ahead_ns
 
 Timed = tuple[bytes, int | None]
 """A data block, and the time of day of its first record if that has one."""
@@ -50,7 +49,7 @@ class RawReader(OctetsReader):
                 payload=block,
                 log_time_ns=last_utc_ns,
                 publish_time_ns=last_utc_ns,
-                content_type=f"{CONTENT_TYPE}; cat={block[0]}",
+                content_type=asterix_content_type(block[0]),
             )
 
     def blocks(self) -> Iterator[tuple[bytes, int]]:
@@ -204,7 +203,7 @@ class FinalReader(OctetsReader):
             payload=payload,
             log_time_ns=self._last_utc_ns,
             publish_time_ns=self._last_utc_ns,
-            content_type=f"{CONTENT_TYPE}; cat={found[0]}" if len(found) == 1 else CONTENT_TYPE,
+            content_type=asterix_content_type(found[0]) if len(found) == 1 else ASTERIX,
             properties=((ERROR, str(error)), (LINE, str(line)), (DAY, str(day))),
         )
 
@@ -250,3 +249,34 @@ def _octet(text: str | None, otherwise: int) -> int:
     if text is None or not (text.isascii() and text.isdecimal() and len(text) <= 3):
         return otherwise
     return int(text) if int(text) <= 0xFF else otherwise
+
+
+BEHIND_NS = 3600 * NS
+"""How much earlier than the one before it a time of day may be, on the same day."""
+
+
+class DayClock:
+    """Gives days to times of day that come in their order, or a little out of it.
+
+    The first is of the day that begins at `date_utc_ns`. One that is at most an hour behind the
+    one before it is out of order, across midnight too; any other is ahead of it.
+    """
+
+    def __init__(self, date_utc_ns: int) -> None:
+        self._date_utc_ns = date_utc_ns
+        self._last_utc_ns: int | None = None
+
+    def utc_ns(self, time_of_day_ns: int) -> int:
+        """The time, not before 1970, of the next time of day."""
+        if self._last_utc_ns is None:
+            self._last_utc_ns = self._date_utc_ns + time_of_day_ns
+        else:
+            since_midnight = self._last_utc_ns - self._date_utc_ns
+            self._last_utc_ns += ahead_ns(since_midnight, time_of_day_ns)
+        return max(self._last_utc_ns, 0)
+
+
+def ahead_ns(one_ns: int, other_ns: int) -> int:
+    """How far the second of two times of day is ahead of the first: from -1 h to 23 h."""
+    ahead = (other_ns - one_ns) % DAY_NS
+    return ahead - DAY_NS if ahead >= DAY_NS - BEHIND_NS else ahead

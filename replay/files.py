@@ -24,7 +24,7 @@ BLOCKS_LOOKED_AT = 8
 
 
 class FileFormat(StrEnum):
-    """Of recordings."""
+    """The formats of recordings."""
 
     MCAP = "mcap"
     PCAP = "pcap"
@@ -152,7 +152,7 @@ class Recording:
 
 
 def format_of(path: Path) -> FileFormat:
-    """Of a file that is there. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
+    """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
     with path.open("rb") as file:
         head = file.read(HEAD_OCTETS)
     found = format_of_content(head) or SUFFIXES.get(path.suffix.lower())
@@ -163,12 +163,12 @@ def format_of(path: Path) -> FileFormat:
 
 
 def format_of_content(head: bytes) -> FileFormat | None:
-    """Of a file that begins with these octets; None if they tell none."""
+    """The format of a file that begins with these octets; None if they tell none."""
     return next((form for form, facts in FORMATS.items() if facts.begins(head)), None)
 
 
 def format_of_suffix(path: Path) -> FileFormat:
-    """Of a file that is to be written; raises `PlotfeedError`."""
+    """The format of a file that is to be written; raises `PlotfeedError`."""
     found = SUFFIXES.get(path.suffix.lower())
     if found is None:
         raise PlotfeedError(f"{path}: expected one of the suffixes {', '.join(SUFFIXES)}")
@@ -209,7 +209,7 @@ class RepeatableRecording(Protocol):
 
     @property
     def damage(self) -> Sequence[Damage]:
-        """As the last pass has found it so far."""
+        """Damages, as the last pass has found them so far."""
 
     def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Messages of log times from `start_ns` on and before `end_ns`."""

@@ -33,7 +33,7 @@ class Octets:
         return piece
 
     def peek(self, octets: int, *, ahead: int = 0) -> bytes:
-        """So many that begin `ahead` of the next one; fewer at the end. They stay."""
+        """Octets that stay: so many that begin `ahead` of the next one; fewer at the end."""
         if self._next + ahead + octets > len(self._buffer) and not self._ended:
             self._fill(ahead + octets)
         begin = self._next + ahead

@@ -95,7 +95,7 @@ class Laps:
 
 
 def lap_period_ns(begin_ns: int, first_ns: int, last_ns: int, messages: int) -> int:
-    """From one lap to the next, where nobody says when the recording ends.
+    """Time from one lap to the next, where nobody says when the recording ends.
 
     `messages` were recorded from `first_ns` to `last_ns`: the lap ends one mean spacing after its
     last message, so that a regular feed stays regular over the seam.

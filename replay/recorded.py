@@ -7,6 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+LATEST_NS = (1 << 64) - 1
+"""In the year 2554; all that MCAP can hold."""
+
 
 class Stage(StrEnum):
     """Where a message was when it was recorded."""

@@ -6,8 +6,9 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
+from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, message_type
 from plotfeed.proto.utc import NS
-from plotfeed.replay.asterix_blocks import CONTENT_TYPE, categories, is_asterix
+from plotfeed.replay.asterix_blocks import categories, is_asterix
 from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_SERIES = 10_000
@@ -15,7 +16,6 @@ OTHERS = "(others)"
 """In place of the topic when there are more."""
 STEPS = 1000
 """Of lateness within a factor of e: it is known to 0.05 %."""
-MESSAGE_TYPE = "messageType="
 
 
 @dataclass(slots=True)
@@ -74,7 +74,7 @@ class Summary:
 
     @property
     def duration_s(self) -> float:
-        """From the earliest to the latest message."""
+        """Time from the earliest to the latest message."""
         if self.first_ns is None or self.last_ns is None:
             return 0.0
         return (self.last_ns - self.first_ns) / NS
@@ -115,9 +115,9 @@ def kinds_of(message: Recorded) -> tuple[str, ...]:
     """Categories of ASTERIX such as 048; else the message's type, or what its content type says."""
     content = message.content_type
     if not content and "asterix" in message.topic.split("/")[-2:]:
-        content = CONTENT_TYPE
-    if content.startswith(CONTENT_TYPE) and is_asterix(content, message.payload):
+        content = ASTERIX
+    if content.startswith(ASTERIX) and is_asterix(content, message.payload):
         return tuple(f"{category:03d}" for category in categories(message.payload))
     if MESSAGE_TYPE in content:
-        return (content.partition(MESSAGE_TYPE)[2].partition(";")[0].rpartition(".")[2],)
+        return (message_type(content).rpartition(".")[2],)
     return (content.partition(";")[0].removeprefix("application/"),)

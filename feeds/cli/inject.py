@@ -14,7 +14,7 @@ from typing import Literal
 import click
 
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.message import JSON, PROTOBUF, Message
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
@@ -23,6 +23,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SPEED = 1000.0

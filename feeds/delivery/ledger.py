@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.message import PROTOBUF, Message, attributes
+from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import ledger
+from plotfeed.proto.content_types import protobuf_content_type
 
 OnComplete = Callable[[list[Delivery]], object]
 """Given all deliveries of an entry, each of them settled."""
@@ -65,7 +66,7 @@ def records(deliveries: Sequence[Delivery]) -> list[pb.Sent]:
     return [one.record() for one in sorted(deliveries, key=lambda one: (one.number, one.copy))]
 
 
-CONTENT_TYPE = f"{PROTOBUF}; messageType=plotfeed.v1.Ledger"
+CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")
 
 
 def ledger_message(

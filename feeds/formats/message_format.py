@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.scene.report_formats import ReportFormat, asterix_content_type
+from plotfeed.feeds.scene.report_formats import ReportFormat
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
@@ -15,6 +15,7 @@ from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.asterix.decode_plots import PlotItems
+from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 

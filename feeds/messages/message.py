@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 
 from plotfeed.proto.utc import iso_utc
 
-PROTOBUF = "application/x-protobuf"
-JSON = "application/json"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:

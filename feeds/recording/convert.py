@@ -164,7 +164,7 @@ def _chosen(
     form: FileFormat,
     counts: ConversionCounts,
 ) -> Iterator[Recorded]:
-    """Those that are asked for; the others are counted where nobody asked for fewer."""
+    """Messages that are asked for; the others are counted where nobody asked for fewer."""
     stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
     for message in messages:
         if settings.topics and not any(matches(each, message.topic) for each in settings.topics):

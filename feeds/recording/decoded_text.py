@@ -19,6 +19,7 @@ from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.asterix.codec.retime_asterix import is_time_of_day
+from plotfeed.proto.content_types import ASTERIX, JSON, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
@@ -74,8 +75,6 @@ def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
 
 
 MAX_TEXT = 2000
-MESSAGE_TYPE = "messageType="
-"""In the content type of protobuf, before the full name of the message."""
 SAPIENT = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 OURS: Mapping[str, type[ProtobufMessage]] = {
     kind.DESCRIPTOR.full_name: kind
@@ -127,13 +126,13 @@ def message_lines(
 
 def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
     """By content type, or by topic where it says nothing, as MQTT 3.1.1 carries none."""
-    said = _message_type(content_type or "")
+    said = message_type(content_type or "")
     if said == SAPIENT or said in OURS:
         return OURS.get(said, "sapient")
     levels = topic.split("/")
-    if (content_type or "").startswith("application/x-asterix") or "asterix" in levels[-2:]:
+    if (content_type or "").startswith(ASTERIX) or "asterix" in levels[-2:]:
         return "asterix"
-    if (content_type or "").startswith("application/json") or levels[-1] in ("errors", "status"):
+    if (content_type or "").startswith(JSON) or levels[-1] in ("errors", "status"):
         return "json"
     if levels[-1] == "sapient":
         return "sapient"
@@ -141,11 +140,6 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
         return pb.Telemetry
     kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
     return kinds.get(levels[-1], "json")
-
-
-def _message_type(content_type: str) -> str:
-    """The protobuf message that a content type names; empty if it names none."""
-    return content_type.partition(MESSAGE_TYPE)[2].partition(";")[0].strip(' "')
 
 
 def _asterix(topic: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[str]:

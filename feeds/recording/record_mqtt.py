@@ -43,9 +43,9 @@ class BrokerSource:
 
     @classmethod
     def parse(cls, url: str, access: dict[str, Any], name: str, *, expected: str) -> BrokerSource:
-        """From mqtt://HOST:PORT/FILTER; raises `PlotfeedError`, saying what else was expected.
+        """The source at mqtt://HOST:PORT/FILTER; raises `PlotfeedError`.
 
-        `access` holds the keyword arguments of `BrokerAddress.parse`.
+        `access` holds the keyword arguments of `BrokerAddress.parse`, `expected` is for the error.
         """
         scheme, _, rest = url.partition("://")
         if scheme not in DEFAULT_PORTS:

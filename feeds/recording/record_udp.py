@@ -171,12 +171,12 @@ class UdpSource:
             receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
 
     def _index(self) -> int:
-        """Of the interface for a group of IPv6; 0 is the system's own choice."""
+        """The number of the interface for a group of IPv6; 0 is the system's own choice."""
         name = self._interface or getattr(self._endpoint.address, "scope_id", None)
         return socket.if_nametoindex(name) if name else 0
 
     def _topic_of(self, level: int, kind: int, data: bytes) -> str:
-        """By a struct in_pktinfo or in6_pktinfo; empty if it is none."""
+        """The topic of a struct in_pktinfo or in6_pktinfo; empty if it is none."""
         port = self._endpoint.port
         if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
             return _topic(ipaddress.IPv4Address(data[8:12]), port)
@@ -186,7 +186,7 @@ class UdpSource:
 
 
 def _place(address: object, port: int) -> str:
-    """As topics and properties have it."""
+    """Address and port as topics and properties have them."""
     return f"{str(address).partition('%')[0]}/{port}"
 
 
@@ -205,4 +205,4 @@ def _interface_4(interface: str | None) -> bytes:
 
 
 def _forget(_recorded: Recorded) -> None:
-    """Before it is open."""
+    """What a source that is not open does with datagrams."""

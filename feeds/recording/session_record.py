@@ -17,8 +17,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.asterix_blocks import CONTENT_TYPE
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
@@ -100,7 +100,7 @@ class RawFile(Observer):
 
     def after_link(self, message: Message, _sent_utc_ns: int) -> None:
         """Take what is ASTERIX."""
-        if not self.failure and message.content_type.startswith(CONTENT_TYPE):
+        if not self.failure and message.content_type.startswith(ASTERIX):
             try:
                 self._file.write(message.payload)
             except OSError as error:

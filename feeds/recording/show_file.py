@@ -15,6 +15,7 @@ import click
 from plotfeed.feeds.console.progress import with_progress
 from plotfeed.feeds.recording.decoded_text import Categories, message_lines, record_line
 from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
@@ -52,7 +53,7 @@ def show_file(
 
 
 def _lines(recording: Recording, *, as_json: bool, categories: Categories) -> Iterator[str]:
-    """Of every message; records of raw ASTERIX stand for themselves."""
+    """Lines of every message; records of raw ASTERIX stand for themselves."""
     reader = recording.reader
     if isinstance(reader, RawReader):
         return _raw_lines(reader, as_json=as_json, categories=categories)
@@ -77,7 +78,7 @@ def _message_lines(
 ) -> Iterator[str]:
     topic, payload = printable(message.topic), message.payload
     trailer = trailer_octets(payload)
-    if trailer and message.content_type.startswith("application/x-asterix"):
+    if trailer and message.content_type.startswith(ASTERIX):
         payload = payload[:-trailer]
     lines = message_lines(
         topic, payload, message.content_type or None, as_json=as_json, categories=categories

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.feeds.transport.udp import UdpError, UdpLink
+from plotfeed.proto.content_types import ASTERIX
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ class ReplayTransport(Transport, Protocol):
 def is_datagram(message: Message) -> bool:
     """Whether it is ASTERIX, or was a datagram when it was recorded."""
     return (
-        message.content_type.startswith("application/x-asterix")
+        message.content_type.startswith(ASTERIX)
         or message.topic.startswith(f"{UDP_TOPIC}/")
         or "asterix" in message.topic.split("/")[-2:]
     )

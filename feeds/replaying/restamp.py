@@ -10,18 +10,16 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
 from plotfeed.proto.asterix.encode_129 import is_block_129
+from plotfeed.proto.content_types import ASTERIX, JSON, MESSAGE_TYPE, PROTOBUF
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
 from plotfeed.replay.recorded import Recorded
 
 log = logging.getLogger(__name__)
 
-ASTERIX = "application/x-asterix"
-MESSAGE_TYPE = "messageType="
 OURS: dict[str, Any] = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)

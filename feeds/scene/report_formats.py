@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from plotfeed.feeds.messages.message import PROTOBUF
 from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
+from plotfeed.proto.content_types import asterix_content_type, protobuf_content_type
 
 PLOT_BATCH = "plotfeed.v1.PlotBatch"
 SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
@@ -75,16 +75,6 @@ def asterix(
         needs_azimuth=needs_azimuth,
         range_step_m=range_step_m,
     )
-
-
-def asterix_content_type(category: int) -> str:
-    """The content type of a data block."""
-    return f"application/x-asterix; cat={category}"
-
-
-def protobuf_content_type(message: str) -> str:
-    """The content type of a protobuf message of that full name."""
-    return f"{PROTOBUF}; messageType={message}"
 
 
 STATUS = SentCategory("that the sensor works, and where it stands")

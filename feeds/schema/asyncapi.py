@@ -8,11 +8,11 @@ from typing import Any
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 
-from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
 from plotfeed.feeds.schema.published import text_of
 from plotfeed.feeds.transport.mqtt.publish_packet import MESSAGE_EXPIRY_S
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import JSON, PROTOBUF
 
 TIMESTAMP = "google.protobuf.Timestamp"
 _WHOLE_IN_TEXT = {"type": "string", "pattern": "^-?[0-9]+$"}

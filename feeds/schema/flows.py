@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plotfeed.feeds.formats import FORMATS
-from plotfeed.feeds.messages.message import JSON, PROTOBUF
 from plotfeed.feeds.scene.commands import Command
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
+from plotfeed.proto.content_types import JSON, PROTOBUF, asterix_content_type
 
 OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 OF_SENSOR = ("sensor",)
@@ -102,7 +102,7 @@ def _asterix(category: int, summary: str, *, address: str, **more: object) -> Fl
     return Flow(
         name=f"asterix{category:03d}",
         address=address,
-        content_type=f"application/x-asterix; cat={category}",
+        content_type=asterix_content_type(category),
         summary=f"An ASTERIX data block of category {category:03d}: {summary}.",
         kind=f"plotfeed.asterix.{category:03d}",
         **more,  # type: ignore[arg-type]
@@ -236,7 +236,7 @@ def _telemetry() -> Iterator[Flow]:
     for name, content_type, message in (
         ("telemetryProtobuf", PROTOBUF, f"{OURS}.Telemetry"),
         ("telemetryJson", JSON, f"{OURS}.Telemetry"),
-        ("telemetryAsterix129", "application/x-asterix; cat=129", ""),
+        ("telemetryAsterix129", asterix_content_type(129), ""),
     ):
         yield Flow(
             name=name,

@@ -12,6 +12,7 @@ from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.encode_129 import TargetEncoder129
+from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.utc import NS
 
 HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
@@ -81,7 +82,7 @@ class CooperativeDrones:
         return Message(
             topic=f"{self._root}/asterix/129",
             payload=block,
-            content_type="application/x-asterix; cat=129",
+            content_type=asterix_content_type(129),
             due_utc_ns=t_utc_ns,
             qos=self._qos,
             properties=attributes(

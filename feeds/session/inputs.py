@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.messages.message import JSON, Message
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import ChangeError
 from plotfeed.feeds.scene.commands import ClockCommand, Command, ControlError, command_of, parsed
 from plotfeed.feeds.scene.scene import Scene
@@ -17,6 +17,7 @@ from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
 
 

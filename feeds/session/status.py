@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-from plotfeed.feeds.messages.message import JSON, Message, attributes
+from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import iso_utc
 
 

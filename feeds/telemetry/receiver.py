@@ -6,13 +6,14 @@ from collections import Counter
 
 from google.protobuf import json_format
 
-from plotfeed.feeds.messages.message import JSON, Message, attributes
+from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
 from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
 
 MAX_DRONE_NAME = 64

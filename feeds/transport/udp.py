@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
+from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class UdpLink:
         for delivery in deliveries:
             message = delivery.message
             delivered = True
-            if message.content_type.startswith("application/x-asterix"):
+            if message.content_type.startswith(ASTERIX):
                 delivered = self._send(message.payload)
                 if delivered:
                     delivery.leave()

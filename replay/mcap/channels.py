@@ -13,6 +13,13 @@ from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import Default
 
+from plotfeed.proto.content_types import (
+    ASTERIX,
+    JSON,
+    PROTOBUF,
+    message_type,
+    protobuf_content_type,
+)
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -33,7 +40,7 @@ def properties_to_json(properties: Properties) -> bytes:
 
 
 def properties_of_json(data: bytes) -> Properties:
-    """The same back; raises `DecodeError`."""
+    """User properties of their JSON; raises `DecodeError`."""
     try:
         text = data.decode()
         found, end = _decode(text)
@@ -90,8 +97,6 @@ OURS = "plotfeed."
 """Before our names in a channel's metadata."""
 BEFORE, PROPERTIES = "before/", "properties/"
 """Before topics, where one topic has several channels."""
-PROTOBUF, JSON, ASTERIX = "application/x-protobuf", "application/json", "application/x-asterix"
-MESSAGE_TYPE = "messageType="
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +111,7 @@ class ChannelKey:
 
     @classmethod
     def of(cls, recorded: Recorded) -> ChannelKey:
-        """That of a message."""
+        """The key of a message."""
         return cls(
             topic=recorded.topic,
             content_type=recorded.content_type,
@@ -142,7 +147,7 @@ class Channel:
 
 
 def channel_of(topic: str, encoding: str, schema: str, metadata: Mapping[str, str]) -> Channel:
-    """From the fields of its record; one that is not ours has been received."""
+    """The channel of a record with these fields; one that is not ours has been received."""
     given = {name.removeprefix(OURS): v for name, v in metadata.items() if name.startswith(OURS)}
     try:
         series = ChannelKey(
@@ -165,17 +170,14 @@ def encoding_of(content_type: str) -> str:
 
 def message_type_of(series: ChannelKey) -> str:
     """Full name of the protobuf message that the messages are; empty if it is not known."""
-    kind, _, parameters = series.content_type.partition(";")
-    if kind.strip() != PROTOBUF:
+    if series.content_type.partition(";")[0].strip() != PROTOBUF:
         return ""
-    for parameter in parameters.split(";"):
-        if parameter.strip().startswith(MESSAGE_TYPE):
-            return parameter.strip().removeprefix(MESSAGE_TYPE)
-    return "plotfeed.v1.Telemetry" if series.stage is Stage.TELEMETRY else ""
+    unnamed = "plotfeed.v1.Telemetry" if series.stage is Stage.TELEMETRY else ""
+    return message_type(series.content_type) or unnamed
 
 
 def _content_type(encoding: str, schema: str) -> str:
     """What others wrote, in our words."""
     if encoding == "protobuf":
-        return f"{PROTOBUF}; {MESSAGE_TYPE}{schema}" if schema else PROTOBUF
+        return protobuf_content_type(schema) if schema else PROTOBUF
     return {"json": JSON, "asterix": ASTERIX}.get(encoding, f"application/x-{encoding or 'octets'}")

@@ -15,8 +15,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 from plotfeed.replay.mcap.records import MAGIC
-from plotfeed.replay.recorded import Attachment
-from plotfeed.replay.times import LATEST_NS
+from plotfeed.replay.recorded import LATEST_NS, Attachment
 
 ZSTD_LEVEL = 1
 """Higher levels take longer and make the messages of sensors hardly smaller."""
@@ -131,7 +130,7 @@ class ChunkFile:
         return True
 
     def _summary(self) -> bytes:
-        """From the end of the data to the end of the file."""
+        """What lies between the end of the data and the end of the file."""
         statistics = mcap.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self.channels),

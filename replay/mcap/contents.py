@@ -30,7 +30,7 @@ class TimeSpan(NamedTuple):
 
 @dataclass(slots=True)
 class Contents:
-    """As its index says, or a scan has found."""
+    """What is in a file, as its index says or a scan has found."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
     spans: list[TimeSpan] = field(default_factory=list)
@@ -100,10 +100,13 @@ CHUNK_INDEX = struct.Struct("<QQQQI")
 """First and last log time, offset and octets of the chunk, and octets of a map to go over."""
 
 
-class _Counts:
-    """What the statistics say."""
-
-    schemas = channels = attachments = chunks = -1
+STATISTICS = struct.Struct("<QHIIIIQQI")
+"""Messages, schemas, channels, attachments, metadata, chunks, first and last log time, octets of
+the messages by channel, which follow."""
+COUNT = struct.Struct("<HQ")
+"""Channel, and its messages."""
+ATTACHMENT_INDEX = struct.Struct("<QQQQQ")
+"""Offset and length of the record, log time, time of creation, octets of the data."""
 
 
 def read_index(source: McapSource, damages: Damages) -> Contents | None:
@@ -145,7 +148,7 @@ def _summary_start(source: McapSource, damages: Damages) -> int | None:
 
 def _contents(summary: bytes, start: int) -> Contents | None:
     """None if the records within are not all that the file has; raises `DecodeError`."""
-    found, said = Contents(), _Counts()
+    found, told = Contents(), (-1, -1, -1, -1)
     fields = Fields(summary)
     while fields.left:
         opcode, length = fields.take(HEAD)
@@ -154,44 +157,26 @@ def _contents(summary: bytes, start: int) -> Contents | None:
         if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             found.define(opcode, record)
         elif opcode == Opcode.CHUNK_INDEX:
-            found.spans.append(_span(record))
+            first_ns, last_ns, offset, octets, _ = record.take(CHUNK_INDEX)
+            found.spans.append(TimeSpan(first_ns, last_ns, offset, octets))
         elif opcode == Opcode.ATTACHMENT_INDEX:
-            found.attachments.append(_attachment(record))
+            offset, *_, octets = record.take(ATTACHMENT_INDEX)
+            name, media_type = record.text(), record.text()
+            found.attachments.append(
+                AttachmentEntry(name=name, media_type=media_type, octets=octets, offset=offset)
+            )
         elif opcode == Opcode.STATISTICS:
-            _take_statistics(record, found, said)
+            _, schemas, channels, attachments, _, chunks, *_, octets = record.take(STATISTICS)
+            told = (schemas, channels, attachments, chunks)
+            for _ in range(octets // COUNT.size):
+                number, found.counts[number] = record.take(COUNT)
     spans = sorted(found.spans, key=attrgetter("offset"))
     ends = [span.offset + span.octets for span in spans]
     if any(end > after.offset for end, after in zip(ends, spans[1:], strict=False)):
         raise DecodeError("chunks that overlap")
     if ends and ends[-1] > start:
         raise DecodeError("a chunk beyond the data")
-    whole = (
-        said.chunks == len(found.spans)
-        and said.schemas == len(found.schemas)
-        and said.channels == len(found.channels)
-        and said.attachments == len(found.attachments)
-        and (found.spans or not any(found.counts.values()))
-    )
-    return found if whole else None
-
-
-def _span(record: Fields) -> TimeSpan:
-    first_ns, last_ns, offset, octets, _ = record.take(CHUNK_INDEX)
-    return TimeSpan(first_ns, last_ns, offset, octets)
-
-
-def _attachment(record: Fields) -> AttachmentEntry:
-    offset, _length, _logged_ns, _created_ns, octets = record.take(struct.Struct("<QQQQQ"))
-    return AttachmentEntry(
-        name=record.text(), media_type=record.text(), octets=octets, offset=offset
-    )
-
-
-def _take_statistics(record: Fields, found: Contents, said: _Counts) -> None:
-    _messages, said.schemas = record.number(8), record.number(2)
-    said.channels, said.attachments = record.number(4), record.number(4)
-    _metadata, said.chunks = record.number(4), record.number(4)
-    _first_ns, _last_ns = record.number(8), record.number(8)
-    for _ in range(record.number(4) // 10):
-        channel_id = record.number(2)
-        found.counts[channel_id] = record.number(8)
+    there = (len(found.schemas), len(found.channels), len(found.attachments), len(spans))
+    if told != there or (not spans and any(found.counts.values())):
+        return None
+    return found

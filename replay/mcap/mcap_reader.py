@@ -17,13 +17,13 @@ from plotfeed.replay.mcap.contents import McapSource, TimeSpan, read_index
 from plotfeed.replay.mcap.mcap_scan import scan
 from plotfeed.replay.mcap.records import HEAD, MAGIC, MESSAGE, attachment_of, unpacked
 from plotfeed.replay.recorded import (
+    LATEST_NS,
     Attachment,
     AttachmentEntry,
     Recorded,
     RecordingReader,
     Stage,
 )
-from plotfeed.replay.times import LATEST_NS
 
 MAX_HELD_OCTETS = 64 << 20
 """Of chunks whose times overlap, while their messages are put in order."""
@@ -186,7 +186,7 @@ class McapReader(RecordingReader):
     def _messages(
         self, offset: int, data: bytes, wanted: Mapping[int, _Wanted], first_ns: int, end_ns: int
     ) -> list[Recorded]:
-        """Those in records, as they come; `offset` is where these are in the file."""
+        """Messages in records, as they come; `offset` is where these are in the file."""
         found: list[Recorded] = []
         properties: dict[int, Properties] = {}
         unpack, known = MESSAGE.unpack_from, self._contents.channels
@@ -233,7 +233,7 @@ _put_retain, _put_qos, _put_stage = _put_rest
 def _recorded(
     series: ChannelKey, payload: bytes, log_ns: int, publish_ns: int, properties: Properties
 ) -> Recorded:
-    """As the class makes it, in less than half the time: that is most of the time of reading."""
+    """What the class makes, in less than half the time: that is most of the time of reading."""
     made = Recorded.__new__(Recorded)
     _put_topic(made, series.topic)
     _put_payload(made, payload)

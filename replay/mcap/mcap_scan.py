@@ -20,8 +20,7 @@ from plotfeed.replay.mcap.records import (
     attachment_of,
     unpacked,
 )
-from plotfeed.replay.recorded import AttachmentEntry, Damages
-from plotfeed.replay.times import LATEST_NS
+from plotfeed.replay.recorded import LATEST_NS, AttachmentEntry, Damages
 
 LOOSE_OCTETS = 1 << 20
 """Messages outside chunks are read so many octets at a time."""

@@ -153,7 +153,7 @@ class McapWriter(RecordingWriter):
     def _add_properties(
         self, channel: _Channel, key: tuple[object, ...], message: Recorded
     ) -> None:
-        """Before the message itself, with the same number and times."""
+        """A message of its own before the message itself, with the same number and times."""
         beside = channel.properties
         if beside is None:
             beside = channel.properties = self._new_channel(

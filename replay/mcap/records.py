@@ -55,7 +55,7 @@ class Fields:
         return int.from_bytes(self._data[at : at + octets], "little")
 
     def octets(self, length: int) -> bytes:
-        """So many octets as they are."""
+        """Octets as they are."""
         at = self.skip(length)
         return self._data[at : at + length]
 
@@ -79,7 +79,7 @@ class Fields:
 
 
 def attachment_of(body: bytes) -> Attachment:
-    """From the body of its record, which ends with a CRC; raises `DecodeError`."""
+    """The attachment in the body of its record, which ends with a CRC; raises `DecodeError`."""
     fields = Fields(body)
     log_time_ns, _created_ns = fields.number(8), fields.number(8)
     name, media_type = fields.text(), fields.text()

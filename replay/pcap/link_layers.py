@@ -196,7 +196,7 @@ def _link_layer(link_type: int, source: bytes, destination: bytes) -> bytes:
 
 
 def checksum(octets: bytes) -> int:
-    """Of the Internet: the complement of the ones' complement sum of 16-bit words, RFC 1071."""
+    """The Internet checksum, RFC 1071: complement of the ones' complement sum of 16-bit words."""
     if len(octets) % 2:
         octets += b"\0"
     # A big-endian number is congruent to the sum of its 16-bit words, modulo 2**16 - 1.

@@ -17,8 +17,7 @@ from plotfeed.replay.pcap.link_layers import (
     datagram_in,
     with_payload,
 )
-from plotfeed.replay.recorded import Recorded
-from plotfeed.replay.times import LATEST_NS
+from plotfeed.replay.recorded import LATEST_NS, Recorded
 
 FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
 """In base64: the header of the file, what is before the payload, what is behind it if anything."""
@@ -62,7 +61,7 @@ class PcapHeader(NamedTuple):
 
     @property
     def text(self) -> str:
-        """In base64, as a property of messages has it."""
+        """The header in base64, as a property of messages has it."""
         return base64.b64encode(self.octets).decode("ascii")
 
 
@@ -78,7 +77,7 @@ def header_of(octets: bytes) -> PcapHeader | None:
 
 @lru_cache(maxsize=64)
 def header_of_text(text: str) -> PcapHeader | None:
-    """Of a property; None if it is none, or of packets that cannot be read."""
+    """The header in a property; None if it is none, or of packets that cannot be read."""
     try:
         found = header_of(base64.b64decode(text, validate=True))
     except ValueError:
@@ -88,7 +87,7 @@ def header_of_text(text: str) -> PcapHeader | None:
 
 @lru_cache(maxsize=64)
 def ns_header(link_type: int) -> PcapHeader:
-    """Of a new file, whose times are of nanoseconds."""
+    """The header of a new file, whose times are of nanoseconds."""
     octets = struct.pack("<IHHiIII", _MAGIC_NS, 2, 4, 0, 0, MAX_PACKET_OCTETS, link_type)
     return PcapHeader(octets, 1, link_type, MAX_PACKET_OCTETS, struct.Struct("<IIII"))
 
@@ -121,7 +120,7 @@ class KeptPacket(NamedTuple):
 def properties_of(
     header: PcapHeader, packet: bytes, length: int, found: Datagram
 ) -> tuple[tuple[str, str], ...]:
-    """Of a packet that had so many octets before it was cut, and the datagram in it."""
+    """Properties of a packet that had `length` octets before it was cut, and of its datagram."""
     tail = packet[found.payload_at + len(found.payload) :]
     return (
         (FILE, header.text),

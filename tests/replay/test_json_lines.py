@@ -14,8 +14,7 @@ from plotfeed.replay import json_lines
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader
-from plotfeed.replay.recorded import Recorded, Stage
-from plotfeed.replay.times import LATEST_NS
+from plotfeed.replay.recorded import LATEST_NS, Recorded, Stage
 
 TIMES = st.integers(0, LATEST_NS)
 TEXTS = st.text(max_size=10)

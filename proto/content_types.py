@@ -1,0 +1,23 @@
+"""Content types of payloads, as MQTT 5 and recordings name them."""
+
+from __future__ import annotations
+
+PROTOBUF = "application/x-protobuf"
+JSON = "application/json"
+ASTERIX = "application/x-asterix"
+MESSAGE_TYPE = "messageType="
+
+
+def asterix_content_type(category: int) -> str:
+    """The content type of a data block."""
+    return f"{ASTERIX}; cat={category}"
+
+
+def protobuf_content_type(message: str) -> str:
+    """The content type of a protobuf message of that full name."""
+    return f"{PROTOBUF}; {MESSAGE_TYPE}{message}"
+
+
+def message_type(content_type: str) -> str:
+    """The full name of the protobuf message that a content type names; empty if it names none."""
+    return content_type.partition(MESSAGE_TYPE)[2].partition(";")[0].strip(' "')
