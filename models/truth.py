@@ -166,6 +166,12 @@ class Trajectories:
             rcs_m2=self._rcs_m2, sound_power_db=self._sound_power_db, emitters=self._emitters
         )
 
+    @property
+    def spans_ns(self) -> Ints:
+        """Times of every drone's first and last sample, by its index; (n, 2)."""
+        ends = [(track.t_utc_ns[0], track.t_utc_ns[-1]) for track in self._tracks]
+        return np.array(ends, np.int64).reshape(-1, 2)
+
     def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
         """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
         return self._at(t_utc_ns, drones, TruthState)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import fields
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -42,6 +45,13 @@ def test_every_command_that_a_page_names_is_there() -> None:
         named |= set(re.findall(r"docs/commands/(\w+\.py)", page.read_text()))
     assert len(named) > 5
     assert {name for name in named if not (COMMANDS / name).exists()} == set()
+
+
+def test_every_command_finds_what_it_imports() -> None:
+    missing = set() if find_spec("playwright") else {"draw_page"}
+    names = sorted({path.stem for path in COMMANDS.glob("*.py")} - missing)
+    command = [sys.executable, "-c", f"import {', '.join(names)}"]
+    subprocess.run(command, cwd=COMMANDS, check=True)
 
 
 def test_every_link_between_pages_leads_somewhere() -> None:

@@ -65,11 +65,11 @@ def baseline() -> None:
             rasterized=True,
         )
         panel.set(title=name, yscale="log", xlabel="km along the baseline")
-        for x_km, station in ((0.0, "receiver"), (BASELINE_M / 1e3, "transmitter")):
+        for x_km, antenna in ((0.0, "receiver"), (BASELINE_M / 1e3, "transmitter")):
             panel.plot([x_km], [OFF_M[0]], "^", color="k", markersize=12, clip_on=False)
             panel.axvline(x_km, color="k", linewidth=0.8, linestyle=":")
             panel.annotate(
-                station,
+                antenna,
                 (x_km, OFF_M[-1]),
                 (4 if x_km else -4, -14),
                 textcoords="offset points",

@@ -104,16 +104,16 @@ def wrapped(name: str, difference: Floats) -> Floats:
     return wrap_180(difference) if name.endswith("_deg") else difference
 
 
-def case_of(scene: Scene, sensor: Sensor, flown: Flown, effort: Effort, rng: Rng) -> Case | None:
+def case_of(scene: Scene, sensor: Sensor, flights: Flown, effort: Effort, rng: Rng) -> Case | None:
     """What there is to measure of a sensor; None if it hardly ever detects any of the drones."""
     viewpoint = Viewpoint.of(scene, sensor)
     model, frame = viewpoint.model, viewpoint.frame
-    found, pd = places(scene, viewpoint, flown, effort.pool, rng)
+    found, pd = places(scene, viewpoint, flights, effort.pool, rng)
     if not len(found) or pd.mean() < FEWEST_SEEN:
         return None
     seen = found.drawn(rng.choice(len(found), effort.targets, p=pd / pd.sum()))
     some = rng.permutation(len(found))[: max(effort.targets, effort.references)]
-    targets = targets_at(seen, frame, flown.signatures)
+    targets = targets_at(seen, frame, flights.signatures)
     own = _own_sigmas(model, targets)
     own[PD] = float(np.sqrt(np.mean(pd[some] * (1 - pd[some]))))
     mean, variance = alarm_moments(model)
@@ -125,7 +125,7 @@ def case_of(scene: Scene, sensor: Sensor, flown: Flown, effort: Effort, rng: Rng
         model=model,
         frame=frame,
         effort=effort,
-        signatures=flown.signatures,
+        signatures=flights.signatures,
         seen=seen,
         anywhere=found.drawn(some),
         pd_anywhere=pd[some],

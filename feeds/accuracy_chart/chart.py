@@ -115,8 +115,8 @@ class Chart:
 def charted(scene: Scene, effort: Effort) -> Chart:
     """Measure; raises `PlotfeedError` if a flight of the scene cannot be flown."""
     rng = np.random.default_rng(SEED)
-    states = flown(scene, effort.pool, rng)
-    cases = {s.id: case_of(scene, s, states, effort, rng) for s in scene.sensor}
+    flights = flown(scene, effort.pool, rng)
+    cases = {s.id: case_of(scene, s, flights, effort, rng) for s in scene.sensor}
     return Chart(
         scene=scene.scene.name,
         effort=effort,

@@ -86,7 +86,7 @@ def _figures(chart: Chart) -> list[tuple[str, str, Mapping[str, Panel]]]:
         batches: dict[str, Panel] = {"": partial(_batches_panel, chart.sensors)}
         whole: dict[str, Panel] = {s.name: partial(_whole_panel, s) for s in chart.sensors}
         found.append(("batches", "What a target costs in company, by their number", batches))
-        found.append(("configurations", "Whole configurations: one way of every stage", whole))
+        found.append(("configurations", "Whole configurations: one method of every stage", whole))
     return found
 
 

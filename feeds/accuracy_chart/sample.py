@@ -5,7 +5,7 @@ Places are drawn from the volume that the scene's own drones fly through, in the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.state import Columns, Floats, Ints, Signatures
+from plotfeed.models.state import Columns, Floats, Ints, Signatures, TruthState
 from plotfeed.models.truth import FOREVER_NS, Trajectories
 
 USUAL_SPEED_M_S = 20.0
@@ -54,53 +54,27 @@ class Places(Columns):
         return self if n is None else self.between(0, min(n, len(self)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Flown:
-    """Some states of the scene's drones, ECEF, and what of them can be sensed."""
+    """Some states of the scene's drones, and what of them can be sensed."""
 
-    drone: Ints
-    position_ecef_m: Floats
-    velocity_ecef_m_s: Floats
+    states: TruthState
     signatures: Signatures
-
-
-class _Noting(Trajectories):
-    """Trajectories that note when each drone is there."""
-
-    def __init__(self, *, stale_after_s: float) -> None:
-        super().__init__(stale_after_s=stale_after_s)
-        self.spans: dict[str, tuple[int, int]] = {}
-
-    def add_sample(self, drone: str, t_utc_ns: int, **others: Any) -> None:
-        super().add_sample(drone, t_utc_ns, **others)
-        first, last = self.spans.get(drone, (t_utc_ns, t_utc_ns))
-        self.spans[drone] = min(first, t_utc_ns), max(last, t_utc_ns)
-
-    def add_path(self, drone: str, t_utc_ns: Sequence[int], *others: Any, **more: Any) -> None:
-        super().add_path(drone, t_utc_ns, *others, **more)
-        self.spans[drone] = t_utc_ns[0], t_utc_ns[-1]
 
 
 def flown(scene: Scene, n: int, rng: np.random.Generator) -> Flown:
     """Some `n` states of the scene's drones, at random times of their flights."""
-    trajectories = _Noting(stale_after_s=scene.telemetry.stale_after_s)
+    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
     launch(scene, trajectories, 0)
-    spans = np.array([trajectories.spans[name] for name in trajectories.names], np.int64)
-    draws = int(np.clip(n // max(len(spans), 1), MIN_DRAWS, MAX_DRAWS))
-    drones, positions, velocities = [np.zeros(0, np.int64)], [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for _ in range(draws if len(spans) else 0):
-        share = rng.random(len(spans))
-        t_ns = spans[:, 0] + (share * (spans[:, 1] - spans[:, 0])).astype(np.int64)
-        state = trajectories.state_at(np.minimum(t_ns, FOREVER_NS - 1), np.arange(len(spans)))
-        drones.append(state.drone)
-        positions.append(state.position_ecef_m)
-        velocities.append(state.velocity_ecef_m_s)
-    return Flown(
-        drone=np.concatenate(drones),
-        position_ecef_m=np.concatenate(positions),
-        velocity_ecef_m_s=np.concatenate(velocities),
-        signatures=trajectories.signatures if len(spans) else _unknown(scene),
-    )
+    spans_ns, all_drones = trajectories.spans_ns, np.arange(len(trajectories.names))
+    found = [trajectories.state_at(all_drones[:0], all_drones[:0])]
+    if not len(all_drones):
+        return Flown(found[0], _unknown(scene))
+    for _ in range(int(np.clip(n // len(all_drones), MIN_DRAWS, MAX_DRAWS))):
+        share = rng.random(len(all_drones))
+        t_ns = spans_ns[:, 0] + (share * (spans_ns[:, 1] - spans_ns[:, 0])).astype(np.int64)
+        found.append(trajectories.state_at(np.minimum(t_ns, FOREVER_NS - 1), all_drones))
+    return Flown(TruthState.joined(found), trajectories.signatures)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,17 +97,17 @@ class Viewpoint:
 
 
 def places(
-    scene: Scene, viewpoint: Viewpoint, states: Flown, n: int, rng: np.random.Generator
+    scene: Scene, viewpoint: Viewpoint, flights: Flown, n: int, rng: np.random.Generator
 ) -> tuple[Places, Floats]:
     """Up to `n` places at which a sensor looks, with the Pd there; uniform in a volume.
 
     That of the drones, or, where the sensor covers hardly any of it, of the sensor itself.
     """
     site = site_frame(scene.scene.site)
-    drone, velocity_m_s = _movers(site, states, n, rng)
+    drone, velocity_m_s = _movers(site, flights.states, n, rng)
     volumes: list[Callable[[], Floats]] = [lambda: _within_cover(viewpoint, n, rng)]
-    if len(states.drone):
-        volumes.insert(0, lambda: _within_flights(site, states, n, rng))
+    if len(flights.states):
+        volumes.insert(0, lambda: _within_flights(site, flights.states, n, rng))
     for volume in volumes:
         latitude_deg, longitude_deg, height_m = ecef_to_geodetic(volume())
         found = Places(
@@ -143,7 +117,7 @@ def places(
             height_m=height_m,
             velocity_ecef_m_s=velocity_m_s,
         )
-        targets = targets_at(found, viewpoint.frame, states.signatures)
+        targets = targets_at(found, viewpoint.frame, flights.signatures)
         pd = looked_at(viewpoint.model, targets, rng)
         covered = ~np.isnan(pd)
         if covered.sum() >= FEWEST_IN_COVER:
@@ -190,17 +164,19 @@ def _unknown(scene: Scene) -> Signatures:
 
 
 def _movers(
-    site: LocalFrame, states: Flown, n: int, rng: np.random.Generator
+    site: LocalFrame, states: TruthState, n: int, rng: np.random.Generator
 ) -> tuple[Ints, Floats]:
     """Drones, and velocities that they have at some time."""
-    if len(states.drone):
-        row = rng.integers(0, len(states.drone), n)
+    if len(states):
+        row = rng.integers(0, len(states), n)
         return states.drone[row], states.velocity_ecef_m_s[row]
     level = aer_to_enu(rng.uniform(0, 360, n), 0.0, USUAL_SPEED_M_S)
     return np.zeros(n, np.int64), site.rotate_to_ecef(level)
 
 
-def _within_flights(site: LocalFrame, states: Flown, n: int, rng: np.random.Generator) -> Floats:
+def _within_flights(
+    site: LocalFrame, states: TruthState, n: int, rng: np.random.Generator
+) -> Floats:
     """Places in the box around all that is flown, along the axes of the site."""
     enu_m = site.from_ecef(states.position_ecef_m)
     return site.to_ecef(rng.uniform(enu_m.min(axis=0), enu_m.max(axis=0), (n, 3)))

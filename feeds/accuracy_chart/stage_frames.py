@@ -88,7 +88,7 @@ def ellipsoidal_flat(here: LocalFrame) -> FromGeodetic:
 
 
 def second_order(here: LocalFrame) -> FromGeodetic:
-    """The exact way by its derivatives at the sensor, to second order in all three differences."""
+    """ECEF and rotation by derivatives at the sensor, to second order in all three differences."""
     meridian_m, normal_m = _radii_m(here.latitude_deg)
     meridian_m, normal_m = meridian_m + here.height_m, normal_m + here.height_m
     sine, cosine = _sine_cosine(here.latitude_deg)

@@ -145,6 +145,16 @@ def test_a_drone_is_not_there_before_its_first_sample() -> None:
     assert there(paths, 0.0)
 
 
+def test_spans_are_from_the_first_sample_to_the_last() -> None:
+    paths = trajectories()
+    assert paths.spans_ns.shape == (0, 2)
+    for t_s in (2.0, 3.0, 5.0):
+        sample(paths, t_s, (0.0, 0.0, 0.0))
+    knots = np.stack([HOME.to_ecef(np.array([x, 0.0, 0.0])) for x in (0.0, 10.0)])
+    paths.add_path("b", [T0, T0 + 7 * NS], knots, signature=SIGNATURE)
+    assert (paths.spans_ns - T0).tolist() == [[2 * NS, 5 * NS], [0, 7 * NS]]
+
+
 def test_a_gap_longer_than_stale_is_not_bridged() -> None:
     paths = trajectories(stale_after_s=3.0)
     sample(paths, 0.0, (0.0, 0.0, 50.0), (10.0, 0.0, 0.0))

@@ -52,8 +52,8 @@ def sensors(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def method(sensor: dict[str, Any], stage: str, name: str) -> dict[str, Any]:
     (found,) = (s for s in sensor["stages"] if s["stage"] == stage)
-    (way,) = (m for m in found["methods"] if m["method"] == name)
-    return dict(way)
+    (only,) = (m for m in found["methods"] if m["method"] == name)
+    return dict(only)
 
 
 def test_every_sensor_has_the_stages_that_it_has(section_4: dict[str, Any]) -> None:
@@ -78,9 +78,9 @@ def test_each_stage_has_the_choice_of_the_scene_and_a_front(section_4: dict[str,
 def test_what_the_engine_does_adds_next_to_nothing(section_4: dict[str, Any]) -> None:
     for sensor in section_4["sensors"]:
         for stage in sensor["stages"]:
-            for way in stage["methods"]:
-                if way["ours"] and stage["stage"] != "encoding":
-                    assert way["share"] < 1e-6, (sensor["id"], stage["stage"])
+            for m in stage["methods"]:
+                if m["ours"] and stage["stage"] != "encoding":
+                    assert m["share"] < 1e-6, (sensor["id"], stage["stage"])
 
 
 def test_errors_are_those_that_one_expects_of_the_scene(section_4: dict[str, Any]) -> None:
@@ -105,8 +105,8 @@ def test_the_table_says_what_json_has(section_4: dict[str, Any]) -> None:
     for sensor in section_4["sensors"]:
         assert any(line.startswith(f"\n{sensor['id']} ({sensor['type']})") for line in text)
         for stage in sensor["stages"]:
-            for way in stage["methods"]:
-                told = (way["method"], ns_text(way["ns"]["median"]), share_text(way["share"]))
+            for m in stage["methods"]:
+                told = (m["method"], ns_text(m["ns"]["median"]), share_text(m["share"]))
                 assert any(all(part in line for part in told) for line in text), told
     assert json.loads(json.dumps(section_4)) == section_4
 
