@@ -105,12 +105,12 @@ def run(scene: Path, **options: Any) -> int:
 @flight_options
 def inject(flight: Path, broker: str, **options: Any) -> int:
     """Publish FLIGHT, a recorded file, as live telemetry."""
-    from plotfeed.feeds.cli.inject import FlightFeed, publish_flight
+    from plotfeed.feeds.cli.inject import InjectSettings, publish_flight
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
     address = BrokerAddress.parse(broker, **take_access(options))
     how_to_read = take_flight_options(options)
-    return publish_flight(flight, how_to_read, FlightFeed(broker=address, **options))
+    return publish_flight(flight, how_to_read, InjectSettings(broker=address, **options))
 
 
 @cli.command()
