@@ -1,4 +1,4 @@
-"""A recorded flight, the options of reading one."""
+"""A recorded flight, the options of reading one, and which of its records are plausible."""
 
 from __future__ import annotations
 
@@ -14,66 +14,16 @@ from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
+MAX_OCTETS = 256 * 1024 * 1024
+MAX_SKIPPED = 10_000
+"""Lines kept on records that were not taken; the rest are only counted."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MAX_SPEED_M_S = 150.0
 MAX_CLIMB_M_S = 60.0
 JITTER_M = 30.0
 """A fix may be off by this without being taken for wrong: receivers jump, coarse logs step."""
 MAX_CHAINS = 16
 EARTH_RADIUS_M = 6_371_000.0
-
-
-def implausible(reports: Sequence[PositionReport]) -> dict[int, str]:
-    """Index of each report that cannot belong to the flight, and why; times must increase.
-
-    Reports are strung into chains in which every step could have been flown, each report to the
-    longest chain that it can follow. The longest chain is the flight: this finds the wrong ones
-    also where they come first, or several in a row, as long as most are right.
-    """
-    chains: list[list[int]] = []
-    for i, report in enumerate(reports):
-        able = [c for c in chains if _reachable(reports[c[-1]], report)]
-        if able:
-            max(able, key=len).append(i)
-        else:
-            chains.append([i])
-            if len(chains) > MAX_CHAINS:
-                chains.remove(min(chains[:-1], key=len))
-    flown = max(chains, key=len, default=[])
-    rest = set(range(len(reports))).difference(flown)
-    return {i: _why(reports, flown, i) for i in rest}
-
-
-def _reachable(a: PositionReport, b: PositionReport) -> bool:
-    dt_s = (b.t_utc_ns - a.t_utc_ns) / NS
-    if abs(b.altitude_m - a.altitude_m) > JITTER_M + MAX_CLIMB_M_S * dt_s:
-        return False
-    return distance_m(a, b) <= JITTER_M + MAX_SPEED_M_S * dt_s
-
-
-def distance_m(a: PositionReport, b: PositionReport) -> float:
-    """Along the ground, on a sphere: good to half a percent."""
-    north, south = math.radians(a.latitude_deg), math.radians(b.latitude_deg)
-    east = math.radians(b.longitude_deg - a.longitude_deg)
-    chord = math.hypot(
-        math.sin((north - south) / 2),
-        math.sqrt(math.cos(north) * math.cos(south)) * math.sin(east / 2),
-    )
-    return 2 * EARTH_RADIUS_M * math.asin(min(1.0, chord))
-
-
-def _why(reports: Sequence[PositionReport], flown: Sequence[int], i: int) -> str:
-    """What it would have taken to fly here from the nearest report in time that is kept."""
-    near = reports[min(flown, key=lambda j: abs(reports[j].t_utc_ns - reports[i].t_utc_ns))]
-    dt_s = abs(near.t_utc_ns - reports[i].t_utc_ns) / NS
-    climb_m = abs(near.altitude_m - reports[i].altitude_m)
-    ground_m = distance_m(near, reports[i])
-    return f"implausible: {ground_m:.0f} m away and {climb_m:.0f} m of height in {dt_s:.3g} s"
-
-
-MAX_OCTETS = 256 * 1024 * 1024
-MAX_SKIPPED = 10_000
-"""Lines kept on records that were not taken; the rest are only counted."""
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 GpsOrder = Literal["lat-lon", "lon-lat"]
@@ -154,12 +104,8 @@ class Log:
             why = f"; the first problem: {self.skipped[0]}" if self.skipped else ""
             raise PlotfeedError(f"no position in this file{why}")
         more = (f"and {self.more_skipped} more",) if self.more_skipped else ()
-        return Flight(
-            name=name,
-            reports=taken,
-            skipped=(*self.skipped, *more),
-            assumed=tuple(self.assumed),
-        )
+        skipped, assumed = (*self.skipped, *more), tuple(self.assumed)
+        return Flight(name=name, reports=taken, skipped=skipped, assumed=assumed)
 
     def _in_order(self) -> list[tuple[str, PositionReport]]:
         """The most records that can be had in strictly increasing time; others are skipped.
@@ -173,6 +119,54 @@ class Log:
             again = report.t_utc_ns in times
             self.skip(where, "same time as another" if again else "out of the order of time")
         return [self.found[i] for i in kept]
+
+
+def implausible(reports: Sequence[PositionReport]) -> dict[int, str]:
+    """Index of each report that cannot belong to the flight, and why; times must increase.
+
+    Reports are strung into chains in which every step could have been flown, each report to the
+    longest chain that it can follow. The longest chain is the flight: this finds the wrong ones
+    also where they come first, or several in a row, as long as most are right.
+    """
+    chains: list[list[int]] = []
+    for i, report in enumerate(reports):
+        able = [c for c in chains if _reachable(reports[c[-1]], report)]
+        if able:
+            max(able, key=len).append(i)
+        else:
+            chains.append([i])
+            if len(chains) > MAX_CHAINS:
+                chains.remove(min(chains[:-1], key=len))
+    flown = max(chains, key=len, default=[])
+    rest = set(range(len(reports))).difference(flown)
+    return {i: _why(reports, flown, i) for i in rest}
+
+
+def _reachable(a: PositionReport, b: PositionReport) -> bool:
+    dt_s = (b.t_utc_ns - a.t_utc_ns) / NS
+    if abs(b.altitude_m - a.altitude_m) > JITTER_M + MAX_CLIMB_M_S * dt_s:
+        return False
+    return distance_m(a, b) <= JITTER_M + MAX_SPEED_M_S * dt_s
+
+
+def distance_m(a: PositionReport, b: PositionReport) -> float:
+    """Along the ground, on a sphere: good to half a percent."""
+    north, south = math.radians(a.latitude_deg), math.radians(b.latitude_deg)
+    east = math.radians(b.longitude_deg - a.longitude_deg)
+    chord = math.hypot(
+        math.sin((north - south) / 2),
+        math.sqrt(math.cos(north) * math.cos(south)) * math.sin(east / 2),
+    )
+    return 2 * EARTH_RADIUS_M * math.asin(min(1.0, chord))
+
+
+def _why(reports: Sequence[PositionReport], flown: Sequence[int], i: int) -> str:
+    """What it would have taken to fly here from the nearest report in time that is kept."""
+    near = reports[min(flown, key=lambda j: abs(reports[j].t_utc_ns - reports[i].t_utc_ns))]
+    dt_s = abs(near.t_utc_ns - reports[i].t_utc_ns) / NS
+    climb_m = abs(near.altitude_m - reports[i].altitude_m)
+    ground_m = distance_m(near, reports[i])
+    return f"implausible: {ground_m:.0f} m away and {climb_m:.0f} m of height in {dt_s:.3g} s"
 
 
 def longest_increasing(times: Sequence[int]) -> list[int]:
@@ -201,10 +195,7 @@ def longest_increasing(times: Sequence[int]) -> list[int]:
 
 def utc_ns(when: datetime, utc_offset_h: float) -> int:
     """Nanoseconds of UTC since 1970; a time without a zone is that many hours ahead of UTC."""
+    ahead_ns = 0
     if when.tzinfo is None:
-        return _whole_ns(when.replace(tzinfo=UTC) - _EPOCH) - round(utc_offset_h * 3600 * NS)
-    return _whole_ns(when - _EPOCH)
-
-
-def _whole_ns(since: timedelta) -> int:
-    return (since // timedelta(microseconds=1)) * 1000
+        when, ahead_ns = when.replace(tzinfo=UTC), round(utc_offset_h * 3600 * NS)
+    return (when - _EPOCH) // timedelta(microseconds=1) * 1000 - ahead_ns

@@ -11,6 +11,7 @@ import numpy as np
 
 from plotfeed.feeds.telemetry.flights.flight import Flight
 from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.constants import WGS84_A_M
 from plotfeed.models.smoothing import ACCELERATION_DENSITY_M2_S3, smooth
 from plotfeed.models.state import Floats
 from plotfeed.proto.utc import NS
@@ -24,8 +25,8 @@ METRE_DECIMALS = range(4)
 WRITTEN_SHARE = 0.97
 """Of the values; the others may be damaged."""
 MIN_SIGMA_M = 1e-4
-WGS84_A_M = 6_378_137.0
 WGS84_E2 = 6.694379990141317e-3
+"""As printed; `models.constants` has what follows from the flattening, 1 ulp less."""
 
 
 def smoothed(flight: Flight) -> Flight:
@@ -72,13 +73,9 @@ def samples_per_step(values: Floats) -> float:
 
 def _quanta(reports: Sequence[PositionReport]) -> Floats:
     """Step of longitude and latitude, degrees, and of altitude, metres; (3,)."""
-    return np.array(
-        [
-            quantum(np.array([r.longitude_deg for r in reports]), DEGREE_DECIMALS),
-            quantum(np.array([r.latitude_deg for r in reports]), DEGREE_DECIMALS),
-            quantum(np.array([r.altitude_m for r in reports]), METRE_DECIMALS),
-        ]
-    )
+    columns = np.array([(r.longitude_deg, r.latitude_deg, r.altitude_m) for r in reports]).T
+    decimals = (DEGREE_DECIMALS, DEGREE_DECIMALS, METRE_DECIMALS)
+    return np.array([quantum(c, d) for c, d in zip(columns, decimals, strict=True)])
 
 
 def _stretches(reports: Sequence[PositionReport]) -> list[Sequence[PositionReport]]:

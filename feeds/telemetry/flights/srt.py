@@ -117,27 +117,18 @@ def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrd
     second_over = any(abs(float(gps[2])) > 90 for _, gps in pairs)
     if first_over != second_over:
         return "lon-lat" if first_over else "lat-lon"
-    order = _dialect(pairs[0][0].text, pairs[0][1], has_home=_has_home(blocks))
-    if order is None:
+    block, gps = pairs[0]
+    if gps[4] == "M":  # Matrice 300
+        order: GpsOrder = "lat-lon"
+    elif _CAMERA_LINE.search(block.text) or any(_HOME.search(each.text) for each in blocks):
+        order = "lon-lat"  # Mavic Pro, Mavic Mini and kin
+    else:
         raise PlotfeedError(
-            f"line {pairs[0][0].line}: {pairs[0][1][0]} may be latitude first or longitude first; "
+            f"line {block.line}: {gps[0]} may be latitude first or longitude first; "
             "say which with --gps-order lat-lon or --gps-order lon-lat"
         )
-    log.assume(f"{pairs[0][1][0]} is {order}, as in other files of this dialect (--gps-order)")
+    log.assume(f"{gps[0]} is {order}, as in other files of this dialect (--gps-order)")
     return order
-
-
-def _has_home(blocks: list[_Block]) -> bool:
-    return any(_HOME.search(block.text) for block in blocks)
-
-
-def _dialect(text: str, gps: re.Match[str], *, has_home: bool) -> GpsOrder | None:
-    """The order by the way in which models write: Matrice 300, Mavic Pro, Mavic Mini and kin."""
-    if gps[4] == "M":
-        return "lat-lon"
-    if has_home or _CAMERA_LINE.search(text):
-        return "lon-lat"
-    return None
 
 
 def _position(block: _Block, order: GpsOrder | None) -> tuple[float, float] | None:
@@ -178,23 +169,18 @@ _DECLARED = (
 def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
     """The height to use: one of a known reference, the wanted one first, or as the user says."""
     wanted = options.altitude_reference
-    known = sorted(_DECLARED, key=lambda source: source.reference is not wanted)
-    for source in known:
-        if _occurs(source, blocks):
-            return source
-    for name in ("altitude", "GPS altitude"):
-        if _occurs(_Heights(name, AltitudeReference.ELLIPSOID), blocks):
-            if wanted is None:
+    undeclared = wanted or AltitudeReference.ELLIPSOID
+    sources = sorted(_DECLARED, key=lambda source: source.reference is not wanted)
+    sources += [_Heights("altitude", undeclared), _Heights("GPS altitude", undeclared)]
+    for source in sources:
+        if any(source.read(block) is not None for block in blocks):
+            if wanted is None and source not in _DECLARED:
                 raise PlotfeedError(
-                    f"{name} does not say what it is measured from; say so with "
+                    f"{source.name} does not say what it is measured from; say so with "
                     "--altitude-reference above_takeoff, mean_sea_level or ellipsoid"
                 )
-            return _Heights(name, wanted)
+            return source
     raise PlotfeedError("no heights: expected BAROMETER, H, rel_alt, abs_alt or altitude")
-
-
-def _occurs(source: _Heights, blocks: list[_Block]) -> bool:
-    return any(source.read(block) is not None for block in blocks)
 
 
 def _date_ns(block: _Block, options: FlightOptions) -> int | None:

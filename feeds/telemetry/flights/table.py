@@ -84,11 +84,6 @@ def _rows(text: str, log: Log) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return [name.strip() for name in rows[0][1]], rows[1:]
 
 
-def _plain(name: str) -> str:
-    """A column's name in the manner of ours: "Altitude (m)" becomes altitude_m."""
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-
-
 def _columns(
     header: list[str],
     named: Mapping[str, str],
@@ -97,8 +92,16 @@ def _columns(
 ) -> dict[str, int]:
     """Quantity to the index of its column."""
     for quantity, name in named.items():
-        _check_named(quantity, name, header)
-    plain = [_plain(name) for name in header]
+        if quantity not in KNOWN_NAMES:
+            expected = ", ".join(KNOWN_NAMES)
+            raise PlotfeedError(
+                f"--column {quantity}: no such quantity; expected one of {expected}"
+            )
+        if name not in header:
+            names = ", ".join(header)[:300]
+            raise PlotfeedError(f"--column {quantity}={name}: no such column; columns are {names}")
+    # "Altitude (m)" is altitude_m among our names.
+    plain = [re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") for name in header]
     columns = {quantity: header.index(name) for quantity, name in named.items()}
     for quantity, known in KNOWN_NAMES.items():
         fitting = [plain.index(name) for name in known if name in plain]
@@ -113,15 +116,6 @@ def _columns(
                 f"columns are {', '.join(header)[:300]}"
             )
     return columns
-
-
-def _check_named(quantity: str, name: str, header: list[str]) -> None:
-    if quantity not in KNOWN_NAMES:
-        expected = ", ".join(KNOWN_NAMES)
-        raise PlotfeedError(f"--column {quantity}: no such quantity; expected one of {expected}")
-    if name not in header:
-        names = ", ".join(header)[:300]
-        raise PlotfeedError(f"--column {quantity}={name}: no such column; columns are {names}")
 
 
 def _is_time(column: int, rows: list[tuple[int, list[str]]], utc_offset_h: float) -> bool:
