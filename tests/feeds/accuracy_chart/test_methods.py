@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from scipy.special import gammainc
-from support.chart_cases import SITE
+from support.chart_cases import RADAR, SITE, case_of_ratios
 from support.significance import assert_sum
 
 from plotfeed.feeds.accuracy_chart import stage_detection as methods
 from plotfeed.feeds.accuracy_chart import stage_frames as frames
 from plotfeed.feeds.accuracy_chart.stage_errors import PoissonGenerator
+from plotfeed.feeds.accuracy_chart.stage_propagation import (
+    FREE_SPACE,
+    TWO_RAYS,
+    propagation_methods,
+)
 from plotfeed.models import detection
+from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
+from plotfeed.models.sensors.range_gate import RangeGate
+from plotfeed.models.sensors.sensor_model import Prediction, Targets
 
 HERE = LocalFrame(*SITE)
 
@@ -101,3 +111,29 @@ def test_poisson_numbers_stand_in_for_binomial_ones() -> None:
     ours = PoissonGenerator(np.random.Philox(3))
     plain = np.random.Generator(np.random.Philox(3))
     assert ours.binomial(1000, 0.5) == plain.poisson(500.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lamp(RangeGate):
+    """A sensor of which the chart knows what it predicts, and that it may stand over a ground."""
+
+    multipath: Multipath | None = None
+
+    def predict(self, targets: Targets) -> Prediction:
+        dimmed = 0.5 if self.multipath is None else 0.25
+        level = np.full(len(targets), dimmed)
+        return replace(super().predict(targets), snr=2 * level, pd=level)
+
+
+def test_a_new_sensor_over_a_ground_is_compared_with_free_space() -> None:
+    targets = case_of_ratios(RADAR, [1.0, 2.0]).seen_targets()
+    lamp = Lamp(range_max_m=1e4, sigma_m=1.0)
+    found = propagation_methods(lamp, targets, 10.0)
+    assert found is not None
+    assert found.ours == FREE_SPACE
+    assert {name: pd().tolist() for name, pd in found.pds.items()} == {
+        FREE_SPACE: [0.5, 0.5],
+        TWO_RAYS: [0.25, 0.25],
+    }
+    assert found.ratios[TWO_RAYS]().tolist() == [0.5, 0.5]
+    assert propagation_methods(RangeGate(range_max_m=1e4, sigma_m=1.0), targets, 10.0) is None
