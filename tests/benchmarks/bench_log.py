@@ -1,14 +1,17 @@
-"""The native log beside the official MCAP library: writing, reading, and finding a time.
+"""Our MCAP beside the official library's: writing, reading, and finding a time.
 
     python tests/benchmarks/bench_log.py [messages to find a time in]
 
-Both write zstd chunks of 256 KiB with an index to memory, in turns. Payloads are half noise. The
-file in which a time is found lies in the folder for temporary files and is deleted again.
+Both write zstd chunks of 256 KiB with an index to memory, in turns, and the same contents: messages
+without user properties, and with the eight that each message of a session bears, which both put
+beside it as JSON on a channel of their own. Payloads are half noise. The file in which a time is
+found lies in the folder for temporary files and is deleted again.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import random
 import statistics
 import sys
@@ -24,6 +27,7 @@ from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
+OFFICIAL, RICH = "official mcap", "with 8 user properties"
 REPEATS = 5
 PAYLOAD_OCTETS = 10_000_000
 """Of all messages of a turn, about."""
@@ -72,20 +76,24 @@ def write_ours(messages: list[Recorded]) -> bytes:
 
 
 def write_official(messages: list[Recorded]) -> bytes:
-    """The same messages without their properties."""
+    """As an application would, with the official library: its properties beside each message."""
     file = io.BytesIO()
     writer = Writer(file, chunk_size=CHUNK_OCTETS)
     writer.start()
-    channels: dict[str, int] = {}
+    channels: dict[str, tuple[int, int]] = {}
     for n, message in enumerate(messages):
-        channel = channels.get(message.topic)
-        if channel is None:
+        if message.topic not in channels:
             metadata = {"content_type": message.content_type}
-            channel = writer.register_channel(message.topic, "asterix", 0, metadata)
-            channels[message.topic] = channel
-        writer.add_message(
-            channel, message.log_time_ns, message.payload, message.publish_time_ns, n
-        )
+            channels[message.topic] = (
+                writer.register_channel(message.topic, "asterix", 0, metadata),
+                writer.register_channel(f"properties/{message.topic}", "json", 0, metadata),
+            )
+        channel, beside = channels[message.topic]
+        log_ns, publish_ns = message.log_time_ns, message.publish_time_ns
+        if message.properties:
+            properties = json.dumps(dict(message.properties)).encode()
+            writer.add_message(beside, log_ns, properties, publish_ns, n)
+        writer.add_message(channel, log_ns, message.payload, publish_ns, n)
     writer.finish()
     return file.getvalue()
 
@@ -96,8 +104,15 @@ def read_ours(data: bytes) -> int:
 
 
 def read_official(data: bytes) -> int:
-    """How many messages."""
-    return sum(1 for _ in make_reader(io.BytesIO(data), validate_crcs=True).iter_messages())
+    """How many messages; their properties are put beside them."""
+    count, properties = 0, {}
+    for _, channel, message in make_reader(io.BytesIO(data), validate_crcs=True).iter_messages():
+        if channel.topic.startswith("properties/"):
+            properties[channel.topic, message.sequence] = json.loads(message.data)
+        else:
+            properties.pop((f"properties/{channel.topic}", message.sequence), None)
+            count += 1
+    return count
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -112,26 +127,28 @@ def throughput(octets: int) -> None:
     pool, count = payloads(octets), PAYLOAD_OCTETS // (octets + 100)
     plain = [recorded(n, pool[n % len(pool)]) for n in range(count)]
     rich = [recorded(n, pool[n % len(pool)], with_properties=True) for n in range(count)]
-    ways: dict[str, tuple[Callable[[], bytes], Callable[[bytes], int]]] = {
-        "official mcap": (lambda: write_official(plain), read_official),
+    methods: dict[str, tuple[Callable[[], bytes], Callable[[bytes], int]]] = {
+        OFFICIAL: (lambda: write_official(plain), read_official),
         "plotfeed": (lambda: write_ours(plain), read_ours),
-        "plotfeed, with 8 user properties": (lambda: write_ours(rich), read_ours),
+        f"{OFFICIAL}, {RICH}": (lambda: write_official(rich), read_official),
+        f"plotfeed, {RICH}": (lambda: write_ours(rich), read_ours),
     }
-    writing: dict[str, list[float]] = {name: [] for name in ways}
-    reading: dict[str, list[float]] = {name: [] for name in ways}
+    writing: dict[str, list[float]] = {name: [] for name in methods}
+    reading: dict[str, list[float]] = {name: [] for name in methods}
     sizes = {}
     for _ in range(REPEATS):
-        for name, (write, read) in ways.items():
+        for name, (write, read) in methods.items():
             written: list[bytes] = []
             writing[name].append(seconds(lambda: written.append(write())))  # noqa: B023
             assert read(written[0]) == count
             reading[name].append(seconds(lambda: read(written[0])))  # noqa: B023
             sizes[name] = len(written[0]) / count / octets
-    base = [statistics.median(times["official mcap"]) for times in (writing, reading)]
-    for name in ways:
+    for name in methods:
+        theirs = name.replace("plotfeed", OFFICIAL)
         cells = [
-            f"{_rates(times[name], count)} | {first / statistics.median(times[name]):.1f}"
-            for times, first in zip((writing, reading), base, strict=True)
+            f"{_rates(times[name], count)} | "
+            f"{statistics.median(times[theirs]) / statistics.median(times[name]):.1f}"
+            for times in (writing, reading)
         ]
         print(f"| {name} | {octets} | {' | '.join(cells)} | {sizes[name]:.2f} |", flush=True)
 
@@ -199,7 +216,10 @@ def _official_at(path: Path, t_ns: int) -> None:
 def main(count: int) -> None:
     """Print everything."""
     print(f"Thousand messages a second: median (least to most) of {REPEATS} repeats; × is times")
-    print("as fast as the official library. Size is that of the file by that of the payloads.\n")
+    print(
+        "as fast as the official library with the same contents. Size is that of the file by that"
+    )
+    print("of the payloads.\n")
     print("| | octets | write | × | read | × | size |")
     print("|---|--:|--:|--:|--:|--:|--:|")
     for octets in (100, 1400):
