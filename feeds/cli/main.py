@@ -184,7 +184,7 @@ def show(source: str, **options: Any) -> int:
     mqtts:// for TLS, where the filter is plotfeed/# if it is left out. A file is MCAP, pcap,
     pcapng, FINAL, raw ASTERIX or JSON lines.
     """
-    from plotfeed.feeds.recording.show_live import show_source
+    from plotfeed.feeds.recording.show import show_source
 
     access = take_access(options)
     return show_source(source, access, **options)

@@ -29,3 +29,8 @@ async def show_status(text: Callable[[], str], *, quiet: bool = False) -> None:
 def show_last_status(text: str) -> None:
     """Write the status at the end, over the last one in a terminal, so that it stays."""
     click.echo(f"\r\033[K{text}" if sys.stdout.isatty() else text)
+
+
+def printable(text: str) -> str:
+    """Text that others sent, so that it does not move the cursor of a terminal."""
+    return text if text.isprintable() else ascii(text)

@@ -11,6 +11,7 @@ from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
+from plotfeed.feeds.console.status_line import printable
 from plotfeed.feeds.formats.sapient.extra import need_sapient
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
@@ -201,9 +202,7 @@ def _short(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, bytes):
         return value.hex()
-    # What others sent shall not move the cursor of a terminal.
-    text = str(value)
-    return text if text.isprintable() else ascii(text)
+    return printable(str(value))
 
 
 def _record_json(record: Record) -> str:

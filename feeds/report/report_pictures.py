@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.recording.show_file import printable
+from plotfeed.feeds.console.status_line import printable
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures
 from plotfeed.feeds.report.plot_tallies import QUANTITIES

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from plotfeed.feeds.recording.show_file import printable
+from plotfeed.feeds.console.status_line import printable
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share
 from plotfeed.feeds.report.look_tally import PdFigures

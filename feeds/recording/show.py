@@ -1,9 +1,11 @@
-"""A recording shown: what it holds, in figures, or its messages one a line."""
+"""What a broker has or a file holds, one line a message; or a file in figures."""
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Iterable, Iterator
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from itertools import islice
@@ -13,16 +15,90 @@ from typing import Any
 import click
 
 from plotfeed.feeds.console.progress import with_progress
-from plotfeed.feeds.recording.decoded_text import Categories, message_lines, record_line
+from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console.status_line import printable
+from plotfeed.feeds.recording.decoded_text import (
+    Categories,
+    categories_of,
+    message_lines,
+    record_line,
+)
+from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.content_types import ASTERIX
-from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
 from plotfeed.replay.asterix_files import RawReader
 from plotfeed.replay.files import Recording, open_recording
 from plotfeed.replay.recorded import Recorded
 from plotfeed.replay.summary import Summary
+
+MAX_WAITING_LINES = 100_000
+
+
+def show_source(
+    source: str,
+    access: dict[str, Any],
+    *,
+    listed: bool,
+    count: int | None,
+    duration: float | None,
+    as_json: bool,
+    editions: Sequence[str] = (),
+) -> int:
+    """Print the messages of a broker, or what a file holds; the exit code.
+
+    `access` holds the keyword arguments of `BrokerAddress.parse`, `listed` says that the messages
+    of a file are wanted. Raises `PlotfeedError`, and `OSError` of a file.
+    """
+    categories = categories_of(editions)
+    if "://" not in source:
+        return show_file(
+            Path(source), listed=listed, count=count, as_json=as_json, categories=categories
+        )
+    expected = "a file or mqtt://HOST:PORT/TOPIC-FILTER"
+    broker = BrokerSource.parse(source, access, "plotfeed-show", expected=expected)
+    lines_of = partial(message_lines, as_json=as_json, categories=categories)
+    return asyncio.run(_show_broker(broker, count, duration, lines_of))
+
+
+async def _show_broker(
+    source: BrokerSource,
+    count: int | None,
+    duration_s: float | None,
+    lines_of: Callable[[str, bytes, str | None], Iterator[str]],
+) -> int:
+    lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
+    dropped = 0
+
+    def receive(message: Recorded) -> None:
+        nonlocal dropped
+        for line in lines_of(message.topic, message.payload, message.content_type or None):
+            if lines.full():
+                dropped += 1
+            else:
+                lines.put_nowait(line)
+
+    try:
+        await source.open(receive)
+        printing = asyncio.create_task(_print(lines, count), name="print")
+        with stopped_by_signals(printing.cancel) as signals:
+            await asyncio.wait({printing}, timeout=duration_s)
+        printing.cancel()
+        await asyncio.gather(printing, return_exceptions=True)
+    finally:
+        await source.close()
+    if dropped:
+        click.echo(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
+    return INTERRUPTED if signal.SIGINT in signals else 0
+
+
+async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
+    printed = 0
+    while count is None or printed < count:
+        click.echo(await lines.get())
+        printed += 1
 
 
 def show_file(
@@ -32,24 +108,27 @@ def show_file(
 
     Raises `PlotfeedError` and `OSError`.
     """
-    try:
-        with open_recording(path) as recording:
-            if listed or count is not None:
-                lines = _lines(recording, as_json=as_json, categories=categories)
-                for line in islice(lines, count):
-                    click.echo(line)
-                if count is not None and next(lines, None) is not None:
-                    return 0
-                damage = recording.reader.damage
+    with open_recording(path) as recording:
+        reader = recording.reader
+        if listed or count is not None:
+            lines = _lines(recording, as_json=as_json, categories=categories)
+            for line in islice(lines, count):
+                click.echo(line)
+            if count is not None and next(lines, None) is not None:
+                return 0
+        else:
+            summary = Summary()
+            for message in with_progress(
+                reader.messages(), path.name, lambda: reader.at, recording.octets
+            ):
+                summary.add(message)
+            if as_json:
+                click.echo(json.dumps(_figures(path, recording, summary)))
             else:
-                summary = _summarised(path, recording)
-                damage = recording.reader.damage
-                _print_summary(path, recording, summary, as_json=as_json)
-    except DecodeError as error:
-        raise PlotfeedError(f"{path}: {error}") from None
-    for each in damage:
-        click.echo(f"plotfeed: {path}: {each}", err=True)
-    return 2 if damage else 0
+                click.echo("\n".join(_text(path, recording, summary)))
+    for damage in reader.damage:
+        click.echo(f"plotfeed: {path}: {damage}", err=True)
+    return 2 if reader.damage else 0
 
 
 def _lines(recording: Recording, *, as_json: bool, categories: Categories) -> Iterator[str]:
@@ -89,29 +168,6 @@ def _message_lines(
         yield f'{{"time_utc": "{when}", {line[1:]}' if as_json else f"{when}  {line}"
 
 
-def printable(text: str) -> str:
-    """What others sent shall not move the cursor of a terminal."""
-    return text if text.isprintable() else ascii(text)
-
-
-def _summarised(path: Path, recording: Recording) -> Summary:
-    summary = Summary()
-    messages = recording.reader.messages()
-    for message in with_progress(
-        messages, path.name, lambda: recording.reader.at, recording.octets
-    ):
-        summary.add(message)
-    return summary
-
-
-def _print_summary(path: Path, recording: Recording, summary: Summary, *, as_json: bool) -> None:
-    if as_json:
-        click.echo(json.dumps(_figures(path, recording, summary)))
-        return
-    for line in _text(path, recording, summary):
-        click.echo(line)
-
-
 def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
     dated = recording.has_dates
     yield (
@@ -140,22 +196,19 @@ def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
 
 def _table(summary: Summary) -> Iterator[str]:
     """Topics with their messages, those a second over the whole file, and octets."""
+    if not summary.series:
+        return
     staged = len({stage for _, stage, _ in summary.series}) > 1
     rows = [("topic", *(["stage"] if staged else []), "kind", "messages", "1/s", "octets")]
     for (topic, stage, kind), series in sorted(summary.series.items()):
         rate = f"{series.messages / summary.duration_s:.1f}" if summary.duration_s else ""
         named = (printable(topic), *([str(stage)] if staged else []), printable(kind))
         rows.append((*named, str(series.messages), rate, str(series.octets)))
-    if len(rows) > 1:
-        yield from _columns(rows, left=len(rows[0]) - 3)
-
-
-def _columns(rows: list[tuple[str, ...]], left: int) -> Iterable[str]:
-    """Aligned, so many of them to the left."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    names = len(rows[0]) - 3
     for row in rows:
         cells = [
-            cell.ljust(width) if place < left else cell.rjust(width)
+            cell.ljust(width) if place < names else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         yield "  " + "  ".join(cells)

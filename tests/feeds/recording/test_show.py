@@ -14,7 +14,7 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 from plotfeed.feeds.console import progress
 from plotfeed.feeds.console.progress import with_progress
 from plotfeed.feeds.recording.decoded_text import categories_of
-from plotfeed.feeds.recording.show_file import show_file
+from plotfeed.feeds.recording.show import show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, writer_to
@@ -161,7 +161,7 @@ def test_the_octet_of_a_broken_record_is_that_of_the_file(tmp_path: Path, capsys
 
 @given(st.lists(st.binary(max_size=20).map(lambda body: block(48, body.hex())), max_size=5))
 def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[bytes]) -> None:
-    from plotfeed.feeds.recording.show_file import _raw_lines
+    from plotfeed.feeds.recording.show import _raw_lines
     from plotfeed.replay.asterix_files import RawReader
 
     data = b"".join(blocks)
