@@ -114,7 +114,7 @@ def _outlasting(snrs: Sequence[Number], ratio: Number, n_samples: int) -> Number
     for _ in range(n_samples):
         following = MP.mpf(0)
         for i in range(len(snrs) - 1, -1, -1):
-            following = (1 - ends[i]) * chance[i] + ends[i] * following
+            following = chance[i] + ends[i] * (following - chance[i])
             chance[i] = following
     return chance[0]
 
