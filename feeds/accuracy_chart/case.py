@@ -148,13 +148,13 @@ def _transmitters(scene: Scene, viewpoint: Viewpoint, targets: Targets) -> Float
     site, illuminators = scene.scene.site, viewpoint.sensor.illuminators
     if not illuminators:
         return None
-    places = np.array([enu_from(viewpoint.frame, site, part.place) for part in illuminators])
+    stand_enu_m = np.array([enu_from(viewpoint.frame, site, part.place) for part in illuminators])
     looks, _ = viewpoint.model.observe(targets, np.random.default_rng(1))
     order = np.lexsort((-looks.snr, looks.drone))
     drones, first = np.unique(looks.drone[order], return_index=True)
     channel = np.zeros(len(targets), np.int64)
     channel[drones] = looks.channel[order][first]
-    return np.asarray(places[channel])
+    return np.asarray(stand_enu_m[channel])
 
 
 def _own_sigmas(model: SensorModel, targets: Targets) -> dict[str, float]:
