@@ -10,8 +10,7 @@ import click
 
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.scene.presets.preset import Preset, names, preset
-from plotfeed.feeds.scene.presets.rules import PresetTarget, short
-from plotfeed.feeds.scene.presets.solver import SITE
+from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
 

@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.presets.rules import AnyRule, CatalogueTable, PresetTarget
-from plotfeed.feeds.scene.presets.solver import derive
+from plotfeed.feeds.scene.presets.rules import CatalogueTable, PresetRule, PresetTarget, derive
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 from plotfeed.proto.errors import PlotfeedError
@@ -76,7 +75,7 @@ class Preset(CatalogueTable):
     left_out: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """What the source says of the product and the model has no key for."""
     stated: dict[str, Given] = Field(default_factory=dict)
-    derived: dict[str, AnyRule] = Field(default_factory=dict)
+    derived: dict[str, PresetRule] = Field(default_factory=dict)
     assumed: dict[str, Given] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -1,19 +1,21 @@
-"""The rules by which a preset's keys follow from published figures, and from each other."""
+"""The rules by which a preset's keys follow from published figures, from each other, and solved."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable
+from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable, Site
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.models.constants import C_M_S
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature, Signatures
+from plotfeed.proto.errors import PlotfeedError
 
 
 def short(value: float) -> str:
@@ -83,128 +85,6 @@ def targets(target: PresetTarget) -> Targets:
     )
 
 
-class PresetRule(CatalogueTable):
-    """How a key's value comes about, and why so."""
-
-    note: str
-
-
-class PlainRule(PresetRule):
-    """A value from figures and from other keys."""
-
-    @abstractmethod
-    def value(self, keys: Mapping[str, Any]) -> Any:
-        """From the keys that are known so far."""
-
-
-class MiddleOf(PlainRule):
-    """The middle of a band."""
-
-    middle_of: Annotated[tuple[float, float], Field(strict=False)]
-
-    def value(self, _keys: Mapping[str, Any], /) -> float:
-        """Their mean."""
-        return sum(self.middle_of) / 2
-
-    def __str__(self) -> str:
-        return f"middle of {short(self.middle_of[0])} and {short(self.middle_of[1])}"
-
-
-class ProductOf(PlainRule):
-    """One figure times another."""
-
-    product_of: Annotated[tuple[float, float], Field(strict=False)]
-
-    def value(self, _keys: Mapping[str, Any], /) -> float:
-        """Their product."""
-        return self.product_of[0] * self.product_of[1]
-
-    def __str__(self) -> str:
-        return f"{self.product_of[0]:g} times {self.product_of[1]:g}"
-
-
-class CellOfBandwidth(PlainRule):
-    """The range resolution that a bandwidth gives."""
-
-    cell_of_bandwidth_hz: Positive
-
-    def value(self, _keys: Mapping[str, Any], /) -> float:
-        """c/(2B), metres."""
-        return C_M_S / (2 * self.cell_of_bandwidth_hz)
-
-    def __str__(self) -> str:
-        return f"c/(2B) for B of {self.cell_of_bandwidth_hz / 1e6:g} MHz"
-
-
-class GainOfBeam(PlainRule):
-    """The gain of a beam that is not the receive beam."""
-
-    gain_of_beam_deg: Annotated[tuple[float, float], Field(strict=False)]
-
-    def value(self, _keys: Mapping[str, Any], /) -> float:
-        """41253 over the product of its widths, dBi."""
-        return float(beam_gain_dbi(*self.gain_of_beam_deg))
-
-    def __str__(self) -> str:
-        return f"gain of a beam of {self.gain_of_beam_deg[0]:g} x {self.gain_of_beam_deg[1]:g} deg"
-
-
-class Turning(PlainRule):
-    """The scan of an antenna that turns so fast."""
-
-    turning_deg_s: Positive
-
-    def value(self, _keys: Mapping[str, Any], /) -> dict[str, Any]:
-        """The scan."""
-        return {"kind": "rotating", "period_s": 360 / self.turning_deg_s}
-
-    def __str__(self) -> str:
-        return f"360 deg at {self.turning_deg_s:g} deg/s"
-
-
-class Updating(PlainRule):
-    """The scan of a sensor that sees its whole cover so often."""
-
-    updating_hz: Positive
-
-    def value(self, _keys: Mapping[str, Any], /) -> dict[str, Any]:
-        """The scan."""
-        return {"kind": "staring", "period_s": 1 / self.updating_hz}
-
-    def __str__(self) -> str:
-        return f"all cover at {self.updating_hz:g} Hz"
-
-
-class ShareOf(PlainRule):
-    """A share of another key."""
-
-    share_of: str
-    share: Positive
-
-    def value(self, keys: Mapping[str, Any]) -> float:
-        """The other key's value times the share."""
-        return float(self.share * keys[self.share_of])
-
-    def __str__(self) -> str:
-        return f"{self.share:g} of {self.share_of}"
-
-
-class ShareOfTimeOnTarget(PlainRule):
-    """How long a turning beam integrates."""
-
-    share_of_time_on_target: Annotated[float, Field(gt=0, le=1)]
-
-    def value(self, keys: Mapping[str, Any]) -> float:
-        """The time for which the beam is on a target in one turn, times the share."""
-        beam_deg = keys["azimuth_beamwidth_deg"] * keys.get("receive_beams", 1)
-        on_target_s = keys["scan"]["period_s"] * beam_deg / 360
-        return float(self.share_of_time_on_target * on_target_s)
-
-    def __str__(self) -> str:
-        share = self.share_of_time_on_target
-        return f"{f'{share:g} of ' if share < 1 else ''}the time that the beam is on a target"
-
-
 class Goal(CatalogueTable):
     """What the sensor's own prediction of the preset's target is to come to."""
 
@@ -221,32 +101,168 @@ class Goal(CatalogueTable):
 
     @property
     def quantity(self) -> str:
-        """Its name in `Prediction`."""
+        """The name in `Prediction` of what is solved for."""
         return next(iter(self.model_dump(exclude_none=True)))
 
     @property
     def wanted(self) -> float:
-        """Its value."""
+        """The value that the quantity is to have."""
         return float(getattr(self, self.quantity))
 
 
-class Solve(PresetRule):
-    """The value for which the model comes to a published figure: the model itself, inverted."""
+Pair = Annotated[tuple[float, float], Field(strict=False)]
 
-    solve: Goal
+
+class PresetRule(CatalogueTable):
+    """How the value of a key comes about, one way of those in `WAYS`, and why so."""
+
+    note: str
+    middle_of: Pair | None = None
+    product_of: Pair | None = None
+    cell_of_bandwidth_hz: Positive | None = None
+    gain_of_beam_deg: Pair | None = None
+    turning_deg_s: Positive | None = None
+    updating_hz: Positive | None = None
+    share_of: str | None = None
+    share: Positive | None = None
+    share_of_time_on_target: Annotated[float, Field(gt=0, le=1)] | None = None
+    solve: Goal | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if len(WAYS.keys() & self.model_fields_set) != 1:
+            raise ValueError(f"a rule has one of {', '.join(WAYS)}")
+        if (self.share is None) != (self.share_of is None):
+            raise ValueError("share_of and share belong together")
+        return self
+
+    @property
+    def way(self) -> str:
+        """The one way that is given, a key of `WAYS`."""
+        (name,) = WAYS.keys() & self.model_fields_set
+        return name
+
+    def value(self, keys: Mapping[str, Any]) -> Any:
+        """The key's value, from others that are known so far; a `solve` takes a whole sensor."""
+        return WAYS[self.way][0](self, keys)
 
     def __str__(self) -> str:
-        return f"such that {self.solve.quantity} = {self.solve.wanted:g} at the quoted range"
+        return WAYS[self.way][1](self)
 
 
-AnyRule = (
-    MiddleOf
-    | ProductOf
-    | CellOfBandwidth
-    | GainOfBeam
-    | Turning
-    | Updating
-    | ShareOf
-    | ShareOfTimeOnTarget
-    | Solve
-)
+def _unsolved(_rule: Any, _keys: Mapping[str, Any]) -> Any:
+    raise LookupError("what is solved for takes the sensor's model")
+
+
+def _on_target_s(rule: Any, keys: Mapping[str, Any]) -> float:
+    """A share of the time for which a beam is on a target in one turn."""
+    beam_deg = keys["azimuth_beamwidth_deg"] * keys.get("receive_beams", 1)
+    on_target_s = keys["scan"]["period_s"] * beam_deg / 360
+    return float(rule.share_of_time_on_target * on_target_s)
+
+
+def _on_target_text(rule: Any) -> str:
+    share = rule.share_of_time_on_target
+    return f"{f'{share:g} of ' if share < 1 else ''}the time that the beam is on a target"
+
+
+WAYS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any], str]]] = {
+    "middle_of": (
+        lambda rule, _: sum(rule.middle_of) / 2,
+        lambda rule: f"middle of {short(rule.middle_of[0])} and {short(rule.middle_of[1])}",
+    ),
+    "product_of": (
+        lambda rule, _: rule.product_of[0] * rule.product_of[1],
+        lambda rule: f"{rule.product_of[0]:g} times {rule.product_of[1]:g}",
+    ),
+    "cell_of_bandwidth_hz": (
+        lambda rule, _: C_M_S / (2 * rule.cell_of_bandwidth_hz),
+        lambda rule: f"c/(2B) for B of {rule.cell_of_bandwidth_hz / 1e6:g} MHz",
+    ),
+    "gain_of_beam_deg": (
+        lambda rule, _: float(beam_gain_dbi(*rule.gain_of_beam_deg)),
+        lambda rule: "gain of a beam of {:g} x {:g} deg".format(*rule.gain_of_beam_deg),
+    ),
+    "turning_deg_s": (
+        lambda rule, _: {"kind": "rotating", "period_s": 360 / rule.turning_deg_s},
+        lambda rule: f"360 deg at {rule.turning_deg_s:g} deg/s",
+    ),
+    "updating_hz": (
+        lambda rule, _: {"kind": "staring", "period_s": 1 / rule.updating_hz},
+        lambda rule: f"all cover at {rule.updating_hz:g} Hz",
+    ),
+    "share_of": (
+        lambda rule, keys: float(rule.share * keys[rule.share_of]),
+        lambda rule: f"{rule.share:g} of {rule.share_of}",
+    ),
+    "share_of_time_on_target": (_on_target_s, _on_target_text),
+    "solve": (
+        _unsolved,
+        lambda rule: f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at the quoted range",
+    ),
+}
+"""The ways, by their keys in a rule: the value of a rule, and how people read it."""
+
+
+SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
+"""What a sensor predicts of a target does not depend on where on Earth both are."""
+MARGIN = 1e-9
+"""By how much a goal is overshot, so that rounding does not leave the model below it."""
+BRACKETS = {"_w": (1e-9, 1e9), "_db": (-200.0, 200.0), "_deg": (0.0, 90.0), "_m": (0.0, 1e4)}
+"""Where the value of a key of that unit is looked for."""
+
+
+def derive(
+    kind: str, given: Mapping[str, Any], rules: Mapping[str, PresetRule], target: PresetTarget
+) -> dict[str, Any]:
+    """The values of the rules' keys, for a sensor of that type.
+
+    Plain rules go first, in their order, because solving takes a whole sensor; then what is solved
+    for, in its order, so that an error floor is found at the power that was found before it.
+    """
+    derived: dict[str, Any] = {}
+    for key, rule in rules.items():
+        if rule.solve is None:
+            derived[key] = rule.value({**given, **derived})
+    solves = {key: rule.solve for key, rule in rules.items() if rule.solve is not None}
+    if not solves:
+        return derived
+    # Something that a scene may say, until it is found.
+    start = {key: max(_bracket(key)[0], 0.0) for key in solves}
+    sensor = sensor_of({**given, **derived, **start, "type": kind, "id": "preset"})
+    for key, goal in solves.items():
+        derived[key] = _solved(sensor, key, goal, target)
+        sensor = sensor.model_copy(update={key: derived[key]})
+    return derived
+
+
+def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
+    """One quantity of what the sensor's model predicts of the target."""
+    prediction = sensor.model(SITE).predict(targets(target))
+    return float(getattr(prediction, quantity)[0])
+
+
+def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
+    """The key's value by Brent's method; of powers, over their logarithm."""
+    from scipy.optimize import brentq
+
+    ends = _bracket(key)
+    in_decades = ends[0] > 0
+
+    def value_at(x: float) -> float:
+        return float(10**x) if in_decades else x
+
+    def surplus(x: float) -> float:
+        trial = sensor.model_copy(update={key: value_at(x)})
+        return predicted(trial, target, goal.quantity) - goal.wanted - MARGIN
+
+    low, high = (math.log10(end) if in_decades else end for end in ends)
+    try:
+        return value_at(brentq(surplus, low, high, xtol=1e-12, rtol=1e-14))
+    except ValueError:
+        text = f"{key}: no value gives {goal.quantity} {goal.wanted:g}"
+        raise PlotfeedError(text) from None
+
+
+def _bracket(key: str) -> tuple[float, float]:
+    return BRACKETS[f"_{key.rpartition('_')[2]}"]

@@ -12,8 +12,7 @@ from click.testing import CliRunner
 
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset
-from plotfeed.feeds.scene.presets.rules import AnyRule, PresetTarget, Solve
-from plotfeed.feeds.scene.presets.solver import derive
+from plotfeed.feeds.scene.presets.rules import PresetRule, PresetTarget, derive
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
 from plotfeed.feeds.schema.published import text_of
 from plotfeed.proto.errors import PlotfeedError
@@ -159,8 +158,8 @@ def test_the_schema_asks_no_key_of_a_sensor_with_a_preset() -> None:
 def test_a_rule_that_nothing_meets_says_so() -> None:
     given = preset("doruk").keys | {"range_floor_m": 9.0}
     given = {key: value for key, value in given.items() if key not in {"type", "power_w"}}
-    rules: dict[str, AnyRule] = {
-        "power_w": Solve.model_validate({"note": "x", "solve": {"sigma_range_m": 1.0}})
+    rules: dict[str, PresetRule] = {
+        "power_w": PresetRule.model_validate({"note": "x", "solve": {"sigma_range_m": 1.0}})
     }
     with pytest.raises(PlotfeedError, match="power_w: no value gives sigma_range_m 1"):
         derive("active_radar", given, rules, PresetTarget(range_m=6000.0, rcs_m2=0.01, note="x"))
