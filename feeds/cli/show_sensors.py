@@ -27,7 +27,7 @@ def print_presets(name: str | None, *, as_json: bool) -> None:
 
 
 def summary(shown: Preset) -> dict[str, Any]:
-    """What it is, and how far it sees the target that its source quotes."""
+    """A preset in short, and how far it sees the target that its source quotes."""
     return {
         "name": shown.name,
         "title": shown.title,

@@ -1,4 +1,4 @@
-"""From plots to messages and back: one file for each format, and `FORMATS`, the one table of them.
+"""Formats, from plots to messages and back: a file for each, and `FORMATS`, their one table.
 
 A new category of ASTERIX is three new files, its layout, its encoder and its format, and a line:
 `register(FORMAT, ActiveRadarKeys)`, after which scenes may ask for it. One that comes with plotfeed
@@ -14,7 +14,7 @@ from plotfeed.feeds.formats.asterix_062 import Asterix062
 from plotfeed.feeds.formats.asterix_205 import Asterix205
 from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.formats.sapient import extra as sapient
+from plotfeed.feeds.formats.sapient import sapient_format
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
@@ -30,7 +30,7 @@ FORMATS: dict[str, Format] = {
         Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-062"], make=Asterix062, plots_in=None),
-        sapient.FORMAT,
+        sapient_format.FORMAT,
     )
 }
 """By the name that scenes have for it; the first are those that say most of plots."""

@@ -89,7 +89,7 @@ def _system(scene: Scene, sensor: Sensor) -> SystemEncoder016:
     """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
     site = scene.scene.site
     transmitters = [
-        _station(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
+        _component(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
         for number, transmitter in enumerate(sensor.illuminators)
     ]
     return SystemEncoder016(
@@ -98,14 +98,14 @@ def _system(scene: Scene, sensor: Sensor) -> SystemEncoder016:
         period_s=SERVICE_PERIOD_NS // NS,
         pairs=[Pair(identity=n, transmitter=n, receiver=0) for n in range(len(transmitters))],
         transmitters=transmitters,
-        receivers=[_station(0, frame_at(site, sensor.position_enu_m))],
-        reference=_station(0, site_frame(site)),
+        receivers=[_component(0, frame_at(site, sensor.position_enu_m))],
+        reference=_component(0, site_frame(site)),
         geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
         max_octets=max_block_octets(scene, sensor),
     )
 
 
-def _station(identity: int, place: LocalFrame) -> Component:
+def _component(identity: int, place: LocalFrame) -> Component:
     return Component(
         identity=identity,
         latitude_deg=place.latitude_deg,

@@ -53,10 +53,10 @@ class Announcer(Protocol):
     """How often it says that nothing has changed."""
 
     def opening(self, now_utc_ns: int) -> list[Message]:
-        """Before anything else, on every connection."""
+        """What comes before anything else, on every connection."""
 
     def regular(self, now_utc_ns: int) -> list[Message]:
-        """That nothing has changed."""
+        """News that nothing has changed."""
 
     def closing(self, now_utc_ns: int) -> list[Message]:
         """Goodbye."""
@@ -83,7 +83,7 @@ class Format:
 
     @property
     def name(self) -> str:
-        """As in a sensor's `report`."""
+        """The name that scenes have for it."""
         return self.facts.name
 
 

@@ -20,7 +20,7 @@ class PlotBatches:
         self._sensor = sensor.id
 
     def messages(self, seen: Seen) -> list[Message]:
-        """That message."""
+        """The batch of the sector."""
         sector = seen.sector
         batch = plot_batch(self._sensor, sector.scan, sector.index, seen.plots)
         return [self._topics.message(FACTS.topic, FACTS.content_type, batch, sector)]

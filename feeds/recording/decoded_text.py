@@ -12,7 +12,8 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
 from plotfeed.feeds.console.status_line import printable
-from plotfeed.feeds.formats.sapient.extra import need_sapient
+from plotfeed.feeds.formats.sapient.sapient_format import need_sapient
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
@@ -69,14 +70,14 @@ def _status(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
-    """Those of a part; its enumerations say the same in every message."""
+    """Numbers of a part; its enumerations say the same in every message."""
     for name, value in fields.items():
         if isinstance(value, int | float):
             yield f"{name} {value:.9g}"
 
 
 MAX_TEXT = 2000
-SAPIENT = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+SAPIENT = REPORT_FORMATS["sapient"].message
 OURS: Mapping[str, type[ProtobufMessage]] = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
@@ -96,7 +97,7 @@ def categories_of(editions: Iterable[str]) -> Categories:
 
 
 def record_line(record: Record, *, as_json: bool) -> str:
-    """Of one record of ASTERIX."""
+    """The line of one record of ASTERIX."""
     return _record_json(record) if as_json else _record_line(record)
 
 
@@ -126,7 +127,7 @@ def message_lines(
 
 
 def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
-    """By content type, or by topic where it says nothing, as MQTT 3.1.1 carries none."""
+    """What a message is: by content type, or by topic, as MQTT 3.1.1 has no content types."""
     said = message_type(content_type or "")
     if said == SAPIENT or said in OURS:
         return OURS.get(said, "sapient")
@@ -213,7 +214,7 @@ def _record_json(record: Record) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """With octets as hexadecimal text, as JSON needs them."""
+    """A value with octets as hexadecimal text, as JSON needs them."""
     if isinstance(value, Mapping):
         return {name: _plain(part) for name, part in value.items()}
     if isinstance(value, list):

@@ -67,7 +67,7 @@ def merged(
 
 
 def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
-    """With a factor on the probability of a false alarm worked out."""
+    """A change whose factor on the probability of a false alarm is worked out."""
     if PFA_FACTOR not in change:
         return change
     factor, pfa = change[PFA_FACTOR], sensor.false_alarm_probability

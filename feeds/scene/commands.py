@@ -66,7 +66,7 @@ def parsed(payload: bytes) -> Command:
 
 
 def command_of(tree: dict[str, Any]) -> Command:
-    """The same from an object; raises `ControlError`."""
+    """A command from an object; raises `ControlError`."""
     try:
         return _COMMAND.validate_python(tree)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""From the scene's places to the Earth."""
+"""Places of a scene on the Earth."""
 
 from __future__ import annotations
 

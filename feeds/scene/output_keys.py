@@ -123,7 +123,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> Endpoint:
-        """From 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
+        """The endpoint in 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
         host, _, port = text.rpartition(":")
         number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
         bracketed = host.startswith("[") and host.endswith("]")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
 from plotfeed.proto.content_types import asterix_content_type, protobuf_content_type
@@ -52,16 +53,11 @@ class ReportFormat:
     """In which it counts ranges; 0 if that is finer than any sensor."""
 
 
-def asterix(
-    categories: Mapping[int, SentCategory],
-    *,
-    tells_tracks: bool = False,
-    tells_heights: bool = False,
-    tells_run_lengths: bool = False,
-    needs_azimuth: bool = False,
-    range_step_m: float = 0.0,
-) -> ReportFormat:
-    """A format of ASTERIX: its own category, which names it, and those that come with it."""
+def asterix(categories: Mapping[int, SentCategory], **says: Any) -> ReportFormat:
+    """A format of ASTERIX: its own category, which names it, and those that come with it.
+
+    `says` are what its messages can and cannot say, by the names of `ReportFormat`.
+    """
     own = next(iter(categories))
     return ReportFormat(
         name=f"asterix-{own:03d}",
@@ -69,11 +65,7 @@ def asterix(
         content_type=asterix_content_type(own),
         summary=categories[own].summary,
         categories=categories,
-        tells_tracks=tells_tracks,
-        tells_heights=tells_heights,
-        tells_run_lengths=tells_run_lengths,
-        needs_azimuth=needs_azimuth,
-        range_step_m=range_step_m,
+        **says,
     )
 
 

@@ -257,7 +257,7 @@ def load(path: str | Path) -> Scene:
 
 
 def parsed(data: bytes, path: Path) -> Scene:
-    """The same from what a file holds; `path` is for messages and for finding files beside it."""
+    """The scene in what a file holds; `path` is for messages and for finding files beside it."""
     try:
         text = data.decode()
         tree = tomllib.loads(text)
@@ -277,7 +277,7 @@ def example(name: str) -> Scene:
 
 
 def from_tree(tree: dict[str, Any], path: Path) -> Scene:
-    """The same from what TOML gave; `path` is for messages and for finding flights beside it."""
+    """The scene in what TOML gave; `path` is for messages and for finding flights beside it."""
     tree, problems = with_presets(tree)
     misused = {key.partition(".")[0] for key, _ in problems}
     try:

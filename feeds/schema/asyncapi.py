@@ -1,15 +1,15 @@
-"""The AsyncAPI 3 document: what a session publishes and hears over MQTT."""
+"""The AsyncAPI 3 document: what a session publishes and receives over MQTT."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import version
+from importlib.resources import files
 from typing import Any
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
-from plotfeed.feeds.schema.published import text_of
 from plotfeed.feeds.transport.mqtt.publish_packet import MESSAGE_EXPIRY_S
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON, PROTOBUF
@@ -29,7 +29,7 @@ _NUMBERS: dict[int, dict[str, Any]] = {
 
 
 def json_schema(message: Descriptor, required: Sequence[str] | None = None) -> dict[str, Any]:
-    """Of a message; without `required`, that is what is always written: fields without presence."""
+    """Schema of a message; without `required`, what is always written: fields without presence."""
     if required is None:
         required = [f.name for f in message.fields if f.is_repeated or not f.has_presence]
     return {
@@ -90,7 +90,7 @@ DESCRIPTION = (
 
 
 def document() -> dict[str, Any]:
-    """The whole of it."""
+    """The whole AsyncAPI document."""
     found = flows()
     return {
         "asyncapi": "3.0.0",
@@ -167,7 +167,7 @@ def _channels(found: list[Flow]) -> dict[str, Any]:
 
 
 def channel_name(flow: Flow) -> str:
-    """Of the channel that a flow is on."""
+    """The name of the channel that a flow is on."""
     levels = [level for level in flow.address.split("/") if not level.startswith("{")]
     return "-".join(levels)
 
@@ -231,6 +231,11 @@ def _payload(flow: Flow) -> dict[str, Any]:
     return {"type": "string", "format": "binary", "description": flow.summary}
 
 
+def messages_schema() -> str:
+    """The protobuf schema of our messages."""
+    return files("plotfeed.proto").joinpath("plotfeed.proto").read_text().rstrip()
+
+
 def _schemas() -> dict[str, Any]:
     proto3 = "application/vnd.google.protobuf;version=3"
-    return {PROTO: {"schemaFormat": proto3, "schema": text_of("messages")}}
+    return {PROTO: {"schemaFormat": proto3, "schema": messages_schema()}}

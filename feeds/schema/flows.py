@@ -13,7 +13,7 @@ from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.proto.content_types import JSON, PROTOBUF, asterix_content_type
 
-OURS, SAPIENT = "plotfeed.v1", "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+OURS = "plotfeed.v1"
 OF_SENSOR = ("sensor",)
 OF_SECTOR = ("sensor", "scan", "sector")
 REQUIRED = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference")
@@ -50,13 +50,13 @@ class Flow:
 
 
 def flows() -> list[Flow]:
-    """All of them, those of sensors first."""
+    """Everything that flows, from sensors first."""
     found: dict[str, Flow] = {}
     for name in sorted(FORMATS):
         for flow in _of_format(name):
-            before = found.get(flow.name)
-            sensors = {*flow.sensors, *(before.sensors if before else ())}
-            found[flow.name] = _with_sensors(flow, sensors)
+            before = found.get(flow.name, flow)
+            sensors = sorted({*flow.sensors, *before.sensors})
+            found[flow.name] = replace(flow, sensors=tuple(sensors))
     return [*found.values(), *_of_session(), *_telemetry(), _control()]
 
 
@@ -81,21 +81,28 @@ def _of_format(name: str) -> Iterator[Flow]:
                 attributes=OF_SECTOR,
                 sensors=_with_illuminators(sensors) if sent.has_illuminators else sensors,
             )
-    elif name == "plots":
-        yield Flow(
-            name="plots",
-            address="{prefix}/{sensor}/plots",
-            content_type=f"{PROTOBUF}; messageType={OURS}.PlotBatch",
-            summary="Plots of a sector at full precision; an empty batch says that there are none.",
-            message=f"{OURS}.PlotBatch",
-            attributes=OF_SECTOR,
-            kind="plotfeed.plots",
-            sensors=sensors,
+        return
+    announces = FORMATS[name].announcer is not None
+    plots = Flow(
+        name=f"{name}Detections" if announces else name,
+        address=f"{{prefix}}/{{sensor}}/{facts.topic}",
+        content_type=facts.content_type,
+        summary=facts.summary,
+        message=facts.message,
+        attributes=OF_SECTOR,
+        kind=f"plotfeed.{name}",
+        sensors=sensors,
+    )
+    yield plots
+    for what in ("registration", "status") if announces else ():
+        yield replace(
+            plots,
+            name=f"{name}{what.capitalize()}",
+            summary=plots.summary.replace("detections", what),
+            attributes=OF_SENSOR,
+            kind=f"plotfeed.{name}.{what}",
+            qos=1,
         )
-    elif name == "sapient":
-        yield from _sapient(sensors)
-    else:
-        raise KeyError(name)
 
 
 def _asterix(category: int, summary: str, *, address: str, **more: object) -> Flow:
@@ -107,25 +114,6 @@ def _asterix(category: int, summary: str, *, address: str, **more: object) -> Fl
         kind=f"plotfeed.asterix.{category:03d}",
         **more,  # type: ignore[arg-type]
     )
-
-
-def _sapient(sensors: tuple[str, ...]) -> Iterator[Flow]:
-    for what, kind, attributes, qos in (
-        ("Detections", "", OF_SECTOR, None),
-        ("Registration", ".registration", OF_SENSOR, 1),
-        ("Status", ".status", OF_SENSOR, 1),
-    ):
-        yield Flow(
-            name=f"sapient{what}",
-            address="{prefix}/{sensor}/sapient",
-            content_type=f"{PROTOBUF}; messageType={SAPIENT}",
-            summary=f"SAPIENT, BSI Flex 335 v2: {what.lower()}.",
-            message=SAPIENT,
-            attributes=attributes,
-            kind=f"plotfeed.sapient{kind}",
-            qos=qos,
-            sensors=sensors,
-        )
 
 
 def _of_session() -> Iterator[Flow]:
@@ -247,7 +235,3 @@ def _telemetry() -> Iterator[Flow]:
             inbound=True,
             required=REQUIRED,
         )
-
-
-def _with_sensors(flow: Flow, sensors: set[str]) -> Flow:
-    return replace(flow, sensors=tuple(sorted(sensors)))

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
+
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.schema.asyncapi import document, messages_schema
 
 
 def text_of(what: str) -> str:
     """The JSON schema of the "scene", the protobuf schema of the "messages", or "asyncapi"."""
     if what == "messages":
-        return files("plotfeed.proto").joinpath("plotfeed.proto").read_text().rstrip()
+        return messages_schema()
     if what == "asyncapi":
-        from plotfeed.feeds.schema.asyncapi import document
-
         return json.dumps(document(), indent=2, ensure_ascii=False)
-    from plotfeed.feeds.scene.scene import Scene
-
     schema = Scene.model_json_schema()
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     return json.dumps(schema, indent=2)

@@ -72,7 +72,7 @@ class CooperativeDrones:
         return self._accuracy_m * rng.standard_normal(3)
 
     def _radius_m(self, n: int) -> Floats | None:
-        """At least 1 m if it is said at all: 0 would say that it is unknown."""
+        """Accuracy as the drones state it, at least 1 m: 0 would say that it is unknown."""
         if not self._accuracy_m:
             return None
         return np.full(n, max(self._accuracy_m * HALF_OF_POSITIONS, 1.0))

@@ -1,6 +1,6 @@
 """One sensor of a scene at its place: a sector of time in, its looks, plots and messages out.
 
-Nothing here waits or sends. A station can be asked for any sector, in any order, unless it tracks.
+Nothing here waits or sends. A sensor can be asked for any sector, in any order, unless it tracks.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.rotating import RotatingBeam
-from plotfeed.feeds.sensing.staring import Beam, SensorSite, StaringBeam
+from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.staring import Beam, StaringBeam
 from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.state import Looks, Plots
@@ -30,25 +31,25 @@ class EmulatedSensor:
         self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self.period_ns = sensor.scan.period_ns
         self.sectors = sensor.scan.sectors
-        self._site = scene.scene.site
+        self._scene_site = scene.scene.site
         self._trajectories = trajectories
         self._formats = formats_of(scene, sensor)
         self._chance = Chance(scene.scene.seed, sensor.id)
         jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, self._chance)
-        place = SensorSite.of(sensor, self.frame, trajectories, self._chance)
-        model = sensor.model(self._site)
-        self._eye: Beam = (
-            StaringBeam(model, place)
+        site = SensorSite.of(sensor, self.frame, trajectories, self._chance)
+        model = sensor.model(self._scene_site)
+        self._beam: Beam = (
+            StaringBeam(model, site)
             if self.sectors == 1
-            else RotatingBeam(model, place, self._timetable)
+            else RotatingBeam(model, site, self._timetable)
         )
 
     def change(self, sensor: Sensor) -> None:
-        """Be that sensor from the next sector on: the same one, with other values."""
+        """Take on other values from the next sector on."""
         self.sensor = sensor
-        self._eye.model = sensor.model(self._site)
-        self._eye.place = SensorSite.of(sensor, self.frame, self._trajectories, self._chance)
+        self._beam.model = sensor.model(self._scene_site)
+        self._beam.site = SensorSite.of(sensor, self.frame, self._trajectories, self._chance)
 
     def sector_at(self, t_utc_ns: int) -> Sector:
         """The sector under way at a time."""
@@ -60,22 +61,22 @@ class EmulatedSensor:
 
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
         """Whom the sensor looks at in a sector, and what it measures, in the order of time."""
-        return self._eye.look(sector)
+        return self._beam.look(sector)
 
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
         looks, plots = self.look(sector)
         seen = Seen(sector, plots, looks, self._trajectories.state_at)
-        if self._eye.place.errs:
+        if self._beam.site.errs:
             seen = self._as_taken(seen)
         messages = [message for made in self._formats for message in made.messages(seen)]
         return SectorReport(self.sensor.id, sector, looks, plots, messages)
 
     def _as_taken(self, seen: Seen) -> Seen:
-        """The same by the sensor's own clock, and the truth as it appears to the sensor."""
-        place, plots = self._eye.place, seen.plots
-        told = plots.but(t_utc_ns=plots.t_utc_ns + place.clock_ahead_ns)
-        return replace(seen, plots=told, truth_at=place.apparent_at)
+        """What was seen by the sensor's own clock, and the truth as it appears to it."""
+        site, plots = self._beam.site, seen.plots
+        told = plots.but(t_utc_ns=plots.t_utc_ns + site.clock_ahead_ns)
+        return replace(seen, plots=told, truth_at=site.apparent_at)
 
 
 AHEAD_NS = 10_000_000

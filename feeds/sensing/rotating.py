@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.feeds.sensing.staring import SensorSite
+from plotfeed.feeds.sensing.sensor_site import SensorSite
 from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.beam.scan_draws import ScanDraws
 from plotfeed.models.beam.sweep import Border, meetings
@@ -49,23 +49,23 @@ class _Stretch:
 class RotatingBeam:
     """A rotating sensor.
 
-    As long as nothing new is heard of the drones, some turns are worked out at once, which costs
+    While there is no news of the drones, some turns are worked out at once, which costs
     little more than a sector does. What is seen does not depend on how many sectors that is.
     """
 
-    def __init__(self, model: SensorModel, place: SensorSite, timetable: Timetable) -> None:
+    def __init__(self, model: SensorModel, site: SensorSite, timetable: Timetable) -> None:
         self.model = model
-        self.place = place
+        self.site = site
         self._timetable = timetable
-        self._draws = ScanDraws(place.chance, Purpose.DETECTION)
+        self._draws = ScanDraws(site.chance, Purpose.DETECTION)
         self._alarms: dict[int, Plots] = {}
         self._stretch: _Stretch | None = None
         self._border: Border | None = None
         # Each sensor begins elsewhere, lest all of them work out turns at the same time.
-        self._at_once = 1 + place.chance.key % timetable.sectors
+        self._at_once = 1 + site.chance.key % timetable.sectors
 
     def look(self, sector: Sector) -> tuple[Looks, Plots]:
-        """At the drones that the beam passes."""
+        """Looks at the drones that the beam passes, and what is measured of them."""
         stretch = self._stretch
         if (
             stretch is None
@@ -78,11 +78,11 @@ class RotatingBeam:
         return stretch.of(i)
 
     def _still_holds(self, stretch: _Stretch) -> bool:
-        current = (self.model, self.place.trajectories.version)
+        current = (self.model, self.site.trajectories.version)
         return stretch.model is current[0] and stretch.version == current[1]
 
     def _sectors_from(self, sector: Sector) -> list[Sector]:
-        """As many as the last ones suggest: turns in quiet times, one where much is heard."""
+        """Sectors to work out at once: turns without news, one where there is much of it."""
         if self._stretch is not None:
             turn = self._timetable.sectors
             most = max(turn, min(MOST_TURNS * turn, MOST_SECTORS))
@@ -99,10 +99,8 @@ class RotatingBeam:
     @nan_without_warnings
     def _worked_out(self, sectors: Sequence[Sector]) -> _Stretch:
         """What comes of them, as far as is known now."""
-        place = self.place
-        met = meetings(
-            sectors, place.axes, place.trajectories, self._border, self.model.range_max_m
-        )
+        site = self.site
+        met = meetings(sectors, site.axes, site.trajectories, self._border, self.model.range_max_m)
         looks, detections = (
             self._observed_among_neighbours(sectors, met.truth)
             if isinstance(self.model, PolarRadar) and self.model.merging is not None
@@ -112,32 +110,32 @@ class RotatingBeam:
         ends_ns = np.array([s.end_ns for s in sectors], np.int64)
         return _Stretch(
             model=self.model,
-            version=place.trajectories.version,
+            version=site.trajectories.version,
             places={sector.start_ns: i for i, sector in enumerate(sectors)},
             borders=met.borders,
             looks=looks,
             looks_by=np.searchsorted(looks.t_utc_ns, ends_ns).tolist(),
-            plots=place.with_heights(plots),
+            plots=site.with_heights(plots),
             plots_by=np.searchsorted(plots.t_utc_ns, ends_ns).tolist(),
         )
 
     def _observed(self, sectors: Sequence[Sector], truth: TruthState) -> tuple[Looks, Plots]:
         """What the model makes of drones, each met within one of the sectors."""
-        targets = self.place.targets(truth, self.model)  # without those that are out of reach
+        targets = self.site.targets(truth, self.model)  # without those that are out of reach
         draws = self._draws.of(self._scans_at(sectors, targets.t_utc_ns), targets.drone)
         return self.model.observe(targets, draws)  # type: ignore[arg-type]
 
     def _observed_among_neighbours(
         self, sectors: Sequence[Sector], truth: TruthState
     ) -> tuple[Looks, Plots]:
-        """The same where echoes melt, also across the borders of these sectors."""
+        """Looks and plots where echoes merge, also across the borders of these sectors."""
         start_ns, end_ns = sectors[0].start_ns, sectors[-1].end_ns
         before = self._timetable.sector_at(start_ns - 1)
         after = self._timetable.next_sector(sectors[-1])
 
         def others_of(sector: Sector) -> TruthState:
-            axes, reach_m = self.place.axes, self.model.range_max_m
-            met = meetings([sector], axes, self.place.trajectories, reach_m=reach_m).truth
+            axes, reach_m = self.site.axes, self.model.range_max_m
+            met = meetings([sector], axes, self.site.trajectories, reach_m=reach_m).truth
             near = np.abs(truth.t_utc_ns - sector.start_ns) < self._timetable.period_ns // 2
             return met.rows(~np.isin(met.drone, truth.drone[near]))
 
@@ -154,7 +152,7 @@ class RotatingBeam:
         return np.array([s.scan for s in sectors], np.int64)[which]
 
     def _false_alarms(self, sectors: Sequence[Sector]) -> list[Plots]:
-        """Those of their scans that fall within the sectors."""
+        """False alarms of their scans that fall within the sectors."""
         start_ns, end_ns = sectors[0].start_ns, sectors[-1].end_ns
         found = []
         for scan in range(sectors[0].scan, sectors[-1].scan + 1):
@@ -169,7 +167,7 @@ class RotatingBeam:
         if self._stretch is None or self._stretch.model is not self.model:
             self._alarms.clear()
         if scan not in self._alarms:
-            rng = self.place.chance.rng(Purpose.FALSE_ALARMS, scan)
+            rng = self.site.chance.rng(Purpose.FALSE_ALARMS, scan)
             turn = self._timetable.turn(scan)
             self._alarms[scan] = self.model.draw_false_alarms(turn, rng).in_order_of_time()
             for past in [s for s in self._alarms if s < scan - MOST_TURNS]:

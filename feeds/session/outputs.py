@@ -9,7 +9,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of
-from plotfeed.feeds.formats.sapient import extra as sapient_extra
+from plotfeed.feeds.formats.sapient.sapient_format import in_time
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -113,7 +113,7 @@ class Outputs:
             totals=self._totals,
             before_link=self._before_link,
             after_link=self._after_link,
-            in_time=sapient_extra.in_time(self._scene),
+            in_time=in_time(self._scene),
             link=link,
             impair=partial(_impairment, self._scene.scene.seed, name),
         )

@@ -52,7 +52,7 @@ class SapientAnnouncer:
         ]
 
     def regular(self, now_utc_ns: int) -> list[Message]:
-        """That nothing has changed."""
+        """News that nothing has changed."""
         return [self._message(status(self._node, now_utc_ns), now_utc_ns, STATUS)]
 
     def closing(self, now_utc_ns: int) -> list[Message]:

@@ -52,7 +52,7 @@ class Groups:
         return self._count(sector) // self.size
 
     def ends_with(self, sector: Sector) -> bool:
-        """Whether it is the last of its group."""
+        """Whether a sector is the last of its group."""
         return (self._count(sector) + 1) % self.size == 0
 
     def _count(self, sector: Sector) -> int:
@@ -76,7 +76,7 @@ def groups_of(sensor: Sensor) -> Groups:
 
 
 def manner_of(scene: Scene, sensor: Sensor) -> Manner:
-    """What its detections say."""
+    """How a sensor's detections are told."""
     settings = scene.sapient
     confidence = settings.detection_confidence
     pfa = sensor.false_alarm_probability
@@ -93,7 +93,7 @@ def manner_of(scene: Scene, sensor: Sensor) -> Manner:
 
 
 def node_of(scene: Scene, sensor: Sensor) -> Node:
-    """What it registers as."""
+    """The node that a sensor registers as."""
     site, manner, measures = scene.scene.site, manner_of(scene, sensor), measures_of(scene, sensor)
     frame = frame_at(site, sensor.position_enu_m)
     rate_per_s = sensor.model(site).false_alarms_per_scan / sensor.scan.period_s
@@ -135,7 +135,7 @@ def tells_location(scene: Scene, measures: Measures) -> bool:
 
 
 def measures_of(scene: Scene, sensor: Sensor) -> Measures:
-    """By what the model predicts of a target amidst its cover."""
+    """What plots hold, by what the model predicts of a target amidst its cover."""
     predicted = _predicted(scene.scene.site, sensor)
     azimuth, elevation, distance, snr = (
         bool(np.isfinite(column[0]))

@@ -49,7 +49,7 @@ def positions_of(plots: Plots, frame: LocalFrame) -> Positions:
 
 
 def somewhere_near(plots: Plots, frame: LocalFrame, range_max_m: float) -> Positions:
-    """Of plots that say neither where nor how far: at the sensor, give or take its range.
+    """Positions of plots that say neither where nor how far: the sensor, give or take its range.
 
     A disc of even probability has a standard deviation of half its radius along each axis.
     """
@@ -111,7 +111,7 @@ class SapientReports:
         self._waiting: list[Plots] = []
 
     def messages(self, seen: Seen) -> list[Message]:
-        """Those of the group, if the sector ends it."""
+        """The messages of a group of sectors, if this one ends it."""
         sector = seen.sector
         group = self._groups.number(sector)
         if group != self._group:  # of one that was not finished, the time is past

@@ -120,7 +120,7 @@ class Preset(CatalogueTable):
 
 @cache
 def names() -> list[str]:
-    """Of all presets, in alphabetical order."""
+    """The names of all presets, in alphabetical order."""
     folder = files("plotfeed.feeds.scene.presets")
     return sorted(
         entry.name.removesuffix(".toml")

@@ -114,7 +114,7 @@ Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class PresetRule(CatalogueTable):
-    """How the value of a key comes about, one way of those in `WAYS`, and why so."""
+    """How the value of a key comes about, by one of `METHODS`, and why so."""
 
     note: str
     middle_of: Pair | None = None
@@ -129,25 +129,24 @@ class PresetRule(CatalogueTable):
     solve: Goal | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        if len(WAYS.keys() & self.model_fields_set) != 1:
-            raise ValueError(f"a rule has one of {', '.join(WAYS)}")
+    def _one_method(self) -> Self:
+        if sum(getattr(self, name) is not None for name in METHODS) != 1:
+            raise ValueError(f"a rule has one of {', '.join(METHODS)}")
         if (self.share is None) != (self.share_of is None):
             raise ValueError("share_of and share belong together")
         return self
 
     @property
-    def way(self) -> str:
-        """The one way that is given, a key of `WAYS`."""
-        (name,) = WAYS.keys() & self.model_fields_set
-        return name
+    def method(self) -> str:
+        """The one method that is given, a key of `METHODS`."""
+        return next(name for name in METHODS if getattr(self, name) is not None)
 
     def value(self, keys: Mapping[str, Any]) -> Any:
         """The key's value, from others that are known so far; a `solve` takes a whole sensor."""
-        return WAYS[self.way][0](self, keys)
+        return METHODS[self.method][0](self, keys)
 
     def __str__(self) -> str:
-        return WAYS[self.way][1](self)
+        return METHODS[self.method][1](self)
 
 
 def _unsolved(_rule: Any, _keys: Mapping[str, Any]) -> Any:
@@ -166,7 +165,7 @@ def _on_target_text(rule: Any) -> str:
     return f"{f'{share:g} of ' if share < 1 else ''}the time that the beam is on a target"
 
 
-WAYS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any], str]]] = {
+METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any], str]]] = {
     "middle_of": (
         lambda rule, _: sum(rule.middle_of) / 2,
         lambda rule: f"middle of {short(rule.middle_of[0])} and {short(rule.middle_of[1])}",
@@ -201,7 +200,7 @@ WAYS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any]
         lambda rule: f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at the quoted range",
     ),
 }
-"""The ways, by their keys in a rule: the value of a rule, and how people read it."""
+"""Methods by their keys in a rule: the value of a rule, and how people read it."""
 
 
 SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)

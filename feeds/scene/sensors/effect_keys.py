@@ -76,7 +76,7 @@ class MultipathKeys(SceneTable):
     """Of the sensor's antenna above that ground."""
 
     def model(self) -> Multipath:
-        """The same for the model."""
+        """The two rays for a model."""
         return Multipath(reflection=self.reflection, antenna_height_m=self.antenna_height_m)
 
 
@@ -90,10 +90,10 @@ class DopplerKeys(SceneTable):
     floor_m_s: NotNegative = 0.0
     """Error that remains however strong the echo; added in quadrature."""
 
-    def model(self, wavelengths_m: Sequence[float], integration_s: float, ways: int) -> Doppler:
-        """The same for the model, for a channel of each wavelength; bistatic ranges are one way."""
+    def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
+        """Cells of range rate for a model, a channel a wavelength; an echo's `legs` are 1 or 2."""
         return Doppler(
-            cells_m_s=tuple(w / (ways * integration_s) for w in wavelengths_m),
+            cells_m_s=tuple(w / (legs * integration_s) for w in wavelengths_m),
             spans_m_s=tuple(2 * self.rate_max_m_s for _ in wavelengths_m),
             folds=False,
             notch_m_s=self.notch_m_s,
@@ -107,12 +107,12 @@ class PulsedDopplerKeys(DopplerKeys):
     prf_hz: Positive | None = None
     """Of pulses or sweeps; then rates fold after wavelength times this over 2, up to any speed."""
 
-    def model(self, wavelengths_m: Sequence[float], integration_s: float, ways: int) -> Doppler:
-        """As for any, but that rates fold."""
-        plain = super().model(wavelengths_m, integration_s, ways)
+    def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
+        """Cells of range rate that fold, if a frequency of pulses is given."""
+        plain = super().model(wavelengths_m, integration_s, legs)
         if self.prf_hz is None:
             return plain
-        spans_m_s = tuple(w * self.prf_hz / ways for w in wavelengths_m)
+        spans_m_s = tuple(w * self.prf_hz / legs for w in wavelengths_m)
         return replace(plain, spans_m_s=spans_m_s, folds=True)
 
 
@@ -137,7 +137,7 @@ class MergingKeys(SceneTable):
         doppler: Doppler | None,
         period_s: float,
     ) -> Merging:
-        """The same for the model of a sensor with those cells and beams."""
+        """Merging for the model of a sensor with those cells and beams."""
         from plotfeed.models.effects.merging import (
             Merging,
         )
@@ -157,7 +157,7 @@ class MergingKeys(SceneTable):
 
 
 def multipath_of(part: MultipathKeys | None) -> Multipath | None:
-    """For the model, None where it is not named."""
+    """Multipath for a model, None where it is not named."""
     return None if part is None else part.model()
 
 

@@ -171,7 +171,7 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
         if self.doppler is None:
             return None
         wavelengths_m = [C_M_S / t.frequency_hz for t in self.transmitters]
-        return self.doppler.model(wavelengths_m, self.integration_s, ways=1)
+        return self.doppler.model(wavelengths_m, self.integration_s, legs=1)
 
     def _merging(self) -> Merging | None:
         if self.merging is None:

@@ -154,7 +154,7 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
     def _doppler(self) -> Doppler | None:
         if self.doppler is None:
             return None
-        return self.doppler.model([C_M_S / self.frequency_hz], self.integration_s, ways=2)
+        return self.doppler.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
 
     def _merging(self) -> Merging | None:
         if self.merging is None:

@@ -46,7 +46,7 @@ def instants_ns(events: tuple[Event, ...]) -> list[int]:
 
 
 class _Periodic(SceneTable):
-    """What ways of scanning have in common."""
+    """What all scans have in common."""
 
     period_s: Annotated[float, Field(ge=0.02, le=3600)]
     """Of a scan."""
@@ -61,7 +61,7 @@ class _Periodic(SceneTable):
 
     @property
     def period_ns(self) -> int:
-        """Of a scan."""
+        """Nanoseconds of a scan."""
         return round(self.period_s * NS)
 
 

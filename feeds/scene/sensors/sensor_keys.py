@@ -126,7 +126,7 @@ class SensorKeys(SceneTable):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
-        """With the formats that may be asked for."""
+        """JSON schema of the keys, with the formats that may be asked for."""
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
         keys = handler.resolve_ref_schema(schema)["properties"]
         if "report" in keys:
@@ -176,12 +176,12 @@ class SensorKeys(SceneTable):
 
     @property
     def band_hz(self) -> tuple[float, float] | None:
-        """Lowest and highest frequency that a receiver of emissions hears."""
+        """Lowest and highest frequency that a receiver of emissions takes in."""
         return None
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """What it calls what it finds, if it classifies."""
+        """Names of what the sensor finds, if it classifies."""
         return ()
 
     def categories(self, report: str) -> list[int]:
@@ -195,7 +195,7 @@ class SensorKeys(SceneTable):
 
     @property
     def false_alarm_probability(self) -> float | None:
-        """In a cell, if it decides by that."""
+        """Probability of a false alarm in a cell, if the sensor decides by that."""
         return getattr(self, "pfa", None)
 
     def warnings(self, _site: Site, /) -> list[str]:
@@ -219,7 +219,7 @@ class AzimuthCoverKeys(SensorKeys):
 
     @property
     def azimuth_cover(self) -> AzimuthCover:
-        """The same for the model."""
+        """The directions for a model."""
         return AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg)
 
 
