@@ -15,9 +15,9 @@ import numpy as np
 from playwright.async_api import Page, async_playwright
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.basemap import Basemap, load_basemap
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.page_observer import PageObserver, alongside
+from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.tracker_tracks import decode_tracks
 from plotfeed.feeds.page.view import View

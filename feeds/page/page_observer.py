@@ -11,7 +11,7 @@ import numpy as np
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import Controls, NoControls
 from plotfeed.feeds.scene.link_keys import LinkSettings

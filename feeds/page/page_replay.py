@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.recorded_view import RecordedView
+from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused

@@ -9,9 +9,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.page.basemap import Basemap, load_basemap
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.page_observer import PageObserver, alongside
+from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.basemap import Basemap
 from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, WISHES, PageReplay
+from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.page.outline import Placements
+from plotfeed.feeds.page.scene_outline import Placements
 from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame

@@ -3,68 +3,35 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.state import Floats, Looks
+from plotfeed.feeds.recording.look_tally import LookTally
+from plotfeed.models.state import Floats
 
 RANGE_BINS = 25
-MAX_PARTS = 48
-"""Sectors that are counted at once: the session must not wait for all of an update's."""
+LOOKS_AT_ONCE = 256
+"""That are counted together: the session must not wait for many."""
 
 
-class DetectionRecord:
-    """Looks of all sensors in bins of range, since each sensor's settings last changed."""
-
-    def __init__(self, range_max_m: Floats) -> None:
-        self._width_m = range_max_m / RANGE_BINS
-        self._waiting: list[tuple[int, Looks]] = []
-        self._counts = np.zeros((4, len(range_max_m), RANGE_BINS))
-
-    def add(self, sensor: int, looks: Looks) -> None:
-        """Looks of one sector of a sensor, by number."""
-        if not len(looks):
-            return
-        self._waiting.append((sensor, looks))
-        if len(self._waiting) >= MAX_PARTS:
-            self.fold()
-
-    def begin(self, sensor: int) -> None:
-        """That sensor's settings changed."""
-        self.fold()
-        self._counts[:, sensor] = 0
-
-    def fold(self) -> None:
-        """Count what waits, all at once."""
-        waiting, self._waiting = self._waiting, []
-        if not waiting:
-            return
-        sensor = np.repeat([s for s, _ in waiting], [len(looks) for _, looks in waiting])
-        range_m, pd = _joined(waiting, "range_m"), _joined(waiting, "pd")
-        detected = _joined(waiting, "detected")
-        at = np.clip((range_m / self._width_m[sensor]).astype(np.int64), 0, RANGE_BINS - 1)
-        cell = sensor * RANGE_BINS + at
-        for row, weights in enumerate((np.ones(len(pd)), detected, pd, pd * (1 - pd))):
-            counted = np.bincount(cell, weights, minlength=self._counts[row].size)
-            self._counts[row] += counted.reshape(self._counts[row].shape)
-
-    def summary(self, sensor: int) -> dict[str, Any]:
-        """By range, from 0 in steps of `width_m`: looks, detections, sum and variance expected."""
-        looks, detected, expected, variance = self._counts[:, sensor]
-        return {
-            "width_m": float(self._width_m[sensor]),
-            "looks": looks.astype(int).tolist(),
-            "detected": detected.astype(int).tolist(),
-            "expected": np.round(expected, 3).tolist(),
-            "variance": np.round(variance, 3).tolist(),
-        }
+def new_looks(range_max_m: float) -> LookTally:
+    """A tally of a sensor's looks, in `RANGE_BINS` over its range."""
+    return LookTally(range_max_m / RANGE_BINS, RANGE_BINS, at_once=LOOKS_AT_ONCE)
 
 
-def _joined(parts: Sequence[tuple[int, Looks]], column: str) -> Floats:
-    return np.concatenate([getattr(looks, column) for _, looks in parts], dtype=np.float64)
+def looks_summary(looks: LookTally) -> dict[str, Any]:
+    """By range, from 0 in steps of `width_m`: looks, detections, sum and variance expected."""
+    cells = looks.cells()
+    count, expected, variance, detected = np.pad(cells, ((0, 0), (0, RANGE_BINS - cells.shape[1])))
+    return {
+        "width_m": looks.cell_m,
+        "looks": count.astype(int).tolist(),
+        "detected": detected.astype(int).tolist(),
+        "expected": np.round(expected, 3).tolist(),
+        "variance": np.round(variance, 3).tolist(),
+    }
 
 
 LATENCIES_KEPT = 3000

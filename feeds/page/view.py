@@ -14,10 +14,9 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.page.basemap import Basemap
-from plotfeed.feeds.page.outline import Placements, outline
+from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
-from plotfeed.feeds.page.strips import DetectionRecord, LinkRecord, Rates
+from plotfeed.feeds.page.strips import LinkRecord, Rates, looks_summary, new_looks
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind, UpdateFlag, header, news
 from plotfeed.feeds.scene.fields import Site
@@ -99,7 +98,8 @@ class View:
         """A sector was worked out: what its sensor looked at."""
         number = self._sensors.get(report.sensor)
         if number is not None:
-            self._detections.add(number, report.looks)
+            looks = report.looks
+            self._looks[number].add(looks.range_m, looks.pd, looks.detected)
 
     def recall(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
         """Plots of before a leap, which fade; nothing of them is counted."""
@@ -153,7 +153,7 @@ class View:
         asked_ms = () if asked_latency_ms is None else asked_latency_ms
         self._links[number].begin(asked_ms, since_utc_ns)
         if new_model:
-            self._detections.begin(number)
+            self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
 
     def session(self, state: Mapping[str, Any]) -> None:
         """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.
@@ -199,7 +199,6 @@ class View:
     def update(self, now_utc_ns: int, monotonic_s: float) -> Update:
         """What has changed since the last one."""
         self._number += 1
-        self._detections.fold()
         seconds = self._rates.over(monotonic_s)
         if seconds:
             self._tell("totals", self._totals)
@@ -240,7 +239,7 @@ class View:
         self._plots = PlotStore(placements)
         self._rates = Rates(len(sensors))
         self._links = [LinkRecord() for _ in sensors]
-        self._detections = DetectionRecord(placements.range_max_m)
+        self._looks = [new_looks(range_m) for range_m in placements.range_max_m.tolist()]
         self._drones = Drones(placements.site)
         self._tracks = ShownTracks(placements.site)
         self._totals = {}
@@ -257,7 +256,7 @@ class View:
             {
                 sensor: {
                     "link": self._links[number].summary(),
-                    "detections": self._detections.summary(number),
+                    "detections": looks_summary(self._looks[number]),
                 }
                 for sensor, number in numbers.items()
             },

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.report.detection_tally import AlarmFigures, PdFigures, pd_by_range, pd_of_all
 from plotfeed.feeds.report.ledger_reading import Counted, SensorTally
 from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
-from plotfeed.feeds.report.look_tally import PdFigures
-from plotfeed.feeds.report.plot_tallies import EDGES, AlarmFigures, ErrorFigures
+from plotfeed.feeds.report.plot_errors import EDGES, ErrorFigures
 from plotfeed.feeds.report.spreads import CELLS, STEPS
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import Damage
@@ -109,8 +109,8 @@ def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
     return SensorFigures(
         sensor=name,
         entries=tally.entries,
-        looks=tally.looks.total(),
-        looks_by_range=tally.looks.bins(),
+        looks=pd_of_all(tally.looks),
+        looks_by_range=pd_by_range(tally.looks),
         plots_from=plots_from,
         plots=tally.plots,
         joined=tally.errors.joined,

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.console.progress import with_progress
+from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.recording.recorded_session import (
     RecordedSettings,
     SectorKey,
-    WaitingPlots,
     plot_topics,
     recorded_scene,
-    sector_plots,
 )
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_record import SessionRecord
+from plotfeed.feeds.report.detection_tally import CELL_M, MAX_CELLS, AlarmsTally, AskedAlarms
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
-from plotfeed.feeds.report.look_tally import LooksTally
-from plotfeed.feeds.report.plot_tallies import QUANTITIES, AlarmsTally, AskedAlarms, ErrorsTally
-from plotfeed.models.state import Bools, Floats, Ints
+from plotfeed.feeds.report.plot_errors import ErrorsTally, MeasuredBesideTruth, Truth
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -51,7 +47,7 @@ class SensorTally:
         self.left_out = 0
         """Entries under settings that were too many."""
         self.passage = Passage()
-        self.looks = LooksTally()
+        self.looks = LookTally(CELL_M, MAX_CELLS)
         self.errors = ErrorsTally()
         self.alarms = AlarmsTally(asked_alarms)
         self._numbers: dict[str, int] = {}
@@ -59,7 +55,9 @@ class SensorTally:
     def add(self, entry: pb.Ledger) -> None:
         """Take a sector."""
         self.entries += 1
-        self.looks.add(entry.looks)
+        looks = entry.looks
+        odds, detected = [look.pd for look in looks], [look.detected for look in looks]
+        self.looks.add([look.range_m for look in looks], odds, detected)
         drones = sum(bool(plot.drone) for plot in entry.plots)
         self.plots += drones
         self.alarms.add(len(entry.plots) - drones, entry.scan, entry.sector)
@@ -72,7 +70,6 @@ class SensorTally:
     def end(self) -> None:
         """There are no more."""
         self.passage.end()
-        self.looks.count()
         self.errors.count()
         for link in self.links.values():
             link.count()
@@ -91,82 +88,6 @@ class SensorTally:
             link.add(sent, fate)
             if not sent.copy:
                 self.passage.add(Turn(sent.number, sent.due_utc_ns, sent.sent_utc_ns, fate, row))
-
-
-COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
-"""Of what is measured and of its truth, as `QUANTITIES`."""
-MAX_WAITING_TRUTHS = 200_000
-"""Plots whose truth waits for what was measured; then the oldest are given up."""
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Of a sector's plots, in their order."""
-
-    values: Floats
-    """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
-    of_drone: Bools
-    """(n,); the others are false alarms."""
-    t_utc_ns: Ints
-
-    @classmethod
-    def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
-        """As the ledger has it."""
-        rows = [
-            [getattr(plot, name) if plot.HasField(name) else math.nan for name in COLUMNS]
-            for plot in plots
-        ]
-        return cls(
-            np.array(rows, np.float64).reshape(-1, len(QUANTITIES)),
-            np.array([bool(plot.drone) for plot in plots], np.bool_),
-            np.array([plot.time_utc_ns for plot in plots], np.int64),
-        )
-
-    def __len__(self) -> int:
-        return len(self.of_drone)
-
-
-class MeasuredBesideTruth:
-    """Holds what has come of a sector until all of it is there; the ledger comes last as a rule."""
-
-    def __init__(self) -> None:
-        self._plots = WaitingPlots()
-        self._truths: OrderedDict[SectorKey, tuple[Truth, ErrorsTally]] = OrderedDict()
-        self._waiting = 0
-
-    def add_message(self, message: Recorded, prefix: str, sensor: str) -> None:
-        """Take the plots of a message; one that cannot be read or placed is passed over."""
-        found = sector_plots(message, prefix, sensor)
-        if found is not None:
-            self._plots.add(found)
-            self._meet(found.key)
-
-    def add_truth(self, sector: SectorKey, truth: Truth, errors: ErrorsTally) -> None:
-        """Take what is true of a sector's plots; their errors are counted where it says."""
-        if not len(truth) or sector in self._truths:
-            return
-        self._truths[sector] = truth, errors
-        self._waiting += len(truth)
-        self._meet(sector)
-        while self._waiting > MAX_WAITING_TRUTHS and self._truths:
-            _, (given_up, _) = self._truths.popitem(last=False)
-            self._waiting -= len(given_up)
-
-    def _meet(self, sector: SectorKey) -> None:
-        """Count errors if all are there; plots that contradict their truth are as good as lost."""
-        if sector not in self._truths:
-            return
-        truth, errors = self._truths[sector]
-        if self._plots.count(sector) < len(truth):
-            return
-        del self._truths[sector]
-        self._waiting -= len(truth)
-        plots = self._plots.take(sector, truth.t_utc_ns)
-        if plots is not None:
-            drones = plots.rows(truth.of_drone)
-            values = np.stack([getattr(drones, name) for name in COLUMNS], axis=1)
-            sigmas = np.stack([getattr(drones, f"sigma_{name}") for name in COLUMNS], axis=1)
-            errors.add(values, sigmas, truth.values[truth.of_drone])
 
 
 TRUTH = "/truth"

@@ -102,15 +102,15 @@ class LatencyFigures:
 class Fit:
     """Delivered delays against the law that was asked; Kolmogorov and Smirnov."""
 
-    distance: float
+    distance: float = math.nan
     """Of what was delivered, engine and all."""
-    p_value: float
-    link_distance: float
+    p_value: float = math.nan
+    link_distance: float = math.nan
     """Of the delays that the link drew, without the engine's lateness."""
-    link_p_value: float
-    independent: float
+    link_p_value: float = math.nan
+    independent: float = math.nan
     """Messages that tell as much as these did, where successive delays are correlated."""
-    not_comparable: str
+    not_comparable: str = ""
     """Why there is nothing to compare with; empty if there is."""
 
 
@@ -215,10 +215,10 @@ def _asked_times(asked: LinkExpectation) -> LatencyFigures:
 def _fit(tally: LinkTally) -> Fit:
     asked = tally.setting.asked
     if asked is None:
-        return _no_fit("not known")
+        return Fit(not_comparable="not known")
     why_not = why_not_plain(asked)
     if why_not or tally.sent_fit is None or tally.link_fit is None:
-        return _no_fit(why_not)
+        return Fit(not_comparable=why_not)
     # The sum of an autoregression's correlations rho^k bounds how much its distribution function
     # varies more than that of independent draws.
     rho = abs(asked.link.delay_correlation)
@@ -236,19 +236,6 @@ def _fit(tally: LinkTally) -> Fit:
         link_distance=link_distance,
         link_p_value=link_p_value,
         independent=tally.sent_fit.count * share,
-        not_comparable="",
-    )
-
-
-def _no_fit(why: str) -> Fit:
-    none = math.nan
-    return Fit(
-        distance=none,
-        p_value=none,
-        link_distance=none,
-        link_p_value=none,
-        independent=none,
-        not_comparable=why,
     )
 
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from plotfeed.feeds.console.status_line import printable
+from plotfeed.feeds.report.detection_tally import PdFigures
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share
-from plotfeed.feeds.report.look_tally import PdFigures
-from plotfeed.feeds.report.plot_tallies import ErrorFigures
+from plotfeed.feeds.report.plot_errors import ErrorFigures
 from plotfeed.proto.utc import NS, iso_utc
 
 MAX_DELAYS_SHOWN = 5

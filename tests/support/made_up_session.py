@@ -16,7 +16,7 @@ from support import road
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import changed

@@ -16,7 +16,7 @@ from toy_sensor.camera_keys import CameraKeys
 
 from plotfeed.feeds.accuracy_chart.chart import charted
 from plotfeed.feeds.accuracy_chart.stage import Effort
-from plotfeed.feeds.page.outline import Placements, outline
+from plotfeed.feeds.page.scene_outline import Placements, outline
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import register
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys

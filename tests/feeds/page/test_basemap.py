@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 from support import road
 
-from plotfeed.feeds.page import basemap
-from plotfeed.feeds.page.basemap import load_basemap
+from plotfeed.feeds.page import scene_outline
+from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.output_keys import BasemapImage, PageKeys
 from plotfeed.proto.errors import PlotfeedError
@@ -102,10 +102,10 @@ def test_depth_and_size_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     (tmp_path / "deep").write_text("[" * 100_000)
     with pytest.raises(PlotfeedError, match="deep"):
         load_basemap("deep", tmp_path, SITE)
-    monkeypatch.setattr(basemap, "MAX_VERTICES", 3)
+    monkeypatch.setattr(scene_outline, "MAX_VERTICES", 3)
     with pytest.raises(PlotfeedError, match="vertices"):
         loaded(tmp_path, {"type": "LineString", "coordinates": [[0, 0]] * 4})
-    monkeypatch.setattr(basemap, "MAX_OCTETS", 10)
+    monkeypatch.setattr(scene_outline, "MAX_OCTETS", 10)
     with pytest.raises(PlotfeedError, match="larger"):
         load_basemap("deep", tmp_path, SITE)
 
@@ -115,7 +115,9 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
         load_basemap("nowhere.geojson", tmp_path, SITE)
 
 
-def image(tmp_path: Path, corners: list[list[float]], content: bytes = PNG) -> basemap.Basemap:
+def image(
+    tmp_path: Path, corners: list[list[float]], content: bytes = PNG
+) -> scene_outline.Basemap:
     (tmp_path / "map.png").write_bytes(content)
     latitude_first = [(latitude, longitude) for longitude, latitude in corners]
     settings = BasemapImage.model_validate({"image": "map.png", "corners": latitude_first})

@@ -14,7 +14,7 @@ from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
 from support.page_updates import read_frame
 
-from plotfeed.feeds.page.basemap import Basemap
+from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.models.frames import aer_to_enu

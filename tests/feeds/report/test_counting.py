@@ -11,9 +11,10 @@ from support.links import link
 from support.significance import assert_chance
 
 from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.recording.look_tally import LookTally
+from plotfeed.feeds.report.detection_tally import CELL_M, MAX_CELLS, pd_by_range, pd_of_all
 from plotfeed.feeds.report.link_tally import WINDOW, InTurn, Passage, Turn
-from plotfeed.feeds.report.look_tally import LooksTally
-from plotfeed.feeds.report.plot_tallies import EDGES, ErrorsTally
+from plotfeed.feeds.report.plot_errors import EDGES, ErrorsTally
 from plotfeed.feeds.report.spreads import (
     CELLS,
     STEPS,
@@ -202,12 +203,11 @@ def test_a_burst_does_not_go_on_under_another_setting() -> None:
 def test_detection_by_range_adds_up_and_is_within_chance() -> None:
     rng = np.random.default_rng(8)
     range_m, pd = rng.uniform(300, 9000, 5000), rng.random(5000)
-    tally = LooksTally()
+    tally = LookTally(CELL_M, MAX_CELLS)
     for r, p, hit in zip(range_m, pd, rng.random(5000) < pd, strict=True):
-        tally.add([pb.Look(range_m=r, pd=p, detected=hit)])
-    tally.add([pb.Look(range_m=np.nan, pd=0.5), pb.Look(range_m=5.0, pd=1.5)])
-    tally.count()
-    total, bins = tally.total(), tally.bins()
+        tally.add([r], [p], [hit])
+    tally.add([np.nan, 5.0], [0.5, 1.5], [False, False])
+    total, bins = pd_of_all(tally), pd_by_range(tally)
     assert total is not None
     assert total.looks == 5000 == sum(at.looks for at in bins)
     assert 8 <= len(bins) <= 13
@@ -220,13 +220,13 @@ def test_detection_by_range_adds_up_and_is_within_chance() -> None:
 
 
 def test_looks_at_any_range_take_little_memory() -> None:
-    tally = LooksTally()
-    tally.add([pb.Look(range_m=r, pd=0.5) for r in (0.0, 1e300, 3.0, np.inf, -1.0)])
-    tally.count()
-    assert tally._cells.nbytes < 2_000_000
-    assert sum(at.looks for at in tally.bins()) == 3
-    assert LooksTally().total() is None
-    assert LooksTally().bins() == []
+    tally = LookTally(CELL_M, MAX_CELLS)
+    tally.add([0.0, 1e300, 3.0, np.inf, -1.0], [0.5] * 5, [False] * 5)
+    assert tally.cells().nbytes < 2_000_000
+    assert sum(at.looks for at in pd_by_range(tally)) == 3
+    nothing = LookTally(CELL_M, MAX_CELLS)
+    assert pd_of_all(nothing) is None
+    assert pd_by_range(nothing) == []
 
 
 def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> ErrorsTally:

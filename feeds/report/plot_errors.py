@@ -1,22 +1,19 @@
-"""Errors and false alarms of a sensor's plots: as its scene asked for them, and as they came."""
+"""Errors of plots against what is true of them, in units of the standard deviation they state."""
 
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.feeds.recording.recorded_session import RecordedSettings
-from plotfeed.feeds.report.spreads import z_score
-from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.scan_keys import RotatingScan
-from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
+from plotfeed.feeds.recording.recorded_session import SectorKey, WaitingPlots, sector_plots
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.state import Floats
-from plotfeed.proto.utc import NS
+from plotfeed.models.state import Bools, Floats, Ints
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.recorded import Recorded
 
 QUANTITIES = {"range": "m", "azimuth": "deg", "elevation": "deg"}
 """What the ledger has the truth of, with the unit of each."""
@@ -139,83 +136,77 @@ class ErrorsTally:
         )
 
 
-@dataclass(slots=True)
-class AskedAlarms:
-    """How many false alarms a sensor of a recorded scene was to have."""
-
-    scene: Scene
-    sensor: Sensor
-    settings: RecordedSettings
-    start_utc_ns: int
-    _per_scan: dict[int, float] = field(default_factory=dict)
-
-    @property
-    def sectors(self) -> int:
-        """Of a scan."""
-        return self.sensor.scan.sectors if isinstance(self.sensor.scan, RotatingScan) else 1
-
-    def in_sector(self, scan: int, sector: int) -> float:
-        """Mean number in a sector, as the sensor was when it was worked out; NaN if unknown."""
-        period_ns = round(self.sensor.scan.period_s * NS)
-        end_utc_ns = (scan * self.sectors + sector + 1) * period_ns // self.sectors
-        worked_out_ns = end_utc_ns - min(AHEAD_NS, period_ns // self.sectors)
-        then = self.settings.worked_out(self.sensor.id, worked_out_ns, self.start_utc_ns)
-        if then is None:
-            return math.nan
-        if id(then) not in self._per_scan:
-            mean = then.model(self.scene.scene.site).false_alarms_per_scan
-            self._per_scan[id(then)] = mean
-        return self._per_scan[id(then)] / self.sectors
+COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+"""Of what is measured and of its truth, as `QUANTITIES`."""
+MAX_WAITING_TRUTHS = 200_000
+"""Plots whose truth waits for what was measured; then the oldest are given up."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlarmFigures:
-    """False alarms of one sensor."""
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Of a sector's plots, in their order."""
 
-    count: int
-    scans: float
-    """That the ledger tells of, parts of them counted as such; NaN where no scene says."""
-    asked: float
-    """By the scene, in all of these scans; NaN where no scene says."""
-    asked_per_scan: float
-    delivered_per_scan: float
-    z: float
+    values: Floats
+    """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
+    of_drone: Bools
+    """(n,); the others are false alarms."""
+    t_utc_ns: Ints
 
-
-@dataclass(slots=True)
-class AlarmsTally:
-    """Of one sensor's ledger."""
-
-    asked: AskedAlarms | None
-    count: int = 0
-    _sectors: int = 0
-    _mean: float = 0.0
-
-    def add(self, false_alarms: int, scan: int, sector: int) -> None:
-        """Take a sector."""
-        self.count += false_alarms
-        self._sectors += 1
-        if self.asked is not None:
-            self._mean += self.asked.in_sector(scan, sector)
-
-    def figures(self) -> AlarmFigures:
-        """Of all that were taken."""
-        if self.asked is None:
-            nan = math.nan
-            return AlarmFigures(
-                count=self.count,
-                scans=nan,
-                asked=nan,
-                asked_per_scan=nan,
-                delivered_per_scan=nan,
-                z=nan,
-            )
-        scans = self._sectors / self.asked.sectors
-        return AlarmFigures(
-            count=self.count,
-            scans=scans,
-            asked=self._mean,
-            asked_per_scan=self._mean / scans if scans else math.nan,
-            delivered_per_scan=self.count / scans if scans else math.nan,
-            z=z_score(self.count - self._mean, self._mean),  # binomial over very many cells
+    @classmethod
+    def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
+        """As the ledger has it."""
+        rows = [
+            [getattr(plot, name) if plot.HasField(name) else math.nan for name in COLUMNS]
+            for plot in plots
+        ]
+        return cls(
+            np.array(rows, np.float64).reshape(-1, len(QUANTITIES)),
+            np.array([bool(plot.drone) for plot in plots], np.bool_),
+            np.array([plot.time_utc_ns for plot in plots], np.int64),
         )
+
+    def __len__(self) -> int:
+        return len(self.of_drone)
+
+
+class MeasuredBesideTruth:
+    """Holds what has come of a sector until all of it is there; the ledger comes last as a rule."""
+
+    def __init__(self) -> None:
+        self._plots = WaitingPlots()
+        self._truths: OrderedDict[SectorKey, tuple[Truth, ErrorsTally]] = OrderedDict()
+        self._waiting = 0
+
+    def add_message(self, message: Recorded, prefix: str, sensor: str) -> None:
+        """Take the plots of a message; one that cannot be read or placed is passed over."""
+        found = sector_plots(message, prefix, sensor)
+        if found is not None:
+            self._plots.add(found)
+            self._meet(found.key)
+
+    def add_truth(self, sector: SectorKey, truth: Truth, errors: ErrorsTally) -> None:
+        """Take what is true of a sector's plots; their errors are counted where it says."""
+        if not len(truth) or sector in self._truths:
+            return
+        self._truths[sector] = truth, errors
+        self._waiting += len(truth)
+        self._meet(sector)
+        while self._waiting > MAX_WAITING_TRUTHS and self._truths:
+            _, (given_up, _) = self._truths.popitem(last=False)
+            self._waiting -= len(given_up)
+
+    def _meet(self, sector: SectorKey) -> None:
+        """Count errors if all are there; plots that contradict their truth are as good as lost."""
+        if sector not in self._truths:
+            return
+        truth, errors = self._truths[sector]
+        if self._plots.count(sector) < len(truth):
+            return
+        del self._truths[sector]
+        self._waiting -= len(truth)
+        plots = self._plots.take(sector, truth.t_utc_ns)
+        if plots is not None:
+            drones = plots.rows(truth.of_drone)
+            values = np.stack([getattr(drones, name) for name in COLUMNS], axis=1)
+            sigmas = np.stack([getattr(drones, f"sigma_{name}") for name in COLUMNS], axis=1)
+            errors.add(values, sigmas, truth.values[truth.of_drone])
