@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import subprocess
 import sys
@@ -79,6 +80,9 @@ def test_the_examples_in_python_do_what_their_page_says(
     hits, looks, expected = map(float, counted.groups())
     assert looks == 60
     assert abs(hits - expected) < 5
+    scene = DOCS.parent / "feeds" / "scene" / "examples" / "section-4.toml"
+    n_plots, octets = asyncio.run(names["ten_seconds"](scene))
+    assert 0 < n_plots < octets
     cells = re.findall(r"^\| (`[^|]*`) \| [^|]* \|$", page, re.MULTILINE)
     told = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
     assert told == {f.name for f in fields(SimulatedPlots)} - NOT_ON_THE_PAGE

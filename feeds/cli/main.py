@@ -163,11 +163,7 @@ def chart(scene: Path, **options: Any) -> int:
 @click.argument("source", metavar="FILE-or-URL")
 @click.option("--list", "listed", is_flag=True, help="The messages of a file, one a line.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many; implies --list.")
-@click.option(
-    "--duration",
-    type=POSITIVE,
-    help="End after seconds, of what a broker has.",
-)
+@click.option("--duration", type=POSITIVE, help="End after seconds, of what a broker has.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option(
     "--edition",
@@ -261,12 +257,7 @@ def record(source: str, file: Path, **options: Any) -> int:
 @cli.command()
 @click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Everything, as one JSON object.")
-@click.option(
-    "--chart",
-    type=NEW_FILE,
-    metavar="IMAGE",
-    help="Also draw it: .png, .svg or .pdf.",
-)
+@click.option("--chart", type=NEW_FILE, metavar="IMAGE", help="Also draw it: .png, .svg or .pdf.")
 def report(recording: Path, **options: Any) -> int:
     """Hold what a session delivered against what its scene asked, by the ledger in FILE.
 

@@ -114,9 +114,7 @@ flight_options = together(
 )
 replay_options = together(
     click.option(
-        "--broker",
-        metavar="URL",
-        help="mqtt://HOST:PORT; loopback if there is no --udp either.",
+        "--broker", metavar="URL", help="mqtt://HOST:PORT; loopback if there is no --udp either."
     ),
     click.option(
         "--udp",

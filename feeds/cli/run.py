@@ -177,11 +177,7 @@ def _clock(start_utc_ns: int | None, speed: str) -> Clock:
 
 
 async def _run(
-    scene: Scene,
-    run_session: RunSession,
-    note: str,
-    *,
-    quiet: bool,
+    scene: Scene, run_session: RunSession, note: str, *, quiet: bool
 ) -> tuple[int, SessionCounters]:
     """The exit code and the counts of a session that signals stop."""
     stop = asyncio.Event()
