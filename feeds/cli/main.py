@@ -32,10 +32,10 @@ INTERRUPTED = 130
 
 
 class Commands(click.Group):
-    """For `plotfeed show ... | head`: that nobody reads on is no failure."""
+    """The commands, of which none fails because nobody reads on: `plotfeed show ... | head`."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Before click itself hears of the broken pipe."""
+        """Run one, and be told of a broken pipe before click is."""
         try:
             code = super().invoke(ctx)
             sys.stdout.flush()

@@ -67,7 +67,7 @@ class ReplayOptions:
         return 0 if self.date is None else int(self.date.replace(tzinfo=UTC).timestamp()) * NS
 
     def destinations(self, default_broker: str, access: dict[str, Any]) -> Destinations:
-        """Where it goes; `access` holds the keyword arguments of `BrokerAddress.parse`."""
+        """The places that it goes to; `access` is all but the URL of a broker's address."""
         url = self.broker or (None if self.udp else default_broker)
         return Destinations(
             brokers=() if url is None else (BrokerAddress.parse(url, **access),),
@@ -105,7 +105,7 @@ class ReplayOptions:
             raise ReplayError(f"--udp: {error}") from None
 
     def _links(self) -> tuple[LinkRule, ...]:
-        """Those of topics before those of all, whatever their order on the command line."""
+        """Links of topics before those of all, whatever their order on the command line."""
         rules = [_link_rule(text) for text in self.links]
         tree: dict[str, Any] = {"latency_ms": self.latency_ms, "jitter_ms": self.jitter_ms}
         if self.loss is not None:
@@ -117,7 +117,7 @@ class ReplayOptions:
 
 
 def _link_rule(text: str) -> LinkRule:
-    """From FILE, for all topics, or TOPIC=FILE, which holds the keys of a scene's [sensor.link]."""
+    """The link in FILE, for all topics, or TOPIC=FILE: the keys of a scene's [sensor.link]."""
     topic, equals, name = text.rpartition("=")
     if equals and not topic:
         raise ReplayError(f"link: expected FILE or TOPIC=FILE, not {text!r}")

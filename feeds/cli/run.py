@@ -200,7 +200,7 @@ async def _run(
 
 
 def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
-    """Where everything is; `note` is why there is no page."""
+    """Say where everything is; `note` is why there is no page."""
     prefix = scene.mqtt.prefix
     click.echo(f"scene {scene.scene.name}")
     for protocol, url in urls.items():
@@ -227,7 +227,7 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
 
 
 def _topics(sensor: Sensor) -> Iterator[str]:
-    """Where a sensor's messages are, a line for each format."""
+    """Topics of a sensor's messages, a line for each format."""
     for name in dict.fromkeys(sensor.report):
         sent = ", /".join(f"{category:03d}" for category in sensor.categories(name))
         yield f"asterix/{sent}" if sent else "plots (protobuf)" if name == "plots" else name

@@ -21,7 +21,7 @@ T = TypeVar("T")
 def with_progress(
     things: Iterable[T], what: str, done: Callable[[], int], all_: int
 ) -> Iterator[T]:
-    """The same things; a bar meanwhile says how much of `all_` is done, if anybody can see it."""
+    """Give all things on; a bar says meanwhile how much of `all_` is done, if anybody can see."""
     if not sys.stderr.isatty():
         yield from things
         return

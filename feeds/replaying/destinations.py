@@ -1,4 +1,4 @@
-"""Where messages of a recording go: brokers, UDP destinations, and where datagrams once went."""
+"""Destinations of a replay: brokers, UDP addresses, and where each datagram once went."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ReplayUdp(UdpLink):
         """`waits` says that a full socket is waited for, rather than that a datagram is lost."""
         super().__init__(settings, key)
         self.refused = 0
-        """How often it was heard that nobody listens."""
+        """How often the system said that nobody listens."""
         self._waits = waits
 
     def open(self) -> None:
@@ -113,7 +113,7 @@ class RecordedUdp:
 
     @property
     def refused(self) -> int:
-        """How often it was heard that nobody listens."""
+        """How often the system said that nobody listens."""
         return sum(link.refused for link in self._links.values() if link is not None)
 
     def carries(self, message: Message) -> bool:
@@ -177,7 +177,7 @@ class ReplayMqtt(MqttLink):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Destinations:
-    """Where a replay goes."""
+    """The places that a replay goes to."""
 
     brokers: tuple[BrokerAddress, ...] = ()
     udp: tuple[UdpDestination, ...] = ()

@@ -30,7 +30,7 @@ class ReplayItem(NamedTuple):
     lap: int
     """From 0."""
     recorded_ns: int
-    """When it left or was heard; before a link, when it was due."""
+    """When it left or was received; before a link, when it was due."""
     recorded: Recorded
 
 
@@ -189,7 +189,7 @@ class ReadAhead:
         self._octets += sum(len(item.recorded.payload) for item in items)
 
     def go_on(self, reader: ReplayReader) -> None:
-        """With this one, and forget what was read before."""
+        """Go on with another reader, and forget what was read before."""
         self._items.clear()
         self._octets = 0
         self.reader = reader

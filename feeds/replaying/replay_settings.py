@@ -25,7 +25,7 @@ class Selection:
     """Which messages of a recording are replayed."""
 
     stage: Choice = "after"
-    """After: what left sensors, or was heard. Before: what sensors handed to their links."""
+    """After: what left sensors, or was received. Before: what sensors handed to their links."""
     truth: bool = False
     """Whether the ledger is too."""
 
@@ -53,7 +53,7 @@ class Stamps:
 
     @classmethod
     def parse(cls, text: str) -> Stamps:
-        """From keep, now, or seconds such as +3600 or -0.5; raises `ReplayError`."""
+        """Read keep, now, or seconds such as +3600 or -0.5; raises `ReplayError`."""
         if text in ("keep", "now"):
             return cls(to_now=text == "now")
         by_ns = _nanoseconds(text)
@@ -62,7 +62,7 @@ class Stamps:
         return cls(by_ns=by_ns)
 
     def shift_ns(self, due_utc_ns: int, recorded_utc_ns: int) -> int:
-        """By how much the times in a message move that was recorded and is due then."""
+        """Shift of the times in a message that was recorded and is due then."""
         return due_utc_ns - recorded_utc_ns if self.to_now else self.by_ns
 
 
@@ -75,7 +75,7 @@ class Moment:
 
     @classmethod
     def parse(cls, text: str) -> Moment:
-        """From seconds or a time such as 2026-01-01T12:00:00Z; raises `ReplayError`."""
+        """Read seconds or a time such as 2026-01-01T12:00:00Z; raises `ReplayError`."""
         since_ns = _nanoseconds(text)
         if since_ns is not None and since_ns >= 0:
             return cls(since_ns=since_ns)
@@ -86,7 +86,7 @@ class Moment:
         return cls(utc_ns=at_utc_ns)
 
     def at(self, first_ns: int) -> int:
-        """As recorded time, in a recording that begins then."""
+        """The recorded time of that place, in a recording that begins then."""
         return first_ns + (self.since_ns or 0) if self.utc_ns is None else self.utc_ns
 
 
@@ -99,7 +99,7 @@ class TopicRule:
 
     @classmethod
     def parse(cls, text: str) -> TopicRule:
-        """From OLD=NEW; raises `ReplayError`."""
+        """Read OLD=NEW; raises `ReplayError`."""
         old, equals, new = text.partition("=")
         rule = cls(old, new)
         if not equals or not rule.old or not is_topic(rule.new):

@@ -51,7 +51,7 @@ async def replay(
     clock: Clock | None = None,
     totals: ReplayTotals | None = None,
 ) -> ReplayTotals:
-    """Replay a recording over ways out that stand, until its end or until it is stopped.
+    """Replay a recording over open transports, until its end or until it is stopped.
 
     `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
     are filled in meanwhile. Raises what reading the source raises, and `ReplayError`.

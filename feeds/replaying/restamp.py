@@ -60,7 +60,7 @@ class Restamper:
             return recorded.payload
 
     def properties(self, recorded: Recorded, shift_ns: int) -> tuple[tuple[str, str], ...]:
-        """Its user properties likewise."""
+        """The message's user properties, their times later by that."""
         return tuple(
             (name, self._text(value, shift_ns) if name == TIME else value)
             for name, value in recorded.properties
@@ -82,7 +82,7 @@ class Restamper:
             self._left["others"] += 1
 
     def _mover(self, topic: str, content_type: str) -> Mover | None:
-        """By content type, or by topic where MQTT 3.1.1 and UDP carry none."""
+        """What moves such messages: told by content type, or topic where there is no such type."""
         media_type, _, parameters = content_type.partition(";")
         levels = topic.split("/")
         if media_type == ASTERIX or "asterix" in levels[-2:] or levels[0] == "udp":
@@ -106,7 +106,7 @@ class Restamper:
         return done.octets
 
     def _move_telemetry(self, data: bytes, shift_ns: int) -> bytes:
-        """Of whatever kind it looks like, as a session that takes it sees it."""
+        """Move telemetry of the kind that it looks like, as a session that takes it sees it."""
         if data.lstrip(b" \t\r\n").startswith(b"{"):
             return retime_json(data, shift_ns)
         if is_block_129(data):

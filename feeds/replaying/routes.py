@@ -1,4 +1,4 @@
-"""Where each message of a replay goes: its topic, its link, and over which connections."""
+"""Routes of a replay's messages: topic, link, and over which transports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the bytes that drones and files send to reports of positions, checked and admitted.
+"""Reports of positions from the bytes that drones and files send, checked and admitted.
 
 Where a drone is between its reports is worked out in `models.truth`, not here.
 """

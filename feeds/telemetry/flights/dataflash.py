@@ -99,7 +99,7 @@ def _unusable(record: Record) -> str | None:
 
 
 def _velocity_enu_m_s(record: Record) -> tuple[float, float, float] | None:
-    """From ground speed, course over ground and the velocity down."""
+    """Velocity of a record's ground speed, course over ground and velocity down."""
     if "Spd" not in record or "GCrs" not in record:
         return None
     course = math.radians(record["GCrs"])

@@ -57,7 +57,7 @@ class Flight:
 
     @property
     def duration_s(self) -> float:
-        """From the first report to the last."""
+        """Seconds from the first report to the last."""
         return (self.reports[-1].t_utc_ns - self.reports[0].t_utc_ns) / NS
 
 

@@ -74,7 +74,7 @@ Reader = Callable[[bytes, FlightOptions, Log], None]
 
 
 def _of_text(read_text: Callable[[str, FlightOptions, Log], None]) -> Reader:
-    """That reader, given octets; what is not UTF-8 is replaced and then no number."""
+    """A reader of octets by one of text: what is not UTF-8 is replaced and then no number."""
     return lambda data, options, log: read_text(data.decode("utf-8-sig", "replace"), options, log)
 
 
@@ -126,7 +126,7 @@ def _octets(path: Path, max_octets: int) -> bytes:
 
 
 def _reader(path: Path, data: bytes) -> Reader:
-    """By what the file begins with where that is unmistakable, else by its name."""
+    """The reader that the file's beginning asks for where it is unmistakable, else its name."""
     start = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(dataflash.MAGIC):
         return dataflash.read_dataflash

@@ -144,7 +144,7 @@ def _position(block: _Block, order: GpsOrder | None) -> tuple[float, float] | No
 
 @dataclass(frozen=True, slots=True)
 class _Heights:
-    """Where in a block the height stands, and what it is measured from."""
+    """A height's place in a block, and what it is measured from."""
 
     name: str
     reference: AltitudeReference
