@@ -18,13 +18,13 @@ from section_4 import (
     TITLES,
     Floats,
     Measured,
-    Z,
     many_flights,
     one_flight,
     predictions,
     scene_with,
 )
 
+from plotfeed.feeds.report.spreads import TWO_SIDED_95
 from plotfeed.models.sensors.sensor_model import Prediction
 
 mpl.use("agg")
@@ -255,7 +255,7 @@ def _counted(
         if n < 100:
             continue
         mean = float(value[here].mean())
-        half = 0.0 if root else Z * np.sqrt(mean * (1 - mean) / n)
+        half = 0.0 if root else TWO_SIDED_95 * np.sqrt(mean * (1 - mean) / n)
         height = mean**0.5 if root else mean
         axes.errorbar(float(range_m[here].mean()) / 1000, height, yerr=half or None, ms=4.2, lw=1.2,
                       marker=MARKERS[name], color=COLOURS[name], ls="", zorder=3)  # fmt: skip

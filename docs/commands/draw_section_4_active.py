@@ -18,8 +18,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from scipy.special import exp1, gammaincinv
-from section_4 import Floats, Tree, Z, along_and_across, scene_with, simulated, wilson
+from section_4 import Floats, Tree, along_and_across, scene_with, simulated
 
+from plotfeed.feeds.report.spreads import TWO_SIDED_95, share_interval
 from plotfeed.feeds.sensing.simulation import Simulation
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.propagation import radar_snr
@@ -119,7 +120,7 @@ def errors(seen: Simulation) -> Measured:
 def rms(values: Floats, expected: float, deviation: float) -> tuple[float, float, float]:
     """Root mean square, and the ends of its 95 % interval."""
     mean = float(np.mean(values**2))
-    half = Z * expected**2 * deviation / np.sqrt(len(values))
+    half = TWO_SIDED_95 * expected**2 * deviation / np.sqrt(len(values))
     return mean**0.5, max(mean - half, 0.0) ** 0.5, (mean + half) ** 0.5
 
 
@@ -147,7 +148,7 @@ def draw() -> None:
                     value, low, high = rms(missed_by[here][:, column - 1], wanted, deviation)
                 else:
                     value = float(hits[here].mean())
-                    low, high = wilson(hits[here].sum(), len(hits[here]))
+                    low, high = share_interval(int(hits[here].sum()), len(hits[here]))
                 within[0] += low <= wanted <= high
                 within[1] += 1
                 bar = [[value - low], [high - value]]

@@ -36,7 +36,6 @@ TITLES = {
     "mimo": "MIMO radar",
     "microphone": "microphones",
 }
-Z = 1.959964  # of a normal distribution: 95 % lie within
 Floats = NDArray[np.float64]
 Tree = dict[str, Any]
 
@@ -157,11 +156,3 @@ def along_and_across(along_m: float, across_m: float, azimuth: float) -> dict[st
         "north_m": along_m * cos(azimuth) - across_m * sin(azimuth),
         "above_site_m": HEIGHT_M,
     }
-
-
-def wilson(hits: float, n: int) -> tuple[float, float]:
-    """The 95 % interval of a share."""
-    p = hits / n
-    middle = (p + Z**2 / (2 * n)) / (1 + Z**2 / n)
-    half = Z / (1 + Z**2 / n) * sqrt(p * (1 - p) / n + Z**2 / (4 * n**2))
-    return middle - half, middle + half

@@ -20,9 +20,9 @@ from section_4 import (
     hovering_on_approach,
     many_flights,
     one_flight,
-    wilson,
 )
 
+from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.sensing.simulation import SimulatedSensor
 
@@ -53,7 +53,7 @@ def counted() -> Pds:
         for range_m in RANGES_M[sensor]:
             m = hovering_on_approach(sensor, range_m, DRONES, SCANS)
             hits, n = int(m.look_detected.sum()), len(m.look_detected)
-            low, high = wilson(hits, n)
+            low, high = share_interval(hits, n)
             share = f"{hits / n:.3f} ({low:.3f} to {high:.3f})"
             found[sensor, range_m] = (f"{m.look_pd.mean():.3f}", share)
             print(sensor, range_m, *found[sensor, range_m], flush=True)

@@ -70,17 +70,22 @@ def as_values(chart: Chart) -> dict[str, Any]:
 
 def _machine() -> dict[str, Any]:
     """Where the times are from."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
-        "processor": names[0] if names else platform.processor() or platform.machine(),
+        "processor": processor(),
         "cores": os.cpu_count(),
         "system": platform.system(),
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "scipy": version("scipy"),
     }
+
+
+def processor() -> str:
+    """What the machine says that it is."""
+    cpuinfo = Path("/proc/cpuinfo")
+    told = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _sensor_values(sensor: ChartedSensor) -> dict[str, Any]:

@@ -235,7 +235,8 @@ def main() -> None:
     """Measures, writes the table and draws the picture."""
     sys.path.insert(0, str(PROJECT / "docs" / "commands"))
     from pages import between
-    from write_benchmarks import processor
+
+    from plotfeed.feeds.accuracy_chart.chart_command import processor
 
     found = measured()
     when = f"{os.cpu_count()} cores, {processor()}; {datetime.now(UTC):%Y-%m-%d}"

@@ -19,7 +19,8 @@ from bench_page import WINDOW, child
 from pages import between
 from playwright.sync_api import CDPSession, Page, sync_playwright
 from support.chromium import OPTIONS, program
-from write_benchmarks import processor
+
+from plotfeed.feeds.accuracy_chart.chart_command import processor
 
 PAGE = Path(__file__).parents[2] / "docs" / "page.md"
 MINUTES = 30

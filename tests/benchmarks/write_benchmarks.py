@@ -15,6 +15,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from plotfeed.feeds.accuracy_chart.chart_command import processor
+
 HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "benchmarks.md"
 BENCHMARKS = {
@@ -34,14 +36,6 @@ BENCHMARKS = {
     "bench_replay.py": "Replays, beside ast-tool-py",
 }
 LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "gmqtt", "iotcore", "mcap", "zstandard")
-
-
-def processor() -> str:
-    """What the machine says that it is."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 def head() -> str:
