@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
+from unittest.mock import patch
 
 from support.waiting import PATIENCE_S
+
+from plotfeed.feeds.cli.main import main
 
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
 
@@ -26,6 +30,20 @@ def plotfeed(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess
     )
     assert "Traceback" not in done.stderr, done.stderr
     return done
+
+
+def plotfeed_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run it in this process, which has its modules already: for what soon ends by itself."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    words = ["plotfeed", *map(str, arguments)]
+    with patch.object(sys, "argv", words), redirect_stdout(out), redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+    return subprocess.CompletedProcess(
+        words, int(code or 0), *(each.buffer.getvalue().decode() for each in (out, err))
+    )
 
 
 class Running:

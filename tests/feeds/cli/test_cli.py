@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support.brokers import deaf_server, free_port
-from support.command import PLOTFEED, plotfeed, running
+from support.command import PLOTFEED, plotfeed, plotfeed_here, running
 from support.mqtt_client import Client, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
@@ -32,11 +32,11 @@ def test_the_entry_point_is_the_command() -> None:
 
 
 def test_help_names_every_command() -> None:
-    done = plotfeed("--help")
+    done = plotfeed_here("--help")
     assert done.returncode == 0
     for name in ("demo", "run", "inject", "check", "show", "convert", "schema"):
         assert f"  {name} " in done.stdout
-        assert plotfeed(name, "-h").returncode == 0
+        assert plotfeed_here(name, "-h").returncode == 0
 
 
 def test_version_is_that_of_the_package() -> None:
@@ -63,7 +63,7 @@ def test_version_is_that_of_the_package() -> None:
     ],
 )
 def test_wrong_use_is_exit_code_2(arguments: tuple[str, ...]) -> None:
-    done = plotfeed(*arguments)
+    done = plotfeed_here(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr != ""
@@ -122,7 +122,7 @@ def test_a_signal_while_it_starts_is_no_traceback(tmp_path: Path) -> None:
 def test_a_wrong_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
     for verb in ("run", "check"):
-        done = plotfeed(verb, scene)
+        done = plotfeed_here(verb, scene)
         assert done.returncode == 2
         assert done.stdout == ""
         assert done.stderr.splitlines() == [
@@ -134,7 +134,7 @@ def test_a_wrong_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
 @pytest.mark.parametrize("verb", ["run", "check", "inject", "show"])
 def test_a_file_that_is_not_there_is_one_line(verb: str, tmp_path: Path) -> None:
     absent = tmp_path / "absent.csv"
-    done = plotfeed(verb, absent)
+    done = plotfeed_here(verb, absent)
     assert done.returncode in (1, 2)
     assert is_one_line(done.stderr)
     assert str(absent) in done.stderr
@@ -142,22 +142,24 @@ def test_a_file_that_is_not_there_is_one_line(verb: str, tmp_path: Path) -> None
 
 def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text())
-    text = plotfeed("check", scene)
+    text = plotfeed_here("check", scene)
     assert text.returncode == 0
     assert "radar (active_radar)" in text.stdout
-    found = json.loads(plotfeed("check", scene, "--json").stdout)
+    found = json.loads(plotfeed_here("check", scene, "--json").stdout)
     assert found["scene"] == "test"
     assert found["drones"] == 1
     (sensor,) = found["sensors"]
     pds = [row["pd"] for row in sensor["table"]]
     assert all(0 <= pd <= 1 for pd in pds)
-    bigger = json.loads(plotfeed("check", scene, "--json", "--rcs-m2", "1.0").stdout)
+    bigger = json.loads(plotfeed_here("check", scene, "--json", "--rcs-m2", "1.0").stdout)
     assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
 
 
 def test_the_schemas_are_printed() -> None:
-    assert json.loads(plotfeed("schema").stdout)["$schema"].startswith("https://json-schema.org/")
-    assert "message PlotBatch {" in plotfeed("schema", "messages").stdout
+    assert json.loads(plotfeed_here("schema").stdout)["$schema"].startswith(
+        "https://json-schema.org/"
+    )
+    assert "message PlotBatch {" in plotfeed_here("schema", "messages").stdout
 
 
 def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = None) -> Path:
@@ -228,23 +230,23 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 def test_show_prints_a_line_for_each_record(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 2.0)
     records, _ = decode_lenient(path.read_bytes())
-    done = plotfeed("show", path, "--list")
+    done = plotfeed_here("show", path, "--list")
     assert done.returncode == 0
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert len(lines) == len(records)
     assert lines[0].startswith("CAT034  12:00:00.")
-    done = plotfeed("show", path, "--list", "--json")
+    done = plotfeed_here("show", path, "--list", "--json")
     objects = [json.loads(x) for x in done.stdout.splitlines()]
     assert [x["category"] for x in objects] == [r.category for r in records]
-    assert len(plotfeed("show", path, "--count", "3").stdout.splitlines()) == 3
+    assert len(plotfeed_here("show", path, "--count", "3").stdout.splitlines()) == 3
 
 
 def test_show_prints_what_a_damaged_file_still_holds(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 2.0)
-    whole = plotfeed("show", path, "--list").stdout.splitlines()
+    whole = plotfeed_here("show", path, "--list").stdout.splitlines()
     path.write_bytes(path.read_bytes()[:-3])
-    done = plotfeed("show", path, "--list")
+    done = plotfeed_here("show", path, "--list")
     assert done.returncode == 2
     assert done.stdout.splitlines() == whole[:-1]
     assert is_one_line(done.stderr)
@@ -254,13 +256,13 @@ def test_show_prints_what_a_damaged_file_still_holds(tmp_path: Path) -> None:
 def test_show_says_what_garbage_is(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "garbage"
     path.write_bytes(content)
-    done = plotfeed("show", path)
+    done = plotfeed_here("show", path)
     assert done.returncode == 2
     assert str(path) in done.stderr
 
 
 def test_show_of_a_folder_is_one_line(tmp_path: Path) -> None:
-    done = plotfeed("show", tmp_path)
+    done = plotfeed_here("show", tmp_path)
     assert done.returncode != 0
     assert is_one_line(done.stderr)
 

@@ -13,7 +13,7 @@ from urllib.request import urlopen
 
 import pytest
 from support.brokers import free_port
-from support.command import plotfeed, running
+from support.command import plotfeed, plotfeed_here, running
 from support.waiting import PATIENCE_S
 
 pytest.importorskip("uvicorn")
@@ -87,7 +87,7 @@ def test_totals_as_json_are_all_that_is_said() -> None:
 
 
 def test_a_page_and_no_page_are_a_contradiction() -> None:
-    done = plotfeed("demo", "--page", "8590", "--no-page")
+    done = plotfeed_here("demo", "--page", "8590", "--no-page")
     assert done.returncode == 2
     assert "--no-page contradicts --page" in done.stderr
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from support.command import PLOTFEED, plotfeed
+from support.command import PLOTFEED, plotfeed_here
 from support.recordings import MS, START_NS, block_048, message, plots, written
 from support.shared_files import shared
 from support.waiting import PATIENCE_S, wait_until
@@ -335,7 +335,7 @@ def test_what_is_no_topic_filter_is_an_error(topic_filter: str, tmp_path: Path) 
 def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
     source = stored(tmp_path / "in.ast", [message(block_048(43_200 + n)) for n in range(9)])
     target = tmp_path / "out.whatever"
-    done = plotfeed(
+    done = plotfeed_here(
         "convert", source, target, "--to", "jsonl", "--date", "2026-01-01", "--start", "2",
         "--end", "2026-01-01T12:00:05Z", "--topic", "asterix/+", "--stage", "received", "--json",
     )  # fmt: skip
@@ -344,6 +344,6 @@ def test_the_command_takes_all_of_it(tmp_path: Path) -> None:
     assert [each.log_time_ns for each in read(target)] == [
         START_NS + n * 1000 * MS for n in (2, 3, 4)
     ]
-    again = plotfeed("convert", source, target, "--to", "jsonl")
+    again = plotfeed_here("convert", source, target, "--to", "jsonl")
     assert again.returncode == 2
     assert again.stderr.startswith(f"plotfeed: {target}: is there already")

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from support.brokers import free_port, rumqttd
-from support.command import PLOTFEED, plotfeed
+from support.command import PLOTFEED, plotfeed, plotfeed_here
 from support.mqtt_client import Client
 from support.waiting import PATIENCE_S, wait_until
 
@@ -244,7 +244,7 @@ def test_without_a_broker_there_is_no_file(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(arguments: tuple[str, ...], text: str) -> None:
-    done = plotfeed("record", *arguments)
+    done = plotfeed_here("record", *arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()

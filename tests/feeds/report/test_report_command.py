@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.command import plotfeed
+from support.command import plotfeed_here
 from support.ledgers import entries, recorded, told, told_of, written
 from support.links import link
 from support.recordings import log_of
@@ -168,7 +168,7 @@ def test_wrong_input_is_a_line_that_says_what_was_expected(tmp_path: Path) -> No
         ("plain.mcap", 2, "holds no ledger: expected plotfeed.v1.Ledger on a topic that ends in"),
         ("other.mcap", 2, "holds no ledger"),
     ):
-        done = plotfeed("report", tmp_path / name)
+        done = plotfeed_here("report", tmp_path / name)
         assert (done.returncode, done.stdout) == (code, ""), name
         assert len(done.stderr.splitlines()) == 1
         assert done.stderr.startswith("plotfeed: ")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, has_ipv6, mosquitto, password_file, rumqttd
 from support.certificates import Certificates, Pair
-from support.command import plotfeed
+from support.command import plotfeed_here
 from support.scene_files import scene_file, scene_text
 from support.waiting import until
 
@@ -342,7 +342,7 @@ def test_topics_that_no_broker_takes_are_refused(tmp_path: Path, topic: str) -> 
     flight = tmp_path / "flight.csv"
     flight.write_text("time,latitude_deg,longitude_deg,altitude_m\n1767268800,40,-3,9\n")
     options = ("--altitude-reference", "ellipsoid", "--prefix", topic)
-    done = plotfeed("inject", flight, *options)
+    done = plotfeed_here("inject", flight, *options)
     assert done.returncode == 2
     assert done.stderr.startswith("plotfeed: topic 'a")
     assert len(done.stderr.splitlines()) == 1
