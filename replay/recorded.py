@@ -21,7 +21,11 @@ class Stage(StrEnum):
     AFTER = "after"
     """It left, as late as its link made it; the log time is when it did."""
     RECEIVED = "received"
-    """It was heard from a broker or a socket, or read from a file that others wrote."""
+    """It came from a broker or a socket, or was read from a file that others wrote."""
+
+
+WHAT_LEFT = (Stage.AFTER, Stage.RECEIVED)
+"""The stages of messages as whoever received them had them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +36,7 @@ class Recorded:
     """For a datagram, udp/ADDRESS/PORT of where it went."""
     payload: bytes
     log_time_ns: int
-    """UTC since 1970: when it left or was heard."""
+    """UTC since 1970: when it left or was received."""
     publish_time_ns: int
     """UTC since 1970: when it was due to leave its sensor; the log time where that is unknown."""
     content_type: str = ""

@@ -11,7 +11,6 @@ import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.recording.recorded_session import (
-    LEFT,
     NO_PLOTS,
     RecordedSession,
     SectorKey,
@@ -24,7 +23,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded
 
 UNKNOWN_DRONE = -2
 """Of a plot of which nothing says whose it is; pages know it."""
@@ -146,7 +145,7 @@ class RecordedSectors:
         self._drones = drones
         self._waiting = WaitingPlots()
         topics = {*recording.carriers, *([recording.ledger] if recording.ledger else [])}
-        stages = {*recording.carried, *LEFT}
+        stages = {*recording.carried, *WHAT_LEFT}
         self._messages = log.messages(from_ns, None, topics, stages)
         self._next: Recorded | None = None
 

@@ -27,10 +27,8 @@ from plotfeed.replay.files import (
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import Recorded, RecordingWriter, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage
 
-WHAT_LEFT = (Stage.AFTER, Stage.RECEIVED)
-"""What a format without stages holds unless it is told otherwise."""
 MAX_REASONS = 100
 MAX_NOTES = 20
 

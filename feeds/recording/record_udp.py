@@ -139,14 +139,13 @@ class UdpSource:
         address = self._endpoint.address
         receiver.setblocking(False)
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
-        with contextlib.suppress(OSError):  # beyond the limit for everybody, which needs a right
-            if IS_LINUX:
+        if IS_LINUX:
+            with contextlib.suppress(OSError):  # beyond everybody's limit, which needs a right
                 receiver.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
-        with contextlib.suppress(OSError):
-            if IS_LINUX:
+            with contextlib.suppress(OSError):
                 receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
                 self.has_kernel_times = True
-        if address.is_multicast:  # others on this machine may hear the group too
+        if address.is_multicast:  # others on this machine may receive the group too
             receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if self._is_any and IS_LINUX:  # where a datagram went is not known otherwise
             if address.version == 4:

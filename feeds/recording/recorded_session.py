@@ -27,7 +27,7 @@ from plotfeed.proto.measured_plots import MeasuredPlots, batch_in, plots_in_batc
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 MAX_CHANGES = 10_000
 """Of each sensor that are known; of later ones nothing is told."""
@@ -50,7 +50,7 @@ class RecordedSettings:
         """All that a recording tells."""
         found = cls(scene)
         topics = {f"{scene.mqtt.prefix}/{name}/settings": name for name in found._sensors}
-        for message in log.messages(topics=set(topics), stages=LEFT):
+        for message in log.messages(topics=set(topics), stages=WHAT_LEFT):
             found.take(topics[message.topic], message.payload, message.log_time_ns)
         return found
 
@@ -110,7 +110,6 @@ def _until(by_time: Sequence[tuple[int, Any]], t_utc_ns: int) -> int:
     return bisect_right(by_time, t_utc_ns, key=itemgetter(0))
 
 
-LEFT = (Stage.AFTER, Stage.RECEIVED)
 NO_PLOTS = MeasuredPlots.of(())
 
 
@@ -256,9 +255,9 @@ class RecordedSession:
         if summary.end_ns > LATEST_UTC_NS:
             raise PlotfeedError("expected times before the year 2262")
         ledger = f"{scene.mqtt.prefix}/truth"
-        has_ledger = any(s.topic == ledger and s.stage in LEFT for s in series)
+        has_ledger = any(s.topic == ledger and s.stage in WHAT_LEFT for s in series)
         has_before = any(s.stage is Stage.BEFORE for s in series)
-        carried = (Stage.BEFORE,) if has_ledger and has_before else LEFT
+        carried = (Stage.BEFORE,) if has_ledger and has_before else WHAT_LEFT
         carriers = _carriers(scene, {s.topic for s in series if s.stage in carried})
         if not has_ledger and not carriers:
             raise PlotfeedError(

@@ -10,7 +10,7 @@ from typing import Literal
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
-from plotfeed.replay.recorded import Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Stage
 
 Choice = Literal["after", "before", "telemetry"]
 MAX_SECONDS = 10**10
@@ -39,7 +39,7 @@ class Selection:
             return is_telemetry and stage in (Stage.TELEMETRY, Stage.RECEIVED)
         if self.stage == "before":
             return stage is Stage.BEFORE
-        if stage not in (Stage.AFTER, Stage.RECEIVED) or is_telemetry:
+        if stage not in WHAT_LEFT or is_telemetry:
             return False
         return self.truth or not (levels[-1] == "truth" or "Ledger" in content_type)
 

@@ -27,7 +27,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import Damage, Recorded, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Damage, Recorded, Stage
 
 MAX_LINKS = 100
 """Settings of one sensor's link; what is under further ones is not told."""
@@ -221,9 +221,7 @@ class _Reading:
         """Whether the link has flipped a bit of the very plots that are to be read."""
         flipped = [sent.topic for sent in entry.messages if sent.HasField("flipped_bit")]
         return any(
-            self._plots.get((topic, stage)) == whose
-            for topic in flipped
-            for stage in (Stage.AFTER, Stage.RECEIVED)
+            self._plots.get((topic, stage)) == whose for topic in flipped for stage in WHAT_LEFT
         )
 
 

@@ -7,9 +7,10 @@ from functools import lru_cache
 from ipaddress import ip_address
 from typing import BinaryIO
 
+from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.pcap.link_layers import ETHERNET, frame
+from plotfeed.replay.pcap.link_layers import ETHERNET, datagram_in, frame
 from plotfeed.replay.pcap.packets import (
     FORMATS,
     HEADER_OCTETS,
@@ -20,7 +21,6 @@ from plotfeed.replay.pcap.packets import (
     KeptPacket,
     PacketReader,
     PcapHeader,
-    datagram_of,
     header_of,
     kept_in,
     ns_header,
@@ -159,8 +159,11 @@ def _as_it_was(
     if kept is None or kept.header.link_type != header.link_type:
         return None
     packet, length = kept.with_payload(message.payload)
-    found = datagram_of(header.link_type, packet)
-    if found is None or found.payload != message.payload:
+    try:
+        found = datagram_in(header.link_type, packet)
+    except DecodeError:
+        return None
+    if found is None or found.payload != message.payload or len(packet) > MAX_PACKET_OCTETS:
         return None
     source = place_of(f"{found.source}/{found.source_port}")
     destination = place_of(f"{found.destination}/{found.port}")

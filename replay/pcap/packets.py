@@ -26,12 +26,13 @@ LENGTH = "pcap-length"
 PAYLOAD_CRC = "pcap-payload-crc"
 """CRC-32 of the payload in hexadecimal, which tells whether it is still that of the packet."""
 
+UDP_TOPIC = "udp/"
+SOURCE = "udp-source"
+"""The property that says who sent a datagram: ADDRESS/PORT."""
 
 HEADER_OCTETS, RECORD_OCTETS = 24, 16
 MAX_PACKET_OCTETS = 1 << 18
 """As captures have it at most; a datagram is shorter."""
-
-
 FORMATS = {
     b"\xa1\xb2\xc3\xd4": (">", 1000),
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
@@ -39,11 +40,7 @@ FORMATS = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
 }
 """Byte order and nanoseconds of a fraction by the first octets of a file."""
-
-
 _MAGIC_NS = 0xA1B23C4D
-
-
 _LINK_TYPE_MASK = 0xFFFF  # above it is what a frame check sequence is like
 
 
@@ -58,11 +55,6 @@ class PcapHeader(NamedTuple):
     """Of a packet at most; 0 is all."""
     record: struct.Struct
     """Of a packet: seconds, fraction, octets that are there, octets that it had."""
-
-    @property
-    def text(self) -> str:
-        """The header in base64, as a property of messages has it."""
-        return base64.b64encode(self.octets).decode("ascii")
 
 
 def header_of(octets: bytes) -> PcapHeader | None:
@@ -123,7 +115,7 @@ def properties_of(
     """Properties of a packet that had `length` octets before it was cut, and of its datagram."""
     tail = packet[found.payload_at + len(found.payload) :]
     return (
-        (FILE, header.text),
+        (FILE, _text(header.octets)),
         (HEAD, _text(packet[: found.payload_at])),
         (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
         *(((TAIL, _text(tail)),) if tail else ()),
@@ -149,23 +141,8 @@ def kept_in(properties: tuple[tuple[str, str], ...]) -> KeptPacket | None:
     return KeptPacket(header, head, tail, length, payload_crc)
 
 
-def datagram_of(link_type: int, packet: bytes) -> Datagram | None:
-    """The datagram of a packet; None if it has none or cannot be read."""
-    if len(packet) > MAX_PACKET_OCTETS:
-        return None
-    try:
-        return datagram_in(link_type, packet)
-    except DecodeError:
-        return None
-
-
 def _text(octets: bytes) -> str:
     return base64.b64encode(octets).decode("ascii")
-
-
-UDP_TOPIC = "udp/"
-SOURCE = "udp-source"
-"""The property that says who sent a datagram: ADDRESS/PORT."""
 
 
 class PacketReader(OctetsReader):
@@ -205,23 +182,13 @@ class PacketReader(OctetsReader):
             self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")
             return None
         return Recorded(
-            topic=_topic(found.destination, found.port),
+            topic=f"{UDP_TOPIC}{found.destination}/{found.port}",
             payload=found.payload,
             log_time_ns=t_utc_ns,
             publish_time_ns=t_utc_ns,
             content_type=content_type(found.payload),
             properties=(
-                *_properties(found.source, found.source_port),
+                (SOURCE, f"{found.source}/{found.source_port}"),
                 *properties_of(header, packet, length, found),
             ),
         )
-
-
-@lru_cache(maxsize=4096)
-def _topic(address: str, port: int) -> str:
-    return f"{UDP_TOPIC}{address}/{port}"
-
-
-@lru_cache(maxsize=4096)
-def _properties(address: str, port: int) -> tuple[tuple[str, str], ...]:
-    return ((SOURCE, f"{address}/{port}"),)
