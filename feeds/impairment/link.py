@@ -231,3 +231,14 @@ class Impairment:
         if again:
             u, place = left_of(u, self._corrupt), place % 1 * 8 * octets
         return int(place) if u < self._corrupt and octets else None
+
+
+class LinkExpectation:
+    """What a link asks for, in closed form: what is delivered is held against it."""
+
+    def __init__(self, link: LinkSettings) -> None:
+        self.link = link
+        self.delay = DelayLaw.of(link)
+        """Of the law alone, before a rate, an order or a stall."""
+        self.loss = chain_of(link.loss)
+        """While the link is up; of what is repeated, if it stalls."""

@@ -152,15 +152,21 @@ class LossChain:
         variance = float(loss * (1 - loss) + 2 * later)
         return math.inf if math.isnan(variance) else max(variance, 0.0)
 
+    def spread_of_loss(self, messages: int) -> float:
+        """Standard deviation of the share lost of so many messages, if they are many."""
+        return math.sqrt(self.variance_per_message / messages)
+
     def _begins(self) -> Floats:
         """Probability, per message and state, of being the first of a burst."""
         begins: Floats = ((self.stationary * (1 - self._e)) @ self._p) * self._e
         return begins
 
 
-def chain_of(loss: Loss) -> LossChain:
-    """The chain that a table of the scene asks for."""
+def chain_of(loss: Loss | None) -> LossChain:
+    """The chain that a table of the scene asks for; without one, nothing is lost."""
     match loss:
+        case None:
+            return LossChain(((1.0,),), (0.0,), (1.0,))
         case RandomLoss():
             # The share p lost and the lag-1 correlation c fix both probabilities of a loss:
             # p + c(1-p) after one, p(1-c) after none.

@@ -15,7 +15,6 @@ from plotfeed.feeds.replaying.restamp import Restamper
 from plotfeed.feeds.replaying.routes import Departure, ReplayTotals, Routes
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.feeds.timing.timer import MARGIN_NS, MAX_EARLY_NS
 from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Pace
@@ -26,6 +25,8 @@ SPARE_NS = 100_000
 """Less than this before a deadline, nothing else is made ready."""
 AT_ONCE = 1024
 """Messages sent before others have their turn in the loop, where there are no deadlines."""
+MARGIN_NS, MAX_EARLY_NS = 10_000, 200_000
+"""Waiting ends early by how late it lately ended and this margin, at most by so much."""
 FORGET = 64
 """A late wake-up counts less and less over so many others."""
 SHARE = 4

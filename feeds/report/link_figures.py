@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import LinkExpectation
 from plotfeed.feeds.report.link_tally import PASSED_LOSS, LinkTally, Order, Setting, why_not_plain
 from plotfeed.feeds.report.spreads import ENOUGH, LawFit, Spread, p_of_distance, z_score
 from plotfeed.models.state import Floats
@@ -46,11 +46,13 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
     count, total = lengths.total(), sum(n * times for n, times in lengths.items())
     told = min(max(10, *lengths, 0), LONGEST_TOLD)
     loses = asked is not None and asked.link.on_loss == "drop"
-    survival = asked.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
+    survival = (
+        asked.loss.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
+    )
     return Bursts(
         bursts=count,
         cut=order.cut_bursts,
-        asked_mean=asked.mean_burst if asked and loses else math.nan,
+        asked_mean=asked.loss.mean_burst if asked and loses else math.nan,
         delivered_mean=total / count if count else math.nan,
         z=_burst_z(total, count, survival),
         asked_survival=survival[:told].tolist(),
@@ -201,14 +203,14 @@ def _times(spread: Spread) -> LatencyFigures:
 
 
 def _asked_times(asked: LinkExpectation) -> LatencyFigures:
-    p50_ms, p90_ms, p99_ms, max_ms = asked.delay_quantile_ms([0.5, 0.9, 0.99, 1.0]).tolist()
+    p50_ms, p90_ms, p99_ms, max_ms = asked.delay.quantile_ms([0.5, 0.9, 0.99, 1.0]).tolist()
     return LatencyFigures(
         mean_ms=asked.delay.mean_ms(),
         p50_ms=p50_ms,
         p90_ms=p90_ms,
         p99_ms=p99_ms,
         max_ms=max_ms,
-        curve_ms=asked.delay_quantile_ms(np.append(CURVE, 1.0)).tolist(),
+        curve_ms=asked.delay.quantile_ms(np.append(CURVE, 1.0)).tolist(),
     )
 
 
@@ -254,10 +256,10 @@ def _loss(tally: LinkTally) -> Share:
     of = lost + sum(tally.fates[fate] for fate in PASSED_LOSS)
     if asked is None:
         return _share(lost, of, math.nan)
-    mean = 0.0 if asked.link.on_loss == "stall" else asked.mean_loss
-    if not (of and 0 < mean < 1) or of * mean / asked.mean_burst < ENOUGH:
+    mean = 0.0 if asked.link.on_loss == "stall" else asked.loss.mean_loss
+    if not (of and 0 < mean < 1) or of * mean / asked.loss.mean_burst < ENOUGH:
         return _share(lost, of, mean)
-    variance = (of * asked.spread_of_loss(of)) ** 2
+    variance = (of * asked.loss.spread_of_loss(of)) ** 2
     return _share(lost, of, mean, z_score(lost - of * mean, variance))
 
 
@@ -267,8 +269,8 @@ def _duplicates(tally: LinkTally) -> Share:
     if asked is None:
         return _share(tally.duplicates, of, math.nan)
     if asked.link.rate_kbit_s is not None:  # a full queue takes some
-        return _share(tally.duplicates, of, asked.duplicate_share)
-    return _binomial(tally.duplicates, of, asked.duplicate_share)
+        return _share(tally.duplicates, of, asked.link.duplicate)
+    return _binomial(tally.duplicates, of, asked.link.duplicate)
 
 
 def _corrupted(tally: LinkTally) -> Share:
@@ -283,6 +285,6 @@ def _asked_overtaking(asked: LinkExpectation | None) -> float:
     if asked is None:
         return math.nan
     link = asked.link
-    least_ms, most_ms = asked.delay_quantile_ms([0.0, 1.0])
+    least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
     kept = link.keeps_order or (least_ms == most_ms and link.reorder is None)
     return 0.0 if kept else math.nan

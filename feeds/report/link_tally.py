@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import LinkExpectation
 from plotfeed.feeds.report.spreads import LawFit, Spread
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
@@ -273,7 +273,7 @@ class LinkTally:
 
 def why_not_plain(asked: LinkExpectation) -> str:
     """Why delays do not follow the law that a link asks for, if it has a spread; else empty."""
-    link, (least_ms, most_ms) = asked.link, asked.delay_quantile_ms([0.0, 1.0])
+    link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
     reasons = {
         "down": link.down,
         "stalls": link.on_loss == "stall",

@@ -6,7 +6,7 @@ import asyncio
 import time
 from typing import Protocol
 
-from plotfeed.feeds.timing.timer import PreciseTimer
+from plotfeed.feeds.timing.timer import LoopTimer, TimerFd, precise_timer
 
 
 class Clock(Protocol):
@@ -44,7 +44,7 @@ class WallClock:
         self._speed = speed
         self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
         self._begun = start_utc_ns is None
-        self._timer: PreciseTimer | None = None
+        self._timer: LoopTimer | TimerFd | None = None
         self.is_real = start_utc_ns is None and speed == 1
         """Whether it shows the world's time, which cannot be held or hurried."""
 
@@ -103,7 +103,7 @@ class WallClock:
         if not self._begun:
             self.start()
         if self._timer is None:
-            self._timer = PreciseTimer()
+            self._timer = precise_timer()
         if self.stands_before(t_utc_ns):
             await self._timer.wait_for_wake()
             return
@@ -120,7 +120,7 @@ class WallClock:
     def close(self) -> None:
         """Close the timer."""
         if self._timer is not None:
-            self._timer.__exit__(None, None, None)
+            self._timer.close()
             self._timer = None
 
     def _go_on(self, *, stands_from_ns: int | None) -> None:

@@ -1,4 +1,4 @@
-"""Waiting until an exact monotonic time inside the asyncio loop."""
+"""Waiting until an exact monotonic time inside the asyncio loop; one waiter at a time."""
 
 from __future__ import annotations
 
@@ -8,26 +8,8 @@ import ctypes
 import os
 import sys
 import time
-from types import TracebackType
-from typing import Protocol, Self
 
 from plotfeed.proto.utc import NS
-
-
-class Timer(Protocol):
-    """Something to wait with; one waiter at a time."""
-
-    async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time of `time.monotonic_ns`, at once if it is past, or when woken."""
-
-    async def wait_for_wake(self) -> None:
-        """Return when woken."""
-
-    def wake(self) -> None:
-        """Let whoever waits return."""
-
-    def close(self) -> None:
-        """Give back what it holds."""
 
 
 class LoopTimer:
@@ -112,37 +94,9 @@ class TimerFd:
             self._due.set()
 
 
-class PreciseTimer:
-    """The best timer of this system, as a context manager inside a running loop."""
-
-    def __init__(self) -> None:
-        self._timer: Timer = LoopTimer()
-        if sys.platform == "linux":
-            with contextlib.suppress(OSError, NotImplementedError, AttributeError):
-                self._timer = TimerFd()
-
-    async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time of `time.monotonic_ns`."""
-        await self._timer.wait_until(monotonic_ns)
-
-    async def wait_for_wake(self) -> None:
-        """Return when woken."""
-        await self._timer.wait_for_wake()
-
-    def wake(self) -> None:
-        """Let whoever waits return."""
-        self._timer.wake()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._timer.close()
-
-
-MARGIN_NS, MAX_EARLY_NS = 10_000, 200_000
+def precise_timer() -> LoopTimer | TimerFd:
+    """The best timer of this system, for a running loop."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, NotImplementedError, AttributeError):
+            return TimerFd()
+    return LoopTimer()

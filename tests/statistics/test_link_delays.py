@@ -18,7 +18,7 @@ from support.significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import LinkExpectation
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 N = 10_000
@@ -43,16 +43,16 @@ def assert_asked(asked: LinkSettings, seen: Array, of: str) -> None:
     of.
     """
     law = LinkExpectation(asked)
-    low, high = (float(q) for q in law.delay_quantile_ms([0.0, 1.0]))
+    low, high = (float(q) for q in law.delay.quantile_ms([0.0, 1.0]))
     assert seen.min() >= low - 1e-6
     assert seen.max() <= high + 1e-6
     inside = (seen > low + 1e-6) & (seen < high - 1e-6)
-    below, above = law.delay_cdf([low + 1e-6, high - 1e-6])
+    below, above = law.delay.cdf([low + 1e-6, high - 1e-6])
     for at_end, probability in ((seen <= low + 1e-6, below), (seen >= high - 1e-6, 1 - above)):
         variance = len(seen) * probability * (1 - probability)
         if variance > 10:
             assert_sum(float(at_end.sum()), len(seen) * probability, variance, f"{of} end")
-    assert_law(seen[inside], lambda x: (law.delay_cdf(x) - below) / (above - below), of)
+    assert_law(seen[inside], lambda x: (law.delay.cdf(x) - below) / (above - below), of)
 
 
 @EVERY_LAW
@@ -84,7 +84,7 @@ def test_delays_of_copies_follow_the_law_on_their_own(law: str) -> None:
 
 def scores(asked: LinkSettings, seen: Array) -> Array:
     """Normal scores of delays, by the law."""
-    return ndtri(np.clip(LinkExpectation(asked).delay_cdf(seen), 1e-12, 1 - 1e-12))
+    return ndtri(np.clip(LinkExpectation(asked).delay.cdf(seen), 1e-12, 1 - 1e-12))
 
 
 @pytest.mark.parametrize("rho", [0.9, 0.25, -0.6])

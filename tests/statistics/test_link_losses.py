@@ -12,8 +12,7 @@ from support.links import bursts, due_times, link, losses, passed
 from support.significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
 
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.expected import LinkExpectation
-from plotfeed.feeds.impairment.link import waits_ns
+from plotfeed.feeds.impairment.link import LinkExpectation, waits_ns
 
 N = 101_000
 BATCH = 100
@@ -57,16 +56,16 @@ def batches(values: Array) -> Array:
 @EVERY_MODEL
 def test_the_share_that_is_asked_for_is_lost(model: str) -> None:
     asked, lost = of(model)
-    variance = asked.spread_of_loss(1) ** 2
-    assert_sum(float(lost.sum()), N * asked.mean_loss, N * variance, model)
+    variance = asked.loss.spread_of_loss(1) ** 2
+    assert_sum(float(lost.sum()), N * asked.loss.mean_loss, N * variance, model)
 
 
 @EVERY_MODEL
 def test_the_spread_of_what_is_lost_is_that_of_the_chain(model: str) -> None:
     asked, lost = of(model)
-    sums = batches(lost.astype(float)) - BATCH * asked.mean_loss
+    sums = batches(lost.astype(float)) - BATCH * asked.loss.mean_loss
     # A batch is not quite long beside the chain's memory: its ends cost 4 % of the variance.
-    ratio = sums.var() / (BATCH * asked.spread_of_loss(1) ** 2)
+    ratio = sums.var() / (BATCH * asked.loss.spread_of_loss(1) ** 2)
     spread = np.sqrt(stats.kurtosis(sums, fisher=False) / len(sums))
     assert abs(ratio - 1) < 4 * spread + 0.06, f"{model}: {ratio:.3f}"
 
@@ -75,13 +74,13 @@ def test_the_spread_of_what_is_lost_is_that_of_the_chain(model: str) -> None:
 def test_bursts_are_as_long_as_asked_for(model: str) -> None:
     asked, lost = of(model)
     begins = np.append(lost[0], lost[1:] & ~lost[:-1])
-    assert_mean(batches(lost - asked.mean_burst * begins), 0.0, model)
+    assert_mean(batches(lost - asked.loss.mean_burst * begins), 0.0, model)
 
 
 @EVERY_MODEL
 def test_bursts_of_n_or_more_are_as_frequent_as_asked_for(model: str) -> None:
     asked, lost = of(model)
-    survival = asked.burst_survival(4)
+    survival = asked.loss.burst_survival(4)
     begins = np.append(lost[0], lost[1:] & ~lost[:-1])
     reaches = begins
     for n in range(1, 4):
@@ -94,7 +93,7 @@ def test_bursts_of_n_or_more_are_as_frequent_as_asked_for(model: str) -> None:
 @pytest.mark.parametrize("model", GEOMETRIC)
 def test_bursts_of_two_states_have_a_geometric_law(model: str) -> None:
     asked, lost = of(model)
-    goes_on = 1 - 1 / asked.mean_burst
+    goes_on = 1 - 1 / asked.loss.mean_burst
     together = int(np.ceil(np.log(0.5) / np.log(goes_on)))  # lengths in a class: half end in it
     classes = (bursts(lost) + together - 1) // together
     assert_counts(classes, stats.geom(1 - goes_on**together), model)
@@ -103,7 +102,7 @@ def test_bursts_of_two_states_have_a_geometric_law(model: str) -> None:
 @EVERY_MODEL
 def test_successive_losses_have_the_correlation_of_the_chain(model: str) -> None:
     asked, lost = of(model)
-    loss, rho = asked.mean_loss, asked.lag_1_correlation
+    loss, rho = asked.loss.mean_loss, asked.loss.lag_1_correlation
     excess = lost - loss
     product = np.append(excess[1:] * excess[:-1], 0.0)
     assert_mean(batches(product - rho * loss * (1 - loss)), 0.0, model)
@@ -121,7 +120,7 @@ def test_random_loss_without_correlation_has_no_memory() -> None:
 def test_losses_are_those_measured_on_netem(model: str) -> None:
     asked, lost = of(model, NETEM_PACKETS)
     share, mean_burst = NETEM[model]
-    variance = 2 * asked.spread_of_loss(NETEM_PACKETS) ** 2
+    variance = 2 * asked.loss.spread_of_loss(NETEM_PACKETS) ** 2
     assert_sum(share - float(lost.mean()), 0.0, variance, f"{model} share")
     ours = bursts(lost)
     assert_sum(mean_burst - float(ours.mean()), 0.0, 2 * ours.var() / len(ours), f"{model} burst")

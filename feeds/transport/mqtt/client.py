@@ -1,18 +1,23 @@
-"""A link to an MQTT broker: it is kept up, and connects again whenever the connection is lost."""
+"""A link to an MQTT broker: kept up, and sending by the connection that there is.
+
+What is published while there is none waits.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
+import time
 from collections.abc import Callable, Sequence
 from uuid import uuid4
 
+from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, OnHeard
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
-from plotfeed.feeds.transport.mqtt.sender import MqttSender
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 
 log = logging.getLogger(__name__)
 
@@ -23,13 +28,16 @@ BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 STABLE_S = 5.0
 """A connection that lasted longer was a good one; a broker may also take us and end it at once."""
 WATCH_EVERY_S = 5.0
+SLICE = 100
+"""Messages that are sent before others have their turn in the loop."""
 
 
-class MqttLink(MqttSender):
+class MqttLink:
     """One client's link: kept up while `run` runs.
 
-    What a lost connection leaves unacknowledged is sent again on the next one, so that a message of
-    QoS 1 may arrive twice.
+    What cannot leave at once waits, or is dropped, as the settings of the queue have it. Messages
+    of one QoS keep their order. What a lost connection leaves unacknowledged is sent again on the
+    next one, so that a message of QoS 1 may arrive twice.
     """
 
     def __init__(
@@ -44,10 +52,10 @@ class MqttLink(MqttSender):
         on_connect: Callable[[MqttLink], None] | None = None,
         queue: MqttQueueKeys | None = None,
     ) -> None:
-        super().__init__(queue)
         if address.tls:
             address.access.tls_context()  # files that cannot be used are an error at once
         self.address = address
+        self.counts = QueueCounts()
         self.name = name
         self.connections = 0
         self.last_error = ""
@@ -61,6 +69,11 @@ class MqttLink(MqttSender):
         self._versions = address.versions
         self._settled = asyncio.Event()
         """There has been a connection, or it is known that there will be none."""
+        self._queues = [SendQueue(queue or MqttQueueKeys(), qos, self.counts) for qos in (0, 1)]
+        self._connection: MqttConnection | None = None
+        self._sending: asyncio.Handle | None = None
+        self._room = asyncio.Event()
+        self._ended = False
 
     @property
     def is_up(self) -> bool:
@@ -90,16 +103,144 @@ class MqttLink(MqttSender):
                 else:
                     began_s = loop.time()
                     await self._watch(connection)
-                    self._lose(connection)
+                    log.warning("%s: %s", self.name, self._loss(connection))
+                    self._send_by(None)
+                    connection.abort()
                     if loop.time() - began_s > STABLE_S:
                         attempt = 0
-                self.expire()
+                self._expire()
                 await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
                 attempt += 1
         finally:
-            still_up = self.end()
+            self._ended = True
+            still_up = self._connection
+            self._send_by(None)
+            for queue in self._queues:
+                queue.give_up()
+            self._room.set()
             if still_up is not None:
                 await still_up.close()
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait for a connection, or for room on it."""
+        return sum(map(len, self._queues))
+
+    @property
+    def unacknowledged(self) -> int:
+        """Messages of QoS 1 that have been sent, and of which it is not known that they arrived."""
+        return 0 if self._connection is None else self._connection.unacknowledged
+
+    @property
+    def is_full(self) -> bool:
+        """Whether whoever publishes should wait for `room` first; only by the policy "wait"."""
+        return any(queue.is_full for queue in self._queues)
+
+    async def room(self) -> None:
+        """Return when it is not full, or its end has come."""
+        while self.is_full:
+            self._room.clear()
+            await self._room.wait()
+
+    def publish(self, *deliveries: Delivery) -> None:
+        """Send each, let it wait, or drop it; it is settled as soon as its fate is known.
+
+        Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
+        with QoS 1.
+        """
+        connection = self._connection
+        if (
+            not self._ended
+            and connection is not None
+            and not self._queues[0]
+            and connection.has_room(0)
+            and all(d.message.qos == 0 and connection.takes(d.message) for d in deliveries)
+        ):
+            connection.send(*deliveries)
+        else:
+            for delivery in deliveries:
+                self._publish(delivery)
+
+    def _publish(self, delivery: Delivery) -> None:
+        qos = delivery.message.qos
+        queue, connection = self._queues[qos], self._connection
+        if self._ended:
+            delivery.settle(delivered=False)
+        elif connection is None or queue or not connection.has_room(qos):
+            queue.put(delivery)
+        else:
+            if qos:
+                delivery.since_s = time.monotonic()
+            self._send(connection, delivery)
+
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Do ahead of time what can be done for messages that will be published soon."""
+        if self._connection is not None:
+            self._connection.prepare(messages)
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Wait until nothing waits and sockets have taken everything, or the time is up.
+
+        What was published with QoS 1 has been acknowledged then.
+        """
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        while self.waiting or (self._connection is not None and not self._connection.is_idle()):
+            if loop.time() > deadline_s:
+                return
+            await asyncio.sleep(0.001)
+
+    def _expire(self) -> None:
+        """Drop what has waited too long."""
+        for queue in self._queues:
+            queue.expire()
+        self._tell_of_room()
+
+    def _send_by(self, connection: MqttConnection | None) -> None:
+        """From now on, by this one, or by none; what another had not delivered waits for it."""
+        lost, self._connection = self._connection, connection
+        if lost is not None:
+            self._queues[1].put_back(lost.give_up())
+        self._has_room_again()
+
+    def _has_room_again(self) -> None:
+        """Go on sending, as soon as it is this link's turn in the loop."""
+        if self._sending is None and self.waiting:
+            self._sending = asyncio.get_running_loop().call_soon(self._send_waiting)
+
+    def _send_waiting(self) -> None:
+        """Send what waits, in its order and a slice at a time, as far as there is room."""
+        self._sending = None
+        more = False
+        for qos, queue in enumerate(self._queues):
+            for _ in range(SLICE):
+                if self._connection is None or not self._connection.has_room(qos):
+                    break
+                found = queue.take()
+                if found is None:
+                    break
+                self._send(self._connection, *found)
+            else:
+                more = True
+        if more:
+            self._has_room_again()
+        self._tell_of_room()
+
+    def _send(
+        self, connection: MqttConnection, delivery: Delivery, sent_before: bool = False
+    ) -> None:
+        if not connection.takes(delivery.message):
+            self.counts.dropped += 1
+            delivery.settle(delivered=False)
+        elif delivery.message.qos:
+            self.counts.repeated += sent_before
+            connection.send_until_acknowledged(delivery)
+        else:
+            connection.send(delivery)
+
+    def _tell_of_room(self) -> None:
+        if not self.is_full:
+            self._room.set()
 
     async def _watch(self, connection: MqttConnection) -> None:
         """Return when it is lost; end it when its socket takes nothing any more."""
@@ -108,12 +249,7 @@ class MqttLink(MqttSender):
                 async with asyncio.timeout(WATCH_EVERY_S):
                     await connection.lost.wait()
             connection.end_if_stuck()
-            self.expire()
-
-    def _lose(self, connection: MqttConnection) -> None:
-        log.warning("%s: %s", self.name, self._loss(connection))
-        self.send_by(None)
-        connection.abort()
+            self._expire()
 
     async def _connect(self) -> MqttConnection:
         """One attempt with each version that may be spoken; raises `MqttError`."""
@@ -150,7 +286,7 @@ class MqttLink(MqttSender):
             log.info("%s: connected to %s again", self.name, self.address)
         for topic_filter in self._subscribe:
             connection.subscribe(topic_filter)
-        self.send_by(connection)
+        self._send_by(connection)
         if self._on_connect is not None:
             self._on_connect(self)
 

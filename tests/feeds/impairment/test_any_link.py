@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.links import START_NS
 
-from plotfeed.feeds.impairment.expected import LinkExpectation
-from plotfeed.feeds.impairment.link import Fate, Impairment, flip
+from plotfeed.feeds.impairment.link import Fate, Impairment, LinkExpectation, flip
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 chance = st.floats(0, 1)
@@ -100,14 +99,14 @@ def test_any_link_passes_any_messages_on(
 @given(links)
 def test_any_link_says_what_it_asks(link: LinkSettings) -> None:
     asked = LinkExpectation(link)
-    quantiles = asked.delay_quantile_ms(np.linspace(0, 1, 11))
+    quantiles = asked.delay.quantile_ms(np.linspace(0, 1, 11))
     assert (np.diff(quantiles) >= 0).all()
-    assert 0 <= asked.mean_loss <= 1
-    assert asked.spread_of_loss(1000) >= 0
-    assert not asked.mean_burst < 1 - 1e-9
-    survival = asked.burst_survival(20)
+    assert 0 <= asked.loss.mean_loss <= 1
+    assert asked.loss.spread_of_loss(1000) >= 0
+    assert not asked.loss.mean_burst < 1 - 1e-9
+    survival = asked.loss.burst_survival(20)
     assert not ((survival < -1e-9) | (survival > 1 + 1e-9)).any()
-    assert not abs(asked.lag_1_correlation) > 1 + 1e-6
+    assert not abs(asked.loss.lag_1_correlation) > 1 + 1e-6
 
 
 @given(st.binary(min_size=1, max_size=100), st.data())

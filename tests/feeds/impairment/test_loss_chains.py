@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.links import link
 
-from plotfeed.feeds.impairment.expected import LinkExpectation
+from plotfeed.feeds.impairment.link import LinkExpectation
 from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
 from plotfeed.feeds.scene.link_keys import FourState, GilbertElliott, RandomLoss
 
@@ -163,23 +163,27 @@ def test_four_states_by_hand(loss: dict[str, float], mean_loss: float, mean_burs
 def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
     never = LinkExpectation(link(loss={"kind": "random", "probability": 0.0}))
     always = LinkExpectation(link(loss={"kind": "random", "probability": 1.0}))
-    assert math.isnan(never.mean_burst)
-    assert np.isnan(never.burst_survival(3)).all()
-    assert always.mean_burst == math.inf
-    assert (always.burst_survival(3) == 1).all()
-    assert math.isnan(never.lag_1_correlation)
-    assert math.isnan(always.lag_1_correlation)
-    assert (never.mean_loss, always.mean_loss) == (0, 1)
-    assert LinkExpectation(link()).mean_loss == LinkExpectation(link()).spread_of_loss(10) == 0
-    assert math.isnan(LinkExpectation(link()).mean_burst)
+    assert math.isnan(never.loss.mean_burst)
+    assert np.isnan(never.loss.burst_survival(3)).all()
+    assert always.loss.mean_burst == math.inf
+    assert (always.loss.burst_survival(3) == 1).all()
+    assert math.isnan(never.loss.lag_1_correlation)
+    assert math.isnan(always.loss.lag_1_correlation)
+    assert (never.loss.mean_loss, always.loss.mean_loss) == (0, 1)
+    assert (
+        LinkExpectation(link()).loss.mean_loss
+        == LinkExpectation(link()).loss.spread_of_loss(10)
+        == 0
+    )
+    assert math.isnan(LinkExpectation(link()).loss.mean_burst)
 
 
 def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None:
     rarely = {"kind": "gilbert-elliott", "p": 1e-310, "r": 1e-310}
-    assert LinkExpectation(link(loss=rarely)).spread_of_loss(1000) == math.inf
+    assert LinkExpectation(link(loss=rarely)).loss.spread_of_loss(1000) == math.inf
     hardly_ends = LinkExpectation(link(loss={"kind": "gilbert-elliott", "p": 0.5, "r": 2e-101}))
-    assert hardly_ends.mean_burst == pytest.approx(5e100)
-    assert hardly_ends.spread_of_loss(1000) < 1e-50
+    assert hardly_ends.loss.mean_burst == pytest.approx(5e100)
+    assert hardly_ends.loss.spread_of_loss(1000) < 1e-50
 
 
 @given(st.floats(0, 1, exclude_max=True), inner)

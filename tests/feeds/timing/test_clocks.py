@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from contextlib import closing
 
 import pytest
 from hypothesis import given
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.feeds.timing.timer import LoopTimer, PreciseTimer, TimerFd
+from plotfeed.feeds.timing.timer import LoopTimer, TimerFd, precise_timer
 from plotfeed.proto.utc import iso_utc
 
 MS = 1_000_000
@@ -129,7 +130,7 @@ async def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
 @pytest.mark.asyncio
 async def test_the_best_timer_of_the_system_waits() -> None:
     async with asyncio.timeout(30):
-        with PreciseTimer() as timer:
+        with closing(precise_timer()) as timer:
             until = time.monotonic_ns() + 2 * MS
             await timer.wait_until(until)
             assert time.monotonic_ns() >= until

@@ -132,8 +132,8 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
     # What it had acknowledged and not passed on yet died with it, and that alone.
     assert after == [n for n in every if n not in acknowledged]
     assert {*every} - {*before} - {*after} <= acknowledged
-    assert link.dropped == 0
-    assert link.repeated > 0 or not mid_sentence
+    assert link.counts.dropped == 0
+    assert link.counts.repeated > 0 or not mid_sentence
 
 
 @pytest.mark.asyncio
@@ -209,7 +209,7 @@ async def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory
         heard = await asyncio.to_thread(heard_by, ears, at_least=3219)
     assert heard == deliveries.delivered
     assert sorted(heard + deliveries.given_up) == [p.number for p in deliveries.made]
-    assert (link.repeated, link.dropped) == (0, len(deliveries.given_up))
+    assert (link.counts.repeated, link.counts.dropped) == (0, len(deliveries.given_up))
 
 
 @pytest.mark.asyncio
@@ -226,13 +226,13 @@ async def test_a_paused_broker_is_given_no_more_plots_of_qos_0_than_may_be_late(
                 held = sum(len(p.message.payload) for p in deliveries.made if not p.said)
                 assert MAX_UNSENT_OCTETS / 2 < held <= MAX_UNSENT_OCTETS + (1 << 16)
                 assert link.waiting == 0
-                assert len(deliveries.given_up) == link.dropped > 0
+                assert len(deliveries.given_up) == link.counts.dropped > 0
             finally:
                 process.send_signal(signal.SIGCONT)
             await drained(link)
             assert link.connections == 1
     assert deliveries.unsettled == []
-    assert link.dropped == len(deliveries.given_up)
+    assert link.counts.dropped == len(deliveries.given_up)
 
 
 @pytest.mark.parametrize(
@@ -278,8 +278,8 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     delivered, given_up = {*deliveries.delivered}, {*deliveries.given_up}
     assert delivered <= {*heard} <= delivered | given_up
     assert delivered | given_up == set(range(420))
-    assert link.dropped == len(given_up)
-    assert len(heard) - len({*heard}) <= link.repeated
+    assert link.counts.dropped == len(given_up)
+    assert len(heard) - len({*heard}) <= link.counts.repeated
     once = list(dict.fromkeys(heard))
     assert all(a < b for a, b in pairwise(once))
     if policy == "wait":

@@ -101,7 +101,9 @@ async def test_what_waits_is_bounded_and_leaves_qos_0_alone() -> None:
     async with linked(ScriptedBroker()) as link:
         deliveries.publish(link, 20_000)
         assert (link.unacknowledged, link.waiting) == (MAX_UNACKNOWLEDGED, 10_000)
-        assert link.dropped == len(deliveries.given_up) == 20_000 - 10_000 - MAX_UNACKNOWLEDGED
+        assert (
+            link.counts.dropped == len(deliveries.given_up) == 20_000 - 10_000 - MAX_UNACKNOWLEDGED
+        )
         late = deliveries.make(qos=0)
         link.publish(late)
         assert late.was_delivered
@@ -129,7 +131,7 @@ async def test_a_broker_that_has_stalled_is_given_no_more(secured: bool, tmp_pat
         await link.drain(0.05)
     # What the socket had taken is as good as delivered; the rest is known to be lost.
     assert len(deliveries.delivered) + len(deliveries.given_up) == len(deliveries.made)
-    assert link.dropped == len(deliveries.given_up)
+    assert link.counts.dropped == len(deliveries.given_up)
 
 
 @pytest.mark.asyncio
@@ -140,7 +142,7 @@ async def test_small_messages_that_a_socket_does_not_take_are_bounded_by_their_n
             deliveries.publish(link, 1, qos=0, octets=1 << 18)
         deliveries.publish(link, 2 * MAX_UNSENT_MESSAGES, qos=0)
         assert len(deliveries.unsettled) <= MAX_UNSENT_MESSAGES
-        assert link.dropped == len(deliveries.given_up) >= MAX_UNSENT_MESSAGES
+        assert link.counts.dropped == len(deliveries.given_up) >= MAX_UNSENT_MESSAGES
 
 
 @pytest.mark.parametrize("secured", [False, True])
@@ -158,7 +160,7 @@ async def test_what_had_to_wait_for_a_slow_socket_arrives_in_order(
             await link.drain(PATIENCE_S)
         await until(lambda: broker.received == 300)
     assert numbers(broker.heard[0]) == deliveries.delivered == list(range(300))
-    assert (link.dropped, link.repeated) == (0, 0)
+    assert (link.counts.dropped, link.counts.repeated) == (0, 0)
 
 
 @pytest.mark.asyncio
@@ -182,8 +184,8 @@ async def test_a_socket_that_takes_nothing_for_long_is_given_up(
     # Of QoS 0, what was in the buffer; the others had not left, or are sent again.
     assert deliveries.given_up == [*range(5 - in_buffer, 5)]
     assert deliveries.delivered == [*range(5 - in_buffer), *range(5, 45)]
-    assert link.dropped == in_buffer
-    assert link.repeated > 0
+    assert link.counts.dropped == in_buffer
+    assert link.counts.repeated > 0
     assert "it takes nothing any more" in caplog.text
 
 
@@ -196,7 +198,7 @@ async def test_a_message_larger_than_the_broker_takes_is_not_sent() -> None:
             deliveries.publish(link, 1, qos=qos, octets=6000)
             deliveries.publish(link, 1, qos=qos, octets=3000)
         await until(lambda: len(deliveries.delivered) == 2)
-        assert (deliveries.given_up, link.dropped) == ([0, 2], 2)
+        assert (deliveries.given_up, link.counts.dropped) == ([0, 2], 2)
         assert numbers(broker.heard[0]) == [1, 3]
         await end_connection(broker, link)
         for octets in (6000, 3000):
@@ -221,7 +223,7 @@ async def test_what_a_broker_answers_with_a_refusal_is_not_delivered(
         broker.acknowledge(1)
         await link.drain(PATIENCE_S)
         assert (deliveries.delivered, deliveries.given_up) == ([0, 2, 4], [1, 3])
-        assert (link.counts.refused, link.dropped, link.connections) == (2, 0, 1)
+        assert (link.counts.refused, link.counts.dropped, link.connections) == (2, 0, 1)
     (line,) = [r.getMessage() for r in caplog.records]
     assert line.endswith("refuses what is published: quota exceeded")
 
@@ -240,7 +242,7 @@ async def test_a_lost_connection_says_why_and_what_is_sent_again(
         deliveries.publish(link, 1)
         await until(lambda: broker.received == 7)
         assert [numbers(heard) for heard in broker.heard] == [[0, 1, 2], [0, 1, 2, 3]]
-        assert link.repeated == 3
+        assert link.counts.repeated == 3
     (line,) = [r.getMessage() for r in caplog.records if "lost the connection" in r.getMessage()]
     assert line.endswith(" (quota exceeded); 3 unacknowledged messages will be sent again")
 
@@ -268,7 +270,7 @@ async def test_messages_of_qos_1_arrive_in_order_however_often_the_connection_is
         await link.drain(PATIENCE_S)
     every = list(range(100 + 20 * losses))
     assert deliveries.delivered == every
-    assert (link.repeated, link.dropped) == (10 * losses, 0)
+    assert (link.counts.repeated, link.counts.dropped) == (10 * losses, 0)
     heard = [numbers(payloads) for payloads in broker.heard if payloads]
     assert len(heard) == losses + 1
     for before, after in pairwise(heard):
@@ -296,7 +298,7 @@ async def test_while_the_broker_is_gone_the_policy_says_what_waits(
         await end_connection(broker, link, code=BUSY)
         deliveries.publish(link, 100, qos=qos)
         assert link.waiting == len(arrive)
-        assert link.dropped == len(given_up)
+        assert link.counts.dropped == len(given_up)
         assert deliveries.given_up == given_up
         assert link.is_full == (policy == "wait")
         await until(lambda: len(broker.heard) > 3)
@@ -332,7 +334,7 @@ async def test_what_waits_too_long_for_a_broker_is_dropped() -> None:
         deliveries.publish(link, 5)
         await asyncio.wait_for(link.room(), PATIENCE_S)
         await until(lambda: deliveries.given_up == list(range(5)))
-        assert (link.waiting, link.dropped) == (0, 5)
+        assert (link.waiting, link.counts.dropped) == (0, 5)
 
 
 @pytest.mark.parametrize("messages", [0, 1, 10])
@@ -363,7 +365,7 @@ async def test_whoever_waits_for_room_loses_nothing(messages: int) -> None:
     sure = [p.number for p in deliveries.made if p.message.qos]
     assert {*sure} <= {*deliveries.delivered}
     assert {*sure} <= {number_of(p) for heard in broker.heard for p in heard}
-    assert link.dropped == len(deliveries.given_up)
+    assert link.counts.dropped == len(deliveries.given_up)
 
 
 @pytest.mark.asyncio
@@ -379,7 +381,7 @@ async def test_of_a_status_only_the_last_arrives_late() -> None:
         await link.drain(PATIENCE_S)
         assert deliveries.delivered == numbers(broker.heard[-1]) == [1, 3]
         assert deliveries.given_up == [0, 2]
-        assert (link.counts.superseded, link.dropped) == (2, 0)
+        assert (link.counts.superseded, link.counts.dropped) == (2, 0)
 
 
 @pytest.mark.asyncio
