@@ -15,7 +15,7 @@ from plotfeed.models.state import Floats
 
 RANGE_CONSTANT = 1.63
 ANGLE_CONSTANT = 1.6
-"""In place of that of eqs 14 and 15, which lies 14 % above the Cramer-Rao bound (Barton)."""
+"""Constant of the angles, for that of eqs 14 and 15, 14 % above the Cramer-Rao bound (Barton)."""
 
 
 @nan_without_warnings
@@ -53,14 +53,14 @@ def with_floor(sigma: ArrayLike, floor: ArrayLike) -> Floats:
 
 @nan_without_warnings
 def gaussian(sigma: ArrayLike, rng: np.random.Generator) -> Floats:
-    """One error of each standard deviation; same shape and unit."""
+    """Errors, one of each standard deviation; same shape and unit."""
     deviation = as_floats(sigma)
     return deviation * rng.standard_normal(deviation.shape)
 
 
 @nan_without_warnings
 def fold_over_zenith(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> tuple[Floats, Floats]:
-    """The same direction with its elevation within +-90 and its azimuth in [0, 360), degrees.
+    """Direction with its elevation folded into +-90 and its azimuth into [0, 360), degrees.
 
     Noise may carry an elevation past the zenith or the nadir: it comes down on the other side.
     """

@@ -31,7 +31,7 @@ class Chance:
     def __init__(self, seed: int, sensor: str) -> None:
         sensor_key = int.from_bytes(blake2b(sensor.encode(), digest_size=8).digest(), "big")
         self.key = sensor_key
-        """Of the sensor, from its name alone."""
+        """A number of the sensor's own, from its name alone."""
         self._generators = {
             purpose: np.random.Generator(np.random.Philox(key=(seed << 64) | sensor_key))
             for purpose in Purpose

@@ -43,7 +43,7 @@ def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
 
 @cache
 def _multiplier_of_one(pfa: float, n_reference: int) -> Floats:
-    """That of a radar, which every look asks for."""
+    """Threshold of a radar, which every look asks for."""
     return _multiplier(pfa, n_reference)
 
 
@@ -61,7 +61,7 @@ def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) ->
 
 @nan_without_warnings
 def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """One less `pd_cfar_swerling1`."""
+    """Complement of `pd_cfar_swerling1`."""
     return as_floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
 
 
@@ -80,7 +80,7 @@ def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike)
 
 @nan_without_warnings
 def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
-    """One less `pd_noncoherent_swerling2`."""
+    """Complement of `pd_noncoherent_swerling2`."""
     threshold = threshold_noncoherent(pfa, n_looks)
     return as_floats(gammainc(n_looks, threshold / (1 + _power(snr))))
 

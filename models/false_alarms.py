@@ -18,7 +18,7 @@ from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats, Ints
 
 POISSON_BELOW_PFA = 1e-8
-"""Below, a Poisson draw is nearer to the binomial (within Pfa) than 1 - Pfa in float64 allows."""
+"""Pfa below which a Poisson draw is nearer to the binomial than 1 - Pfa in float64 allows."""
 
 
 @nan_without_warnings

@@ -20,7 +20,7 @@ RESOLUTION_M = 5e-9
 """Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
 
 BOWRING_STEPS = 2
-"""One is enough for heights; two leave latitudes nothing but rounding, at any height."""
+"""How often Bowring's is repeated: one step is enough for heights, two leave latitudes rounding."""
 
 FEW = 300
 """Numbers on which a call of NumPy costs more than its arithmetic."""
@@ -34,7 +34,7 @@ DEG, RAD = 180.0 / np.pi, np.pi / 180.0
 
 @nan_without_warnings
 def wrap_180(angle_deg: ArrayLike) -> Floats:
-    """The same angle in [-180, 180), degrees: what a difference of azimuths or longitudes needs."""
+    """Angle folded into [-180, 180), degrees, as a difference of azimuths or longitudes needs."""
     angle = np.array(angle_deg, dtype=np.float64)
     # One turn more or less is exact; adding 180 would cost an angle its last digits.
     angle += 360.0 * np.subtract(angle < -180.0, angle >= 180.0, dtype=np.float64)
@@ -46,7 +46,7 @@ def wrap_180(angle_deg: ArrayLike) -> Floats:
 
 @nan_without_warnings
 def wrap_360(angle_deg: ArrayLike) -> Floats:
-    """The same angle in [0, 360), degrees."""
+    """Angle folded into [0, 360), degrees."""
     angle = np.array(angle_deg, dtype=np.float64)
     angle += 0.0  # no zero has a sign
     outside = ~((angle >= 0.0) & (angle < 360.0))
@@ -96,7 +96,7 @@ def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
 
 
 def _height_m(p2: Floats, z: Floats) -> Floats:
-    """Of `ecef_to_geodetic`, by the squared distance from the Earth's axis, and along it; (...).
+    """Height of `ecef_to_geodetic`, by squared distance from the Earth's axis, and along it; (...).
 
     At a fraction of its cost: one step, no angles.
     """
@@ -295,7 +295,7 @@ def _is_vertical(east: Floats, north: Floats) -> Bools:
 
 
 def _azimuth_deg(east: Floats, north: Floats) -> Floats:
-    """In [0, 360); of none, what the arc tangent makes of two zeros."""
+    """Azimuth in [0, 360); of no direction, what the arc tangent makes of two zeros."""
     azimuth_deg = np.arctan2(east, north) * DEG
     azimuth_deg = azimuth_deg + 360.0 * (azimuth_deg < 0)
     whole = azimuth_deg == 360.0  # what -1e-17 is rounded to

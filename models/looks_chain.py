@@ -23,10 +23,10 @@ from plotfeed.models.numerics import unit_interval
 from plotfeed.models.state import Floats, Ints
 
 _BLOCK_ELEMENTS = 1 << 22
-"""Of the tables behind a draw: 32 MB."""
+"""Size of the tables behind a draw: 32 MB."""
 _QUADRATURE_POINTS = 128
 _TAIL = 36.0
-"""Of an exponential, in its means: 2e-16 lies beyond."""
+"""Means of an exponential beyond which 2e-16 of it lies."""
 
 
 def outlasting(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
@@ -70,7 +70,7 @@ def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
 
 
 def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: ArrayLike) -> Floats:
-    """Of what has a known chance after the last sample within each look, (K,), else none; (...).
+    """Chance of what has that chance after the last sample within each look, (K,), else none; (...).
 
     Carried back sample by sample to the start of the first look.
     """
@@ -85,7 +85,7 @@ def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: Arr
 def _draw_block(
     snrs: Floats, multiplier: float, n_samples: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Look by look: how many samples it outlasts given the success, and then the times.
+    """Sums, look by look: how many samples it outlasts given the success, and then the times.
 
     Whatever ends first, the time until then is exponential of mean (1+S)/(multiplier+1+S), in
     units of the samples, so that times are gamma distributed by the number of ends. Without memory,
@@ -130,7 +130,7 @@ def _draw_outlasted(
 
 
 def _odds(snrs: Floats, multiplier: Floats) -> tuple[Floats, Floats]:
-    """Of the look ending first, and of the sample; (K, ...), looks first."""
+    """Odds of the look ending first, and of the sample; (K, ...), looks first."""
     shape = np.broadcast_shapes(snrs.shape[:-1], multiplier.shape)
     mean = 1 + np.moveaxis(np.broadcast_to(snrs, (*shape, snrs.shape[-1])), -1, 0)
     share = multiplier / mean
@@ -138,7 +138,7 @@ def _odds(snrs: Floats, multiplier: Floats) -> tuple[Floats, Floats]:
 
 
 def _carry_back(chance: Floats, ends: Floats, goes_on: Floats) -> None:
-    """From the chances within each look to those one sample before, in place; (K, ...)."""
+    """Turn the chances within each look to those one sample before, in place; (K, ...)."""
     chance *= goes_on
     for i in range(len(chance) - 2, -1, -1):
         chance[i] += ends[i] * chance[i + 1]

@@ -19,10 +19,10 @@ _is_quiet: ContextVar[bool] = ContextVar("_is_quiet", default=False)
 
 
 def nan_without_warnings(equation: Callable[P, R]) -> Callable[P, R]:
-    """The same without warnings.
+    """Keep NumPy from warning within an equation, which says by NaN where it has no answer.
 
-    Within another quiet one nothing has to be done for that: NumPy's own switch takes as long as
-    the arithmetic of ten targets.
+    Within another such one nothing has to be done: NumPy's own switch takes as long as the
+    arithmetic of ten targets.
     """
 
     @wraps(equation)

@@ -1,4 +1,4 @@
-"""From transmitter to receiver: radar equation, bistatic geometry, passive radar, radio, sound.
+"""What arrives of what is sent: radar equation, bistatic geometry, passive radar, radio, sound.
 
 Gains, losses and levels are in dB, a loss or an attenuation positive unless it says otherwise;
 powers in watts; ratios without `_db` linear. Zero distance gives an infinite power, not an error.
@@ -245,7 +245,7 @@ def path_loss_db(
 
 @nan_without_warnings
 def speed_of_sound_m_s(temperature_c: ArrayLike) -> Floats:
-    """In air (ISO 9613-1:1993, annex A)."""
+    """Speed of sound in air (ISO 9613-1:1993, annex A)."""
     return as_floats(343.2 * np.sqrt((as_floats(temperature_c) + 273.15) / 293.15))
 
 
@@ -298,7 +298,7 @@ def sound_level_db(
 
 
 def _versine(angle_deg: ArrayLike) -> Floats:
-    """One less the cosine, without the cancellation."""
+    """Versed sine, 1 - cos, without the cancellation."""
     return 2 * np.sin(np.radians(as_floats(angle_deg)) / 2) ** 2
 
 

@@ -40,17 +40,17 @@ class Columns:
 
     @classmethod
     def holding(cls, columns: Mapping[str, NDArray[Any] | None]) -> Self:
-        """With those columns, by name; at once, where a frozen class sets them one by one."""
+        """A structure of those columns, set at once, where a frozen class sets them one by one."""
         made = object.__new__(cls)
         vars(made).update(columns)
         return made
 
     def but(self, **columns: NDArray[Any] | None) -> Self:
-        """The same with other columns in the place of those that it has by these names."""
+        """A structure with other columns in the place of those that this one has by these names."""
         return self.holding({**vars(self), **columns})
 
     def rows(self, which: NDArray[Any]) -> Self:
-        """Those rows: a boolean mask (n,), or distinct indices (m,)."""
+        """Rows where a boolean mask (n,) holds, or at distinct indices (m,)."""
         if which.dtype == np.bool_:
             if which.all():
                 return self
@@ -66,7 +66,7 @@ class Columns:
         )
 
     def picked(self, which: Ints | slice, names: Sequence[str]) -> Self:
-        """Those rows of those columns alone: the others may not be asked for."""
+        """Rows of those columns alone: the others may not be asked for."""
         if isinstance(which, slice) and which == slice(None):
             return self
         held = vars(self)
@@ -79,7 +79,7 @@ class Columns:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """One structure of all rows of `parts`, in their order; at least one part."""
+        """A structure of all rows of `parts`, in their order; at least one part."""
         parts = [p for p in parts if len(p)] or [parts[0]]
         if len(parts) == 1:
             return parts[0]
@@ -157,7 +157,7 @@ class Looks(Columns):
 
     @classmethod
     def none(cls) -> Self:
-        """At nothing."""
+        """Looks at nothing."""
         no_ints, no_floats = np.zeros(0, np.int64), np.zeros(0)
         return cls(
             drone=no_ints,
@@ -238,7 +238,7 @@ class Plots(Columns):
         return vars(self).get(name) is not None
 
     def in_order_of_time(self) -> Self:
-        """The same plots, earliest first; ties keep their order."""
+        """Plots, earliest first; ties keep their order."""
         t_utc_ns = self.t_utc_ns
         if len(self) < 2 or (t_utc_ns[1:] >= t_utc_ns[:-1]).all():
             return self
@@ -269,7 +269,7 @@ _PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))
 def _joined(
     name: str, columns: Sequence[NDArray[Any] | None], lengths: Sequence[int]
 ) -> NDArray[Any] | None:
-    """One column of all parts; where only some have it, the others say 'not measured'."""
+    """A column of all parts; where only some have it, the others say 'not measured'."""
     there = [column for column in columns if column is not None]
     if not there:
         return None

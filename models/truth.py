@@ -43,7 +43,7 @@ DEFAULT_SIGMA_M = 0.5
 
 @dataclass(slots=True)
 class _Track:
-    """One drone's samples, in the order of time."""
+    """Samples of a drone, in the order of time."""
 
     max_gap_ns: int
     """A longer gap between samples is not bridged: the drone was gone meanwhile."""
@@ -114,7 +114,7 @@ class Trajectories:
         signature: Signature,
         keep_history: bool = False,
     ) -> None:
-        """One sample later than the drone's last; height above the ellipsoid.
+        """Add a sample later than the drone's last; height above the ellipsoid.
 
         Velocity components that are NaN or absent are fitted to the latest positions; `sigma_m`,
         the positions' standard deviation, says over how many. Samples that no sensor can ask for

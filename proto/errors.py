@@ -7,7 +7,7 @@ class PlotfeedError(Exception):
     """Something that a user can mend: its text is one line that names what was wrong."""
 
     exit_code = 2
-    """Of the command: 2 for wrong use or bad input, 1 for what failed all the same."""
+    """Exit code of the command: 2 for wrong use or bad input, 1 for what failed all the same."""
 
 
 class DecodeError(PlotfeedError):

@@ -29,7 +29,7 @@ class MeasuredPlots(Columns):
 
     t_utc_ns: Texts
     sensor: Texts
-    """Its id; "" but in batches of ours."""
+    """Id of the sensor; "" but in batches of ours."""
     kind: Texts
     identity: Texts
     category: Ints
@@ -78,7 +78,7 @@ _ABSENT: Mapping[str, tuple[Any, type]] = {
 
 
 def batch_in(payload: bytes) -> pb.PlotBatch:
-    """One of our own batches of plots; raises `DecodeError`."""
+    """Batch of plots of our own format; raises `DecodeError`."""
     try:
         return pb.PlotBatch.FromString(payload)
     except ProtobufDecodeError:
@@ -86,12 +86,12 @@ def batch_in(payload: bytes) -> pb.PlotBatch:
 
 
 def plots_in_batch(payload: bytes, _near_utc_ns: int = 0) -> MeasuredPlots:
-    """All plots of a batch, whose times need none that is near; raises `DecodeError`."""
+    """Plots of an encoded batch, whose times need none that is near; raises `DecodeError`."""
     return plots_of_batch(batch_in(payload))
 
 
 def plots_of_batch(batch: pb.PlotBatch) -> MeasuredPlots:
-    """All of its plots."""
+    """Plots of a batch."""
     return MeasuredPlots.of(
         {
             "t_utc_ns": plot.time_utc_ns,

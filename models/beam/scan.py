@@ -106,7 +106,7 @@ class AzimuthCover:
 
     @property
     def span_deg(self) -> float:
-        """Its width."""
+        """Width of the cover, degrees."""
         return min(self.max_deg - self.min_deg, 360.0)
 
     def holds(self, azimuth_deg: Floats) -> Bools:

@@ -31,11 +31,11 @@ class ScanDraws:
         self._tables: dict[int, dict[tuple[Any, ...], Floats]] = {}
 
     def of(self, scans: Ints, drones: Ints) -> DrawsByDrone:
-        """For looks in those scans at those drones, by index; each (n,)."""
+        """Draws for looks in those scans at those drones, by index; each (n,)."""
         return DrawsByDrone(self, scans, drones, count())
 
     def table(self, scan: int, key: tuple[Any, ...], rows: int, draw: Draw) -> Floats:
-        """At least so many rows of what `draw` draws; more rows leave the first ones as they are.
+        """Rows of what `draw` draws, at least so many; more rows leave the first ones as they are.
 
         `key` is the number of the table, the shape of a row, and what else the draw depends on.
         """
@@ -51,7 +51,7 @@ class ScanDraws:
 
 
 class DrawsByDrone:
-    """In the place of a generator where sizes end in the number of looks, (..., n)."""
+    """Stand-in for a generator where sizes end in the number of looks, (..., n)."""
 
     def __init__(self, scans: ScanDraws, scan: Ints, drone: Ints, tables: count[int]) -> None:
         self._scans = scans
@@ -60,7 +60,7 @@ class DrawsByDrone:
         self._tables = tables
 
     def rows(self, which: NDArray[Any] | slice) -> DrawsByDrone:
-        """For some of the looks, going on with the next table."""
+        """Draws for some of the looks, going on with the next table."""
         return DrawsByDrone(self._scans, self._scan[which], self._drone[which], self._tables)
 
     def random(self, size: tuple[int, ...]) -> Floats:
@@ -98,6 +98,6 @@ class DrawsByDrone:
 
 
 def of_rows(rng: Generator, which: NDArray[Any] | slice) -> Generator:
-    """The same generator, or where draws belong to drones, those of some of the looks."""
+    """Generator for some of the looks: the same, unless draws belong to drones."""
     rows: Callable[[Any], Generator] | None = getattr(rng, "rows", None)
     return rng if rows is None else rows(which)

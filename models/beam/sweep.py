@@ -14,14 +14,14 @@ from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState, rows_wher
 from plotfeed.models.truth import Trajectories
 
 ON_BEAM_DEG = 1e-7
-"""As near as a look's instant brings beam and target."""
+"""How near a look's instant brings beam and target."""
 LEAP_DEG = 5.0
 """A target that never comes as near as this leapt over the beam: it flew over the sensor."""
 MAX_STEPS = 50
 CULLED_FROM = 32
 """Drones, of which those out of reach are left out before anything is computed of them."""
 FASTEST_M_S = 1000.0
-"""No drone comes nearer faster than that between one border and the next."""
+"""Speed that no drone exceeds between one border and the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Sectors:
 
     @classmethod
     def of(cls, sectors: Sequence[Sector]) -> Self:
-        """Those."""
+        """Columns of those sectors."""
         return cls(
             np.array([s.start_ns for s in sectors], np.int64),
             np.array([s.end_ns for s in sectors], np.int64),
@@ -44,7 +44,7 @@ class Sectors:
         )
 
     def rows(self, which: Ints) -> Sectors:
-        """Some of them, or one of them several times; (m,)."""
+        """Sectors at those indices, which may recur; (m,)."""
         return Sectors(
             self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
         )
@@ -68,7 +68,7 @@ class Meetings:
 
     truth: TruthState
     borders: Sequence[Border]
-    """At the end of each sector."""
+    """One at the end of each sector."""
 
 
 def meetings(
@@ -78,7 +78,7 @@ def meetings(
     before: Border | None = None,
     reach_m: float = np.inf,
 ) -> Meetings:
-    """Of sectors that follow each other; `before` is the border that the first begins with.
+    """Whom the beam meets in sectors that follow each other; the first begins with `before`.
 
     Drones that stay further away than `reach_m` may be left out.
     """
@@ -118,7 +118,7 @@ def meetings(
 
 
 def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:
-    """By how much targets are ahead of a beam, in [-180, 180): negative behind it."""
+    """Angle by which targets are ahead of a beam, in [-180, 180) degrees: negative behind it."""
     return wrap_180(azimuth_deg - beam_deg)
 
 

@@ -50,7 +50,7 @@ class Doppler:
         return rate_m_s - span_m_s * np.rint(rate_m_s / span_m_s)
 
     def share_passed(self, rate_m_s: Floats, channel: Ints) -> Floats:
-        """Of the probability of detection: 1 - exp(-(rate/notch)^2), nothing at blind speeds."""
+        """Share of the Pd that the notch leaves: 1 - exp(-(rate/notch)^2), 0 at blind speeds."""
         seen_m_s = self.folded(rate_m_s, channel)
         passed = np.ones(len(seen_m_s))
         if self.notch_m_s:
@@ -78,7 +78,7 @@ class Doppler:
     def of_false_alarms(
         self, snr: Floats, channel: Ints, rng: np.random.Generator
     ) -> dict[str, Floats]:
-        """The same columns for false alarms, uniform over what is told apart."""
+        """Columns of plots for false alarms: rates uniform over what is told apart."""
         return {
             "range_rate_m_s": self._spans_m_s[channel] * (rng.random(len(snr)) - 0.5),
             "sigma_range_rate_m_s": self.sigma_m_s(snr, channel),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Aside(Columns):
-    """Of each look: where its drone truly is, how fast its echo recedes, and with whom it melts."""
+    """What is known beside looks: true places, how fast echoes recede, and with whom they melt."""
 
     true_azimuth_deg: Floats
     true_elevation_deg: Floats
@@ -31,7 +31,7 @@ class Aside(Columns):
     merged_drones: Texts | None = None
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Those that are there, by the names that they have in plots."""
+        """Columns that are there, by the names that they have in plots."""
         return {name: column for name, column in vars(self).items() if column is not None}
 
 

@@ -21,13 +21,13 @@ from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats, Ints, Texts
 
 REACH = 6.0
-"""In widths: two targets further apart are unresolved with a probability below 2^-36, 1.5e-11."""
+"""Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11."""
 NEIGHBOURS = 8
-"""Of a target: it is compared with so many that are nearest. More are in a thicket, all melted."""
+"""How many nearest ones a target is compared with. More are in a thicket, all melted."""
 FEW = 1000
 """Looks that may all be in one place without costing much."""
 ELSEWHERE = 1e6
-"""In widths, between the channels of a sensor, which never melt."""
+"""Widths between the channels of a sensor, which never melt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Melted:
         return of_leader + self._mean_excess(values - of_leader[self.group], powers)
 
     def centroid_deg(self, azimuth_deg: Floats, powers: Floats) -> Floats:
-        """The same of angles, over north; not folded."""
+        """Means of angles weighed by power, also over north, not folded; (n,) in, (m,) out."""
         of_leader = azimuth_deg[self.leader]
         return of_leader + self._mean_excess(wrap_180(azimuth_deg - of_leader[self.group]), powers)
 
@@ -161,7 +161,7 @@ def _pairs_of(places: Floats, periods: list[float]) -> tuple[Ints, Ints, Floats]
 
 
 def _groups(first: Ints, second: Ints, powers: Floats) -> Melted:
-    """Of all looks, of which these pairs are linked; groups in the order of their leaders."""
+    """Groups of all looks, of which these pairs are linked, in the order of their leaders."""
     n = len(powers)
     links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
     m, label = connected_components(links, directed=False)

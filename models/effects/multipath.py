@@ -25,7 +25,7 @@ class Multipath:
     def power_factor(
         self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Floats:
-        """One way between two places, east, north and up of the antenna; (..., 3) in, (...) out."""
+        """Factor of power one way between places, (..., 3), east, north and up; (...) out."""
         other_enu_m = np.asarray(from_enu_m, dtype=np.float64)
         offset_m = place_enu_m - other_enu_m
         return two_ray_factor(

@@ -16,7 +16,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def own_axes(azimuth_offset_deg: float, tilt_deg: float, tilt_azimuth_deg: float) -> Floats:
-    """From true east, north and up to the sensor's own, which it takes for them; (3, 3).
+    """Rotation from true east, north and up to the sensor's own, which it takes for them; (3, 3).
 
     Azimuths read too high by the offset. The sensor's vertical leans by the tilt towards an
     azimuth: what is there reads too high by as much.
@@ -41,7 +41,7 @@ class SkewFrame(LocalFrame):
 
     @classmethod
     def at(cls, frame: LocalFrame, **skew: float) -> SkewFrame:
-        """At the place of another frame."""
+        """Skewed axes at the place of another frame."""
         return cls(frame.latitude_deg, frame.longitude_deg, frame.height_m, **skew)
 
     @cached_property
@@ -114,14 +114,14 @@ class Readings:
     drifting: DriftingReadings | None = None
 
     def range_m(self, range_m: Floats, t_utc_ns: Ints) -> Floats:
-        """Of ranges, or of bistatic ranges, at times; each (n,)."""
+        """Readings of ranges, or of bistatic ranges, at times; each (n,)."""
         read_m = range_m * (1 + self.range_scale) + self.range_offset_m
         if self.drifting is None or not self.drifting.sigma_range_m:
             return read_m
         return read_m + self.drifting.sigma_range_m * self.drifting.drift.at(t_utc_ns)[:, 0]
 
     def azimuth_deg(self, azimuth_deg: Floats, t_utc_ns: Ints) -> Floats:
-        """Of azimuths at times, not folded; each (n,)."""
+        """Readings of azimuths at times, not folded; each (n,)."""
         if self.drifting is None or not self.drifting.sigma_azimuth_deg:
             return azimuth_deg
         off = self.drifting.drift.at(t_utc_ns)[:, 1]

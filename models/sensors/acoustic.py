@@ -50,7 +50,7 @@ class MicrophoneArray(CellSensor):
 
     @property
     def signal_speed_m_s(self) -> float:
-        """That of sound."""
+        """Speed of sound."""
         return self.sound_speed_m_s
 
     @cached_property
@@ -104,7 +104,7 @@ class MicrophoneArray(CellSensor):
         return (range_m > 0) & (range_m <= self.range_max_m) & self.azimuth_cover.holds(azimuth_deg)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
-        """One look at each target whose sound is known and within reach."""
+        """Look once at each target whose sound is known and within reach."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         power_level_db = targets.sound_power_db()
         heard = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
@@ -164,7 +164,7 @@ class MicrophoneArray(CellSensor):
         )
 
     def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:
-        """With what follows from the level alone, and without what is not measured."""
+        """Plots with what follows from the level alone, and without what is not measured."""
         if self.elevation_beamwidth_deg is None:
             del columns["elevation_deg"]
         return Plots.of(

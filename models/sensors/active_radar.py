@@ -27,7 +27,7 @@ class ActiveRadar(PolarRadar):
 
     @property
     def n_signals(self) -> int:
-        """One."""
+        """A single signal."""
         return 1
 
     @cached_property
@@ -54,7 +54,7 @@ class ActiveRadar(PolarRadar):
         return self.snr_of_unit * rcs_m2 / (square_m2 * square_m2)
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
-        """Its one signal's; (n, 3) and (n,) in, (n, 1) out."""
+        """Mean ratio of its one signal; (n, 3) and (n,) in, (n, 1) out."""
         range_m = np.maximum(distance_m(position_enu_m), propagation.NEAREST_M)
         snr = self.mean_snr(range_m, rcs_m2)
         if self.multipath is not None:

@@ -36,7 +36,7 @@ class MimoRadar(PolarRadar):
 
     @property
     def n_signals(self) -> int:
-        """One a transmitter."""
+        """A signal a transmitter."""
         return len(self.transmitters)
 
     @property

@@ -34,7 +34,7 @@ class PassiveRadar(PassiveSignals):
         return snr, self.pd(snr)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
-        """One look by each channel at each target within cover, and the plots of those detected.
+        """Look by each channel at each target within cover, and plot those detected.
 
         A detection without a solution within range, near the baseline above all, is no plot.
         """
@@ -129,7 +129,7 @@ class PassiveRadar(PassiveSignals):
         )
 
     def _share_passed(self, targets: Targets) -> Floats:
-        """Of each channel's Pd, by range rates where velocities are known; (n, channels)."""
+        """Share of each channel's Pd, by range rates where velocities are known; (n, channels)."""
         channels = len(self.transmitters)
         row, channel = np.divmod(np.arange(len(targets) * channels), channels)
         rate_m_s = self._range_rates(targets, row, channel)

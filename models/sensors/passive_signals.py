@@ -42,7 +42,7 @@ class FlatSolution:
     def covariance_m2(
         self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Of the position: east, north, and east with north (eqs 32, 33)."""
+        """Covariances of the position: east, north, and east with north (eqs 32, 33)."""
         outwards, rightwards = _directions(self.azimuth_deg)
         by_range = self.by_bistatic_range[..., None] * outwards
         by_azimuth = self.by_azimuth_m[..., None] * outwards + self.range_m[..., None] * rightwards
@@ -103,7 +103,7 @@ def _directions(azimuth_deg: Floats) -> tuple[Floats, Floats]:
 
 
 _AZIMUTHS = 3600
-"""Over which the share of false alarms that have a place is averaged."""
+"""How many the share of false alarms that have a place is averaged over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,12 +142,12 @@ class PassiveSignals(Volume, EchoRadar, ABC):
 
     @cached_property
     def positions_enu_m(self) -> Floats:
-        """Of the transmitters; (channels, 3)."""
+        """Places of the transmitters; (channels, 3)."""
         return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
 
     @cached_property
     def range_resolution_m(self) -> Floats:
-        """Of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
+        """Resolution of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
         return C_M_S / self._each("bandwidth_hz")
 
     @cached_property
@@ -239,12 +239,12 @@ class PassiveSignals(Volume, EchoRadar, ABC):
 
     @cached_property
     def wavelengths_m(self) -> Floats:
-        """By channel."""
+        """Wavelengths by channel."""
         return C_M_S / self._each("frequency_hz")
 
     @cached_property
     def time_bandwidth(self) -> Floats:
-        """By channel."""
+        """Products of integration time and bandwidth, by channel."""
         return self.integration_s * self._each("bandwidth_hz")
 
     def _each(self, name: str) -> Floats:

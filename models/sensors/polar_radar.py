@@ -107,7 +107,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     @cached_property
     def _widths_and_floors(self) -> tuple[Floats, Floats]:
-        """Of range, azimuth and elevation: what noise leaves of them, and what stays; (3, 1)."""
+        """What noise leaves of range, azimuth and elevation, and the floors that stay; (3, 1)."""
         widths = [
             accuracy.sigma_range_m(0.5, self.range_resolution_m),
             accuracy.sigma_angle_deg(0.5, self.azimuth_beamwidth_deg),
@@ -117,7 +117,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         return np.array(widths)[:, None], np.array(floors)[:, None]
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
-        """One look at each target: those within cover, and the plots of those detected.
+        """Look once at each target within cover, and plot those detected.
 
         Heights are left out: they take the sensor's place on Earth.
         """
@@ -217,7 +217,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def _plots(
         self, snr: Floats, threshold: Floats, sigmas: Floats, **columns: NDArray[Any]
     ) -> Plots:
-        """With what follows from a detection's power alone: amplitude, run length, stated sigmas.
+        """Plots with what follows from a detection's power alone: amplitude, run length, sigmas.
 
         The run length is the width over which a Gaussian receive beam keeps the echo above the
         threshold: the transmit beam is taken as the wider one.

@@ -23,7 +23,7 @@ class RangeGate(SensorModel):
 
     @property
     def false_alarms_per_scan(self) -> float:
-        """It has none."""
+        """Always 0."""
         return 0.0
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
@@ -55,7 +55,7 @@ class RangeGate(SensorModel):
         )
 
     def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:
-        """None."""
+        """No plots: it has no false alarms."""
         return NO_PLOTS
 
     def predict(self, targets: Targets) -> Prediction:
@@ -71,7 +71,7 @@ class RangeGate(SensorModel):
         )
 
     def _sigmas(self, elevation_deg: Floats, range_m: Floats) -> tuple[Floats, Floats, Floats]:
-        """Of range, azimuth and elevation, to first order in noise over range."""
+        """Sigmas of range, azimuth and elevation, to first order in noise over range."""
         across_deg = np.degrees(self.sigma_m / range_m)
         along_m = np.full(len(range_m), self.sigma_m)
         return along_m, across_deg / np.cos(np.radians(elevation_deg)), across_deg

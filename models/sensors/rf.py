@@ -24,7 +24,7 @@ from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Te
 
 @dataclass(frozen=True, kw_only=True)
 class Emissions(Columns):
-    """All that targets emit: `target` is a row of theirs, `channel` the emitter on that drone."""
+    """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone."""
 
     target: Ints
     channel: Ints
@@ -36,7 +36,7 @@ class Emissions(Columns):
 
     @classmethod
     def of(cls, targets: Targets) -> Self:
-        """One row an emitter, in the order of the targets."""
+        """Emissions of targets, a row an emitter, in the order of the targets."""
         found = [
             (row, channel, emitter)
             for row, drone in enumerate(targets.drone.tolist())
@@ -118,7 +118,7 @@ class RfDirectionFinder(CellSensor):
 
     @nan_without_warnings
     def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
-        """That one burst or more falls into the dwell, where the receiver is tuned: 1 - (1-p)^n.
+        """Probability that a burst or more falls into the dwell, where it is tuned: 1 - (1-p)^n.
 
         p is the duty cycle times the share of the hops in the band that are heard at once.
         """
@@ -173,7 +173,7 @@ class RfDirectionFinder(CellSensor):
         return (range_m > 0) & (range_m <= self.range_max_m) & inside
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
-        """One look at each emitter of each target within cover and within the band."""
+        """Look once at each emitter of each target within cover and within the band."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         emissions = Emissions.of(targets)
         in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
@@ -219,7 +219,7 @@ class RfDirectionFinder(CellSensor):
     def _rms_azimuth_deg(
         self, emissions: Emissions, snr: Floats, pd: Floats, n_targets: int
     ) -> Floats:
-        """Over the reports of each target, each emitter with its share of them; (n_targets,)."""
+        """Rms over the reports of each target, each emitter with its share of them; (n_targets,)."""
         if not self.measures_azimuth:
             return np.full(n_targets, np.nan)
         effective_snr = 1 / energy.inverse_estimated_snr(snr, self.pfa, self.samples)
@@ -265,7 +265,7 @@ class RfDirectionFinder(CellSensor):
     def _plots(
         self, snr: Floats, frequency_hz: Floats, azimuth_deg: Floats, **columns: NDArray[Any]
     ) -> Plots:
-        """With the received power, and with the direction if the sensor finds it."""
+        """Plots with the received power, and with the direction if the sensor finds it."""
         if self.measures_azimuth:
             columns["azimuth_deg"] = wrap_360(azimuth_deg)
             columns["sigma_azimuth_deg"] = self.sigma_azimuth_deg(frequency_hz, snr)

@@ -138,11 +138,11 @@ class SensorModel(ABC):
     @property
     @abstractmethod
     def false_alarms_per_scan(self) -> float:
-        """Their mean number."""
+        """Mean number of false alarms in a scan."""
 
     @abstractmethod
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
-        """One look at each target: those within cover, and the plots of those detected.
+        """Look once at each target within cover, and plot those detected.
 
         Heights are left out: they take the sensor's place on Earth.
         """
@@ -173,7 +173,7 @@ class CellSensor(SensorModel, ABC):
 
     @property
     def false_alarms_per_scan(self) -> float:
-        """Their mean number (eq 9)."""
+        """Mean number of false alarms in a scan (eq 9)."""
         return self.resolution_cells * self.pfa
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:

@@ -148,7 +148,7 @@ def stated_covariance_m2(plots: Plots) -> Floats:
 
 
 def _polar_covariance_m2(plots: Plots) -> Floats:
-    """To first order in the errors of range and angles, along the directions in which they go."""
+    """Covariance to first order in the errors of range and angles, along their directions."""
     azimuth = np.radians(plots.azimuth_deg)
     elevation = np.radians(np.nan_to_num(plots.elevation_deg))
     sin_az, cos_az = np.sin(azimuth), np.cos(azimuth)

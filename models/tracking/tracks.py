@@ -28,22 +28,22 @@ class AlphaBeta:
 
     @property
     def alpha(self) -> float:
-        """Of the position: 1 - theta^2."""
+        """Gain of the position: 1 - theta^2."""
         return 1.0 - self.memory**2  # Brookner, Tracking and Kalman Filtering Made Easy, ch. 1
 
     @property
     def beta(self) -> float:
-        """Of the velocity: (1 - theta)^2."""
+        """Gain of the velocity: (1 - theta)^2."""
         return (1.0 - self.memory) ** 2
 
     def position_variance(self, misses: ArrayLike) -> Floats:
-        """Of x after so many periods without a plot, as a multiple of a plot's own variance."""
+        """Variance of x after so many periods without a plot, as a multiple of a plot's own."""
         position, both, velocity = self._stationary()
         n = np.asarray(misses, dtype=np.float64)
         return position + n * (2.0 * both + n * velocity)
 
     def velocity_variance(self) -> float:
-        """Of v, as a multiple of a plot's own variance over T^2."""
+        """Variance of v, as a multiple of a plot's own over T^2."""
         return self._stationary()[2]
 
     def _stationary(self) -> tuple[float, float, float]:

@@ -33,4 +33,4 @@ CAT025_HALF_TURN = category(
 """,
     base=CAT025,
 )
-"""As libasterix has it: longitudes in the LSB of latitudes, which reach from -90 to 90 deg."""
+"""What libasterix reads: longitudes in the LSB of latitudes, which reach from -90 to 90 deg."""

@@ -19,7 +19,7 @@ class PlotItems:
     """Where records of a category tell of plots, by paths into them."""
 
     time: str
-    """Of the time of day, in seconds."""
+    """Path of the time of day, in seconds."""
     columns: Mapping[str, str]
     """The path of each column of plots."""
     units: Mapping[str, float] = field(default_factory=dict)
@@ -68,7 +68,7 @@ PLOT_ITEMS: dict[int, PlotItems] = {
         plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
     ),
 }
-"""By category. The time of 205 is that of sending."""
+"""What tells of plots, by category. The time of 205 is that of sending."""
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
 """Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
 

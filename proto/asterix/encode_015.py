@@ -26,7 +26,7 @@ class Geometry(IntEnum):
     MULTISTATIC = 1
     """The path transmitter-target-receiver less the baseline."""
     OTHER = 2
-    """None: a sensor of bearings."""
+    """No range: a sensor of bearings."""
 
 
 class Scanning(IntEnum):

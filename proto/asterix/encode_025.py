@@ -71,7 +71,7 @@ class StatusEncoder025:
         errors: Sequence[int] = (),
         event: bool = False,
     ) -> bytes:
-        """One report; `released` for operational use, `event` if it is not a periodic one.
+        """Data block of a report; `released` for operational use, `event` if it is not periodic.
 
         `errors` are values of I025/105, such as 2 for an invalid source of time.
         """

@@ -24,7 +24,7 @@ class Answer:
 
     accepted: bool | None
     reasons: tuple[str, ...]
-    """Of a refusal, or of an error message."""
+    """Reasons of a refusal, or of an error message."""
 
 
 def decode(data: bytes) -> dict[str, Any]:
@@ -97,7 +97,7 @@ MICROSECOND_NS = 1000
 
 
 def restamped(payload: bytes, t_utc_ns: int) -> bytes:
-    """The same message, sent at that time, to the microsecond; raises `DecodeError`."""
+    """A message as if sent at that time, to the microsecond; raises `DecodeError`."""
     message = SapientMessage()
     try:
         message.ParseFromString(payload)

@@ -110,9 +110,9 @@ class Manner:
     """The class of what the sensor does not classify; of what it does, the class above."""
     class_confidence: float = 1.0
     band_hz: tuple[float, float] | None = None
-    """Of a receiver: each detection is a signal, somewhere in that band."""
+    """Band of a receiver: each detection is a signal, somewhere in it."""
     transmitters: tuple[str, ...] = ()
-    """Of a bistatic radar, by channel."""
+    """Transmitters of a bistatic radar, by channel."""
     tells_age: bool = False
     """Whether the time from measurement to timestamp is told."""
 

@@ -29,7 +29,7 @@ ELLIPSOID = LocationDatum.LOCATION_DATUM_WGS84_E
 MODE = "default"
 
 NodeType = Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]
-"""Of the standard's, those that sense drones from afar."""
+"""Node types of the standard that sense drones from afar."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,13 +64,13 @@ class Node:
     latitude_deg: float
     longitude_deg: float
     height_m: float
-    """Above the ellipsoid."""
+    """Height above the ellipsoid."""
     field: Field
     scanning: bool
     settle_s: float
-    """Until everything within cover has been looked at once."""
+    """Time until everything within cover has been looked at once."""
     latency_s: float
-    """At most, from a measurement to the timestamp of its report."""
+    """Longest time from a measurement to the timestamp of its report."""
     status_interval_s: float
     tells_location: bool
     capabilities: tuple[SapientQuantity, ...] = ()

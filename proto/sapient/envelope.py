@@ -34,19 +34,19 @@ def _none_for_nan(field: str, value: float, low: float, high: float) -> float | 
 
 
 def check_number(field: str, value: float, low: float, high: float) -> None:
-    """Within [low, high] and finite; raises `EncodeError`."""
+    """Check that a number is finite and within [low, high]; raises `EncodeError`."""
     if not (low <= value <= high and math.isfinite(value)):
         raise EncodeError(_not_within(value, low, high), field=field)
 
 
 def check_text(field: str, value: str) -> None:
-    """Neither empty nor endless; raises `EncodeError`."""
+    """Check that a text is neither empty nor endless; raises `EncodeError`."""
     if not 0 < len(value) <= MAX_TEXT:
         raise EncodeError(f"expected 1 to {MAX_TEXT} characters, not {len(value)}", field=field)
 
 
 def check_time(t_utc_ns: int) -> None:
-    """From 1970 on; raises `EncodeError`."""
+    """Check that a time is from 1970 on; raises `EncodeError`."""
     if not 0 <= t_utc_ns <= MAX_UTC_NS:
         raise EncodeError(f"{t_utc_ns} ns is not from 1970 to 2262", field="timestamp")
 
@@ -60,7 +60,7 @@ _BASE32 = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
 _PAIRS = [high + low for high in _BASE32 for low in _BASE32]
 _COUNTER_BITS = 30
 MAX_IDS = 1 << _COUNTER_BITS
-"""Of one purpose at one time."""
+"""How many names there are of one purpose at one time."""
 
 
 def node_id(seed: int, sensor: str) -> str:

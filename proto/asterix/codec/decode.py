@@ -115,7 +115,7 @@ def decode(data: bytes, categories: Mapping[int, Category] = CATEGORIES) -> list
 def decode_lenient(
     data: bytes, categories: Mapping[int, Category] = CATEGORIES
 ) -> tuple[list[Record], list[DecodeError]]:
-    """All that is whole, and what was not.
+    """Records that are whole, and what was not.
 
     A broken record costs the rest of its block, a broken block the rest of the input.
     """

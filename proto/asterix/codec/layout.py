@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 HEADER_OCTETS = 3
-"""Of a data block: its category, and its length in two octets."""
+"""Octets before the records of a data block: its category, and its length in two."""
 
 FX = 1
 """The extension bit: the last of an octet that others follow."""
@@ -138,7 +138,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """One group. An item of a single named part is that part's value, without a name of its own."""
+    """A single group. An item of one named part is that part's value, without a name of its own."""
 
     name: str
     group: Group
@@ -154,7 +154,7 @@ class Extended:
 
 @dataclass(frozen=True, slots=True)
 class Repetitive:
-    """The same group again and again: as often as a first octet says, or while FX is set."""
+    """A group again and again: as often as a first octet says, or while FX is set."""
 
     name: str
     group: Group

@@ -81,7 +81,7 @@ def _belongs(slot: str, path: str) -> bool:
 
 
 def measured(columns: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Those columns that hold numbers; one of nothing but NaN is not measured.
+    """Columns that hold numbers; one of nothing but NaN is not measured.
 
     The encoder finds a NaN among numbers by itself.
     """

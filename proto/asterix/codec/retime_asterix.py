@@ -32,7 +32,7 @@ MAX_PLANS = 4096
 """Different field specifications remembered of a category; a real feed has a few."""
 
 Step: TypeAlias = "int | Item"
-"""So many octets to pass over, or an item whose length only its octets tell."""
+"""Octets to pass over, or an item whose length only its octets tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class _Plan:
     """How to walk over the records that have the same items."""
 
     octets: int
-    """Of all of it, where every item is of fixed length; else 0."""
+    """Length of the record, where every item is of fixed length; else 0."""
     steps: tuple[Step, ...]
     times: tuple[tuple[int, int], ...]
     """Times of day: after so many steps, so many octets on."""
