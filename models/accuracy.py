@@ -52,13 +52,6 @@ def with_floor(sigma: ArrayLike, floor: ArrayLike) -> Floats:
 
 
 @nan_without_warnings
-def gaussian(sigma: ArrayLike, rng: np.random.Generator) -> Floats:
-    """Errors, one of each standard deviation; same shape and unit."""
-    deviation = as_floats(sigma)
-    return deviation * rng.standard_normal(deviation.shape)
-
-
-@nan_without_warnings
 def fold_over_zenith(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> tuple[Floats, Floats]:
     """Direction with its elevation folded into +-90 and its azimuth into [0, 360), degrees.
 

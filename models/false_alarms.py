@@ -7,7 +7,6 @@ mean). Cells are counted exactly up to 2**53.
 from __future__ import annotations
 
 from math import floor
-from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models.beam.scan import AzimuthCover, Sector
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings
-from plotfeed.models.state import Floats, Ints
+from plotfeed.models.state import Floats
 
 POISSON_BELOW_PFA = 1e-8
 """Pfa below which a Poisson draw is nearer to the binomial than 1 - Pfa in float64 allows."""
@@ -27,28 +26,10 @@ def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
     return as_floats(-np.expm1(as_floats(cells) * np.log1p(-as_floats(pfa))))
 
 
-@overload
-def draw_count(cells: int, pfa: float, rng: np.random.Generator) -> int: ...
-
-
-@overload
-def draw_count(cells: Ints, pfa: float | Floats, rng: np.random.Generator) -> Ints: ...
-
-
-def draw_count(cells: int | Ints, pfa: float | Floats, rng: np.random.Generator) -> int | Ints:
-    """Numbers of false alarms, binomial, for any number of cells and however small a Pfa."""
-    if isinstance(cells, int) and isinstance(pfa, float):
-        rare_one = pfa < POISSON_BELOW_PFA
-        return int(rng.poisson(cells * pfa) if rare_one else rng.binomial(cells, pfa))
-    rare = np.less(pfa, POISSON_BELOW_PFA)
-    if np.all(rare):
-        count = rng.poisson(np.multiply(cells, pfa))
-    elif not np.any(rare):
-        count = rng.binomial(cells, pfa)
-    else:
-        often = rng.binomial(cells, np.where(rare, 0.0, pfa))
-        count = often + rng.poisson(np.where(rare, np.multiply(cells, pfa), 0.0))
-    return int(count) if np.ndim(count) == 0 else np.asarray(count, dtype=np.int64)
+def draw_count(cells: int, pfa: float, rng: np.random.Generator) -> int:
+    """How many false alarms: binomial, for any number of cells and however small a Pfa."""
+    rare = pfa < POISSON_BELOW_PFA
+    return int(rng.poisson(cells * pfa) if rare else rng.binomial(cells, pfa))
 
 
 def cells_between(total_cells: int, start_fraction: float, end_fraction: float) -> int:

@@ -12,9 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2, WGS84_F
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Bools, Floats
+
+WGS84_A_M = 6_378_137.0  # m, semi-major axis (WGS 84)
+WGS84_F = 1 / 298.257223563  # flattening (WGS 84)
+WGS84_B_M = WGS84_A_M * (1 - WGS84_F)  # m, semi-minor axis
+WGS84_E2 = WGS84_F * (2 - WGS84_F)  # first eccentricity, squared
+WGS84_EP2 = WGS84_E2 / (1 - WGS84_F) ** 2  # second eccentricity, squared
 
 RESOLUTION_M = 5e-9
 """Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
@@ -27,7 +32,6 @@ FEW = 300
 
 MIN_GEOCENTRIC_M = 100e3
 """Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
-
 
 DEG, RAD = 180.0 / np.pi, np.pi / 180.0
 
@@ -63,7 +67,7 @@ def geodetic_to_ecef(
     """ECEF position, metres, (..., 3), of WGS-84 latitude, longitude and ellipsoidal height."""
     sin_lat, cos_lat = _sin_cos_deg(latitude_deg)
     sin_lon, cos_lon = _sin_cos_deg(longitude_deg)
-    height = np.asarray(height_m, dtype=np.float64)
+    height = as_floats(height_m)
     normal_m = WGS84_A_M / np.sqrt(1 - WGS84_E2 * sin_lat**2)  # prime-vertical radius
     axis_m = (normal_m + height) * cos_lat
     polar_m = (normal_m * (1 - WGS84_F) ** 2 + height) * sin_lat
@@ -77,7 +81,7 @@ def ecef_to_geodetic(ecef_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     Bowring (1976), repeated until it is good to rounding, in a form that is even at the poles.
     The longitude of a pole is 0. NaN near the Earth's centre, where latitude is ambiguous.
     """
-    x, y, z = np.moveaxis(np.asarray(ecef_m, dtype=np.float64), -1, 0)
+    x, y, z = np.moveaxis(as_floats(ecef_m), -1, 0)
     p = np.hypot(x, y)
     north, out = _unit(z, (1 - WGS84_F) * p)  # of the parametric latitude
     for _ in range(BOWRING_STEPS):
@@ -206,11 +210,11 @@ class LocalFrame:
 
     def rotate_from_ecef(self, vector_ecef: ArrayLike) -> Floats:
         """Components along east, north, up of ECEF vectors such as velocities; (..., 3)."""
-        return _rotate(self.rotation_from_ecef, np.asarray(vector_ecef, dtype=np.float64))
+        return _rotate(self.rotation_from_ecef, as_floats(vector_ecef))
 
     def rotate_to_ecef(self, vector_enu: ArrayLike) -> Floats:
         """ECEF components of vectors given along east, north, up; (..., 3)."""
-        return _rotate(self.rotation_from_ecef.T, np.asarray(vector_enu, dtype=np.float64))
+        return _rotate(self.rotation_from_ecef.T, as_floats(vector_enu))
 
 
 def distance_m(vector_m: Floats) -> Floats:
@@ -241,7 +245,7 @@ def aer_to_enu(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, range_m: ArrayL
     """East, north, up, metres, (..., 3), of azimuth and elevation, degrees, and slant range."""
     sin_az, cos_az = _sin_cos_deg(azimuth_deg)
     sin_el, cos_el = _sin_cos_deg(elevation_deg)
-    slant_m = np.asarray(range_m, dtype=np.float64)
+    slant_m = as_floats(range_m)
     ground_m = slant_m * cos_el
     return _stack(ground_m * sin_az, ground_m * cos_az, slant_m * sin_el)
 
@@ -252,7 +256,7 @@ def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
     Reduced to an eighth of a turn before it becomes radians: the rounding of pi times the Earth's
     radius would show.
     """
-    angle = np.asarray(angle_deg, dtype=np.float64)
+    angle = as_floats(angle_deg)
     quarters = np.round(angle / 90.0)
     rest_rad = np.radians(angle - 90.0 * quarters)
     sine, cosine = np.sin(rest_rad), np.cos(rest_rad)

@@ -70,7 +70,7 @@ def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
 
 
 def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: ArrayLike) -> Floats:
-    """Chance of what has that chance after the last sample within each look, (K,), else none; (...).
+    """Chance of what has those after the last sample within each look, (K,), else none; (...).
 
     Carried back sample by sample to the start of the first look.
     """

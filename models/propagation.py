@@ -9,10 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.constants import BOLTZMANN_J_K, T0_K
 from plotfeed.models.frames import distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
+
+C_M_S = 299_792_458.0  # m/s, exact (SI)
+BOLTZMANN_J_K = 1.380649e-23  # J/K, exact (SI)
+T0_K = 290.0  # K, the temperature at which noise figures are stated (IEEE)
 
 NEAREST_M = 1.0
 """Echoes, made for the far field, are not taken closer to an antenna than this."""
@@ -122,7 +125,7 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
     sides = np.maximum(range_rx + baseline, np.finfo(np.float64).tiny)
     surplus = _dot(target - transmitter, target + transmitter) / sides  # range_rx - baseline
     # Law of cosines, with range_rx baseline (1 - cos beta) from the cross product ahead.
-    along, across = _dot(target, transmitter), distance_m(_cross(target, transmitter))
+    along, across = _dot(target, transmitter), distance_m(as_floats(np.cross(target, transmitter)))
     sides_product = range_rx * baseline
     versine = np.where(along > 0, across**2 / (sides_product + along), sides_product - along)
     return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
@@ -308,7 +311,3 @@ def _ratio(level_db: ArrayLike) -> Floats:
 
 def _dot(a: Floats, b: Floats) -> Floats:
     return as_floats(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return as_floats(np.cross(a, b))

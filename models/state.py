@@ -31,6 +31,15 @@ def rows_where(mask: Bools) -> Ints | slice:
     return slice(None) if mask.all() else np.flatnonzero(mask)
 
 
+def with_room(column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """A column of at least 16 and so many rows, new ones zero; it at least doubles if it grows."""
+    more = max(rows, 16) - len(column)
+    if more <= 0:
+        return column
+    room = np.zeros((max(more, len(column)), *column.shape[1:]), column.dtype)
+    return np.concatenate([column, room])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Columns:
     """Equally long columns, selected and joined by row; one that may be None is not there then."""

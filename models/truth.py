@@ -26,6 +26,7 @@ from plotfeed.models.state import (
     Signature,
     Signatures,
     TruthState,
+    with_room,
 )
 
 S = TypeVar("S", bound=PlaceState)
@@ -239,18 +240,16 @@ class Trajectories:
         self.names.append(drone)
         self._tracks.append(new_track)
         self._emitters.append(())
-        if row >= len(self._rcs_m2):
-            self._grow(max(16, 2 * row))
+        self._make_room(row + 1)
         return row
 
-    def _grow(self, capacity: int) -> None:
-        more = capacity - len(self._rcs_m2)
-        self._start_ns = np.concatenate([self._start_ns, np.zeros(more, np.int64)])
-        self._end_ns = np.concatenate([self._end_ns, np.zeros(more, np.int64)])
-        self._alive = np.concatenate([self._alive, np.zeros(more, np.bool_)])
-        self._coefficients = np.concatenate([self._coefficients, np.zeros((4, 3, more))], axis=2)
-        self._rcs_m2 = np.concatenate([self._rcs_m2, np.zeros(more)])
-        self._sound_power_db = np.concatenate([self._sound_power_db, np.zeros(more)])
+    def _make_room(self, rows: int) -> None:
+        if rows <= len(self._start_ns):
+            return
+        for name in ("_start_ns", "_end_ns", "_alive", "_rcs_m2", "_sound_power_db"):
+            setattr(self, name, with_room(getattr(self, name), rows))
+        more = len(self._start_ns) - self._coefficients.shape[2]
+        self._coefficients = np.pad(self._coefficients, ((0, 0), (0, 0), (0, more)))
 
     def _changed(self, row: int, signature: Signature) -> None:
         self._rcs_m2[row] = signature.rcs_m2

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.state import FALSE_ALARM, Floats, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.units import decibels
 
 _PLOT_COLUMNS = (
     "range_m",
@@ -145,9 +145,3 @@ def _add_merged_drones(entry: pb.Ledger, plots: Plots, drones: Sequence[str]) ->
 def _rows(columns: Sequence[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
     """Row by row, as numbers of Python's own, which protobuf takes faster than NumPy's."""
     return zip(*(column.tolist() for column in columns), strict=True)
-
-
-def decibels(ratio: Floats) -> Floats:
-    """10 log10; zero is minus infinity, without a warning."""
-    with np.errstate(divide="ignore"):
-        return 10.0 * np.log10(ratio)

@@ -19,9 +19,9 @@ from section_4 import scene_with
 from plotfeed.feeds.scene.scene import example
 from plotfeed.models import detection, propagation
 from plotfeed.models.accuracy import sigma_rate_m_s
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.sensors.passive_signals import flat_solution
+from plotfeed.models.propagation import C_M_S
+from plotfeed.models.sensors.passive_radar import flat_solution
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from stability_case import Case, relative
 
 from plotfeed.models import accuracy, propagation
-from plotfeed.models.constants import WGS84_A_M, WGS84_E2
 from plotfeed.models.frames import (
+    WGS84_A_M,
+    WGS84_E2,
     LocalFrame,
     aer_to_enu,
     ecef_to_geodetic,
@@ -20,7 +21,7 @@ from plotfeed.models.frames import (
     wrap_180,
     wrap_360,
 )
-from plotfeed.models.sensors.passive_signals import flat_solution
+from plotfeed.models.sensors.passive_radar import flat_solution
 
 BASELINE_M = 20_000.0
 TRANSMITTER_M = np.array([BASELINE_M, 0.0, 0.0])

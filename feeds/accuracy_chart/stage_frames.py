@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.precise import number
 from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
-from plotfeed.models.constants import WGS84_A_M, WGS84_E2
-from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180
+from plotfeed.models.frames import (
+    WGS84_A_M,
+    WGS84_E2,
+    LocalFrame,
+    enu_to_aer,
+    geodetic_to_ecef,
+    wrap_180,
+)
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 

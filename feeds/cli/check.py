@@ -19,8 +19,8 @@ from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Floats, Signature, Signatures
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.batch import decibels
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.units import decibels
 
 
 def draw_predictions(curves: dict[str, Any], path: Path) -> None:

@@ -15,7 +15,7 @@ from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Floats, Ints, Plots, TruthState
-from plotfeed.proto.batch import decibels
+from plotfeed.proto.units import decibels
 
 SHOWN_AFTER_NS = 30_000_000_000
 """A drone that went is shown this long where it was last."""

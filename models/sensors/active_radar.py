@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import distance_m
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.state import Floats
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.constants import C_M_S
-from plotfeed.models.propagation import NEAREST_M
+from plotfeed.models.propagation import C_M_S, NEAREST_M
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.state import Floats
 

@@ -12,15 +12,101 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from plotfeed.models import accuracy, detection, false_alarms, propagation
+from plotfeed.models import detection, false_alarms, propagation
 from plotfeed.models.beam.scan import Sector, beam_times_ns
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.finer_detection import Hits
-from plotfeed.models.frames import enu_to_aer, wrap_360
-from plotfeed.models.sensors.passive_signals import PassiveSignals, flat_solution
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.passive_signals import PassiveSignals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlatSolution:
+    """Distances in the receiver's horizontal plane, and how they change with what was measured.
+
+    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...).
+    """
+
+    azimuth_deg: Floats
+    range_m: Floats
+    by_bistatic_range: Floats
+    by_azimuth_m: Floats
+
+    @nan_without_warnings
+    def sigma_m(self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats) -> Floats:
+        """Standard deviation of the distance, to first order."""
+        return np.hypot(
+            self.by_bistatic_range * sigma_bistatic_range_m,
+            self.by_azimuth_m * np.radians(sigma_azimuth_deg),
+        )
+
+    @nan_without_warnings
+    def covariance_m2(
+        self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Covariances of the position: east, north, and east with north (eqs 32, 33)."""
+        outwards, rightwards = _directions(self.azimuth_deg)
+        by_range = self.by_bistatic_range[..., None] * outwards
+        by_azimuth = self.by_azimuth_m[..., None] * outwards + self.range_m[..., None] * rightwards
+        along = by_range * np.asarray(sigma_bistatic_range_m)[..., None]
+        across = by_azimuth * np.radians(sigma_azimuth_deg)[..., None]
+        return (
+            along[..., 0] ** 2 + across[..., 0] ** 2,
+            along[..., 1] ** 2 + across[..., 1] ** 2,
+            along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
+        )
+
+    @nan_without_warnings
+    def chance_between(
+        self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
+    ) -> Floats:
+        """Probability that noise leaves a distance between those; Gaussian, to first order.
+
+        0 where the distance is undefined, or not known better than to `high_m`. The last argument
+        is the bistatic range over its sigma: noise may leave nothing of it, and so of the distance.
+        """
+        too_near = np.maximum(ndtr((low_m - self.range_m) / sigma_m), ndtr(-excess_over_sigma))
+        within = ndtr((high_m - self.range_m) / sigma_m) - too_near
+        return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
+
+
+@nan_without_warnings
+def flat_solution(
+    bistatic_range_m: Floats, azimuth_deg: Floats, transmitter_enu_m: Floats
+) -> FlatSolution:
+    """Where a target in the receiver's horizontal plane would be measured so (eqs 34, 35).
+
+    (...), (...) and (..., 3). The transmitter may be above or below that plane. Undefined for a
+    bistatic range of zero or less, which noise makes of targets near the baseline: NaN there.
+    """
+    outwards, rightwards = _directions(azimuth_deg)
+    baseline_m = np.linalg.norm(transmitter_enu_m, axis=-1)
+    towards = transmitter_enu_m / baseline_m[..., None]
+    angle_rad = 2 * np.arctan2(
+        np.linalg.norm(outwards - towards, axis=-1), np.linalg.norm(outwards + towards, axis=-1)
+    )
+    measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
+    case = (measured, baseline_m, np.degrees(angle_rad))
+    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
+    # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
+    sine = np.sin(angle_rad)
+    turn = np.where(sine > 0, -np.sum(rightwards * towards, axis=-1) / sine, 0.0)
+    return FlatSolution(
+        azimuth_deg=np.broadcast_to(azimuth_deg, measured.shape),
+        range_m=propagation.range_from_bistatic(*case),
+        by_bistatic_range=by_range,
+        by_azimuth_m=by_angle * turn,
+    )
+
+
+def _directions(azimuth_deg: Floats) -> tuple[Floats, Floats]:
+    """Along a horizontal line of sight, and to the right of it; (...) in, (..., 3) out."""
+    return aer_to_enu(azimuth_deg, 0.0, 1.0), aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +163,10 @@ class PassiveRadar(PassiveSignals):
         sigmas = self.sigmas(snr, self.range_resolution_m[echoes.channel])
         excess_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
-        columns["bistatic_range_m"] = excess_m + accuracy.gaussian(sigmas[0], rng)
-        columns["azimuth_deg"] = wrap_360(azimuth_deg + accuracy.gaussian(sigmas[1], rng))
+        columns["bistatic_range_m"] = excess_m + sigmas[0] * rng.standard_normal(sigmas[0].shape)
+        columns["azimuth_deg"] = wrap_360(
+            azimuth_deg + sigmas[1] * rng.standard_normal(sigmas[1].shape)
+        )
         if self.doppler is not None and "range_rate_m_s" in columns:
             columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
         return self._plots(

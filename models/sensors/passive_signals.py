@@ -1,4 +1,7 @@
-"""The signals of a passive radar, channel by channel: equations 24 to 31 in right form."""
+"""The signals of a passive radar, channel by channel: equations 24 to 31 in right form.
+
+External noise is that of ITU-R P.372.
+"""
 
 from __future__ import annotations
 
@@ -7,103 +10,58 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr
+from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam.scan import Volume
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.state import Floats
 
+_AZIMUTHS = 3600
+"""How many the share of false alarms that have a place is averaged over."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlatSolution:
-    """Distances in the receiver's horizontal plane, and how they change with what was measured.
 
-    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...).
-    """
+@dataclass(frozen=True, slots=True)
+class NoiseLine:
+    """A median noise figure, c - d log10(f / MHz), and the frequencies for which it is given."""
 
-    azimuth_deg: Floats
-    range_m: Floats
-    by_bistatic_range: Floats
-    by_azimuth_m: Floats
-
-    @nan_without_warnings
-    def sigma_m(self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats) -> Floats:
-        """Standard deviation of the distance, to first order."""
-        return np.hypot(
-            self.by_bistatic_range * sigma_bistatic_range_m,
-            self.by_azimuth_m * np.radians(sigma_azimuth_deg),
-        )
+    c_db: float
+    d_db: float
+    min_mhz: float
+    max_mhz: float
 
     @nan_without_warnings
-    def covariance_m2(
-        self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Covariances of the position: east, north, and east with north (eqs 32, 33)."""
-        outwards, rightwards = _directions(self.azimuth_deg)
-        by_range = self.by_bistatic_range[..., None] * outwards
-        by_azimuth = self.by_azimuth_m[..., None] * outwards + self.range_m[..., None] * rightwards
-        along = by_range * np.asarray(sigma_bistatic_range_m)[..., None]
-        across = by_azimuth * np.radians(sigma_azimuth_deg)[..., None]
-        return (
-            along[..., 0] ** 2 + across[..., 0] ** 2,
-            along[..., 1] ** 2 + across[..., 1] ** 2,
-            along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
-        )
+    def median_db(self, frequency_hz: ArrayLike) -> Floats:
+        """F_am, dB; NaN outside the line's frequencies."""
+        frequency_mhz = np.asarray(frequency_hz, dtype=np.float64) / 1e6
+        given = (frequency_mhz >= self.min_mhz) & (frequency_mhz <= self.max_mhz)
+        return np.where(given, self.c_db - self.d_db * np.log10(frequency_mhz), np.nan)
 
-    @nan_without_warnings
-    def chance_between(
-        self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
-    ) -> Floats:
-        """Probability that noise leaves a distance between those; Gaussian, to first order.
 
-        0 where the distance is undefined, or not known better than to `high_m`. The last argument
-        is the bistatic range over its sigma: noise may leave nothing of it, and so of the distance.
-        """
-        too_near = np.maximum(ndtr((low_m - self.range_m) / sigma_m), ndtr(-excess_over_sigma))
-        within = ndtr((high_m - self.range_m) / sigma_m) - too_near
-        return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
+# P.372, man-made noise, table of c and d. The range 0.3 to 250 MHz is stated for the first three.
+# The quiet rural line falls below galactic noise from 2 MHz on, and ends where that does.
+MAN_MADE = {
+    "city": NoiseLine(76.8, 27.7, 0.3, 250.0),
+    "residential": NoiseLine(72.5, 27.7, 0.3, 250.0),
+    "rural": NoiseLine(67.2, 27.7, 0.3, 250.0),
+    "quiet-rural": NoiseLine(53.6, 28.6, 0.3, 100.0),
+}
+# P.372; below some 10 MHz the ionosphere keeps it out.
+GALACTIC = NoiseLine(52.0, 23.0, 10.0, 100.0)
 
 
 @nan_without_warnings
-def flat_solution(
-    bistatic_range_m: Floats, azimuth_deg: Floats, transmitter_enu_m: Floats
-) -> FlatSolution:
-    """Where a target in the receiver's horizontal plane would be measured so (eqs 34, 35).
+def external_noise_db(environment: str, frequency_hz: ArrayLike) -> Floats:
+    """F_a, dB: the powers of man-made noise and, where it is given, of galactic noise.
 
-    (...), (...) and (..., 3). The transmitter may be above or below that plane. Undefined for a
-    bistatic range of zero or less, which noise makes of targets near the baseline: NaN there.
+    NaN where P.372 gives no man-made noise for that environment, one of `MAN_MADE`.
     """
-    outwards, rightwards = _directions(azimuth_deg)
-    baseline_m = np.linalg.norm(transmitter_enu_m, axis=-1)
-    towards = transmitter_enu_m / baseline_m[..., None]
-    angle_rad = 2 * np.arctan2(
-        np.linalg.norm(outwards - towards, axis=-1), np.linalg.norm(outwards + towards, axis=-1)
-    )
-    measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
-    case = (measured, baseline_m, np.degrees(angle_rad))
-    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
-    # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
-    sine = np.sin(angle_rad)
-    turn = np.where(sine > 0, -np.sum(rightwards * towards, axis=-1) / sine, 0.0)
-    return FlatSolution(
-        azimuth_deg=np.broadcast_to(azimuth_deg, measured.shape),
-        range_m=propagation.range_from_bistatic(*case),
-        by_bistatic_range=by_range,
-        by_azimuth_m=by_angle * turn,
-    )
-
-
-def _directions(azimuth_deg: Floats) -> tuple[Floats, Floats]:
-    """Along a horizontal line of sight, and to the right of it; (...) in, (..., 3) out."""
-    return aer_to_enu(azimuth_deg, 0.0, 1.0), aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
-
-
-_AZIMUTHS = 3600
-"""How many the share of false alarms that have a place is averaged over."""
+    man_made = 10 ** (MAN_MADE[environment].median_db(frequency_hz) / 10)
+    galactic = 10 ** (GALACTIC.median_db(frequency_hz) / 10)
+    return 10 * np.log10(man_made + np.nan_to_num(galactic))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +105,7 @@ class PassiveSignals(Volume, EchoRadar, ABC):
 
     @cached_property
     def range_resolution_m(self) -> Floats:
-        """Resolution of the bistatic range: c/B, not c/2B, for it is a sum of two ways; (channels,)."""
+        """Resolution in bistatic range: c/B, not c/2B, for it sums two ways; (channels,)."""
         return C_M_S / self._each("bandwidth_hz")
 
     @cached_property

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, energy, propagation
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Texts
 
@@ -219,7 +219,7 @@ class RfDirectionFinder(CellSensor):
     def _rms_azimuth_deg(
         self, emissions: Emissions, snr: Floats, pd: Floats, n_targets: int
     ) -> Floats:
-        """Rms over the reports of each target, each emitter with its share of them; (n_targets,)."""
+        """Rms over the reports of each target, by the emitters' shares of them; (n_targets,)."""
         if not self.measures_azimuth:
             return np.full(n_targets, np.nan)
         effective_snr = 1 / energy.inverse_estimated_snr(snr, self.pfa, self.samples)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.models.state import Bools, Columns, Floats, Ints, Plots
+from plotfeed.models.state import Bools, Columns, Floats, Ints, Plots, with_room
 
 MAX_TRACKS = 65535
 """Numbers are 1 to this: what 16 bits hold but 0."""
@@ -88,14 +88,8 @@ class TrackLives:
         return living
 
     def _make_room(self, drones: int) -> None:
-        more = max(drones, 16) - len(self._track)
-        if more <= 0:
-            return
-        more = max(more, len(self._track))
         for name in ("_looked_ns", "_hit_ns", "_misses", "_track", "_hits"):
-            column = getattr(self, name)
-            room = np.zeros((more, *column.shape[1:]), column.dtype)
-            setattr(self, name, np.concatenate([column, room]))
+            setattr(self, name, with_room(getattr(self, name), drones))
 
     def _stand_still_until(self, start_ns: int) -> None:
         if self._end_ns is not None and start_ns > self._end_ns:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
+from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, with_room
 from plotfeed.models.tracking.track_lives import TrackLives, TrackRule
 
 
@@ -161,14 +161,8 @@ class SmoothedTruth:
         )
 
     def _make_room(self, drones: int) -> None:
-        more = max(drones, 16) - len(self._t_ns)
-        if more <= 0:
-            return
-        more = max(more, len(self._t_ns))
-        self._t_ns = np.concatenate([self._t_ns, np.zeros(more, np.int64)])
-        for name in ("_units", "_covariance_m2", "_states"):
-            column = getattr(self, name)
-            setattr(self, name, np.concatenate([column, np.zeros((more, *column.shape[1:]))]))
+        for name in ("_t_ns", "_units", "_covariance_m2", "_states"):
+            setattr(self, name, with_room(getattr(self, name), drones))
 
     def _learn_errors(self, hits: TrackerLooks) -> None:
         """A fading mean of the plots' covariances, by alpha; one without bounds teaches nothing."""

@@ -10,8 +10,8 @@ import numpy as np
 from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import TIME_LSB_NS, Reports, decibels, measured
-from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.asterix.codec.report_profiles import Reports, looked_up, measured
+from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 MEASUREMENT_PLOT = 1  # I015/000/MT
 ACTUAL, SIMULATED = 0, 3  # I015/020/TTAX
@@ -118,23 +118,13 @@ class PlotEncoder015:
         snr = measured({"I015/630/RPS": plots.snr})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:
-            columns["I015/400/PID"] = self._pairs_of(plots)
+            path = "I015/400/PID"
+            columns[path] = plots.channel
+            if self._pairs is not None:
+                columns[path] = looked_up(self._pairs, plots.channel, "pair for channel", path)
             numbers = np.arange(first_observation, first_observation + len(plots))
             columns["I015/400/ON"] = numbers % OBSERVATIONS
         if self._classes is not None and any(plots.kind):
-            columns["I015/300/0/CLS"] = self._classes_of(plots, self._classes)
+            path = "I015/300/0/CLS"
+            columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
         return self._reports.blocks(columns)
-
-    def _pairs_of(self, plots: Plots) -> Ints:
-        if self._pairs is None:
-            return plots.channel
-        try:
-            return np.array([self._pairs[channel] for channel in plots.channel.tolist()])
-        except KeyError as error:
-            raise EncodeError(f"no pair for channel {error}", field="I015/400/PID") from None
-
-    def _classes_of(self, plots: Plots, classes: Mapping[str, int]) -> Ints:
-        try:
-            return np.array([classes[kind] for kind in plots.kind.tolist()])
-        except KeyError as error:
-            raise EncodeError(f"no class for kind {error}", field="I015/300/0/CLS") from None

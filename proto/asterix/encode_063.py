@@ -8,7 +8,8 @@ from enum import IntEnum
 
 from plotfeed.proto.asterix.cat063 import CAT063
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import TIME_LSB_NS, Reports
+from plotfeed.proto.asterix.codec.report_profiles import Reports
+from plotfeed.proto.units import TIME_LSB_NS
 
 
 class Condition(IntEnum):

@@ -15,13 +15,13 @@ import numpy as np
 from plotfeed.models.state import Floats, Ints, Plots, Texts
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.codec.report_profiles import (
-    TIME_LSB_NS,
     Reports,
     checked_position,
-    decibels,
+    looked_up,
     measured,
 )
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 DBUV_AT_0_DBM = 90 + 10 * math.log10(50)  # 0 dBm into 50 ohm, over 1 µV
 BEST_QUALITY = 255
@@ -97,7 +97,9 @@ class BearingEncoder205:
         columns |= {path: self._quality(path, ratio) for path, ratio in snr.items()}
         columns |= measured({"I205/200": plots.elevation_deg})
         if self._channel_names is not None:
-            columns["I205/090"] = self._names(plots, self._channel_names)
+            path = "I205/090"
+            names = looked_up(self._channel_names, plots.channel, "name for channel", path)
+            columns[path] = names
         return self._reports.blocks(columns)
 
     def _quality(self, path: str, snr: Floats) -> Ints:
@@ -106,9 +108,3 @@ class BearingEncoder205:
         steps = np.rint(decibels(snr) / self._db_a_step)
         quality: Ints = np.clip(steps, 0, BEST_QUALITY).astype(np.int64)
         return quality
-
-    def _names(self, plots: Plots, names: Mapping[int, str]) -> Texts:
-        try:
-            return np.array([names[channel] for channel in plots.channel.tolist()], np.object_)
-        except KeyError as error:
-            raise EncodeError(f"no name for channel {error}", field="I205/090") from None

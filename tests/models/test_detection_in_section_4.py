@@ -11,7 +11,7 @@ import pytest
 from support.passive_equations import passive_snr
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.constants import C_M_S
+from plotfeed.models.propagation import C_M_S
 
 RCS_M2 = 0.01
 PFA = 1e-6

@@ -42,7 +42,7 @@ def test_probabilities_at_their_ends_and_shape():
 )
 def test_counts_are_binomial(cells, pfa):
     rng = np.random.default_rng(3)
-    counts = false_alarms.draw_count(np.full(40_000, cells), pfa, rng)
+    counts = np.array([false_alarms.draw_count(cells, pfa, rng) for _ in range(40_000)])
     law = stats.binom(cells, pfa) if pfa > 1e-8 else stats.poisson(cells * pfa)
     inner = np.unique(law.ppf(np.linspace(0, 1, 12)[1:-1]))
     share = np.diff(np.concatenate([[0.0], law.cdf(inner), [1.0]]))
@@ -56,21 +56,17 @@ def test_counts_are_binomial(cells, pfa):
 
 def test_almost_never_is_not_never():
     rng = np.random.default_rng(9)
-    counts = false_alarms.draw_count(np.full(1_000_000, 10**12), 1e-15, rng)
+    counts = np.array([false_alarms.draw_count(10**12, 1e-15, rng) for _ in range(200_000)])
     some = false_alarms.probability_at_least_one(1e12, 1e-15)
-    assert stats.binomtest(int((counts > 0).sum()), 1_000_000, float(some)).pvalue > 1e-3
+    assert stats.binomtest(int((counts > 0).sum()), 200_000, float(some)).pvalue > 1e-3
 
 
-def test_counts_of_many_sectors_at_many_rates_at_once():
+def test_counts_where_there_are_no_cells_or_all_alarm():
     rng = np.random.default_rng(4)
-    counts = false_alarms.draw_count(np.array([10**12, 10**4, 0]), np.array([1e-9, 0.5, 0.1]), rng)
-    assert counts.dtype == np.int64
-    assert abs(counts[0] - 1000) < 200
-    assert abs(counts[1] - 5000) < 300
-    assert counts[2] == 0
-    assert isinstance(false_alarms.draw_count(100, 0.1, rng), int)
+    assert false_alarms.draw_count(0, 0.1, rng) == 0
     assert false_alarms.draw_count(100, 0.0, rng) == 0
     assert false_alarms.draw_count(100, 1.0, rng) == 100
+    assert isinstance(false_alarms.draw_count(100, 0.1, rng), int)
 
 
 @given(st.integers(0, 10**12), st.lists(st.floats(0, 1), max_size=40))

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.shared_files import reference
 
-from plotfeed.models.constants import WGS84_A_M, WGS84_B_M
 from plotfeed.models.frames import (
+    WGS84_A_M,
+    WGS84_B_M,
     LocalFrame,
     aer_to_enu,
     ecef_to_geodetic,

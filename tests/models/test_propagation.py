@@ -10,8 +10,8 @@ from support.passive_equations import passive_snr
 from support.shared_files import reference
 
 from plotfeed.models import propagation
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import enu_to_aer, wrap_180
+from plotfeed.models.propagation import C_M_S
 
 metres = st.floats(-50e3, 50e3)
 points = st.tuples(metres, metres, metres)

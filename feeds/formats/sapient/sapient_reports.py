@@ -20,8 +20,7 @@ from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
-from plotfeed.models.constants import WGS84_A_M
-from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.frames import WGS84_A_M, LocalFrame, aer_to_enu
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.sapient.encode_detections import (
     MAX_ERROR_DEG,

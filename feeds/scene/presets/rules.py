@@ -11,8 +11,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable, Site
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
-from plotfeed.models.constants import C_M_S
-from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature, Signatures
 from plotfeed.proto.errors import PlotfeedError

@@ -30,13 +30,11 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     TrackingSensorKeys,
     VolumeKeys,
 )
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.multipath import MAN_MADE, external_noise_db
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.passive_signals import Illuminator
+from plotfeed.models.sensors.passive_signals import MAN_MADE, Illuminator, external_noise_db
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging

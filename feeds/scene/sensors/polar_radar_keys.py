@@ -34,9 +34,8 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     TrackingSensorKeys,
     VolumeKeys,
 )
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.propagation import beam_gain_dbi
+from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.polar_radar import PolarRadar

@@ -7,17 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.state import Floats
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.codec.profile import is_at
 from plotfeed.proto.errors import EncodeError
-
-FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
-NM_M = 1852.0  # m, exact; BIPM, The International System of Units
-TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s
 
 Constants = Mapping[str, float | str]
 
@@ -105,8 +101,10 @@ def checked_position(latitude_deg: Any, longitude_deg: Any, *, field: str) -> No
             raise EncodeError(f"{worst} is not within ±{limit} degrees", field=f"{field}/{name}")
 
 
-def decibels(ratio: Floats) -> Floats:
-    """10 lg of a ratio of powers; what has no logarithm becomes what no encoder takes."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        level: Floats = 10 * np.log10(ratio)
-    return level
+def looked_up(values: Mapping[Any, Any], keys: NDArray[Any], what: str, path: str) -> NDArray[Any]:
+    """The value of each key; `what` says what they are of where one has none."""
+    try:
+        found = [values[key] for key in keys.tolist()]
+    except KeyError as error:
+        raise EncodeError(f"no {what} {error}", field=path) from None
+    return np.array(found, np.object_ if isinstance(found[0], str) else None)

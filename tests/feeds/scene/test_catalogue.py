@@ -8,7 +8,7 @@ from plotfeed.feeds.cli.show_sensors import reach_m
 from plotfeed.feeds.scene.presets.preset import SCENE_ONLY, Preset, names, preset
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, predicted
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.constants import C_M_S
+from plotfeed.models.propagation import C_M_S
 
 RADARS = [
     "art-midrange-3d",

@@ -16,8 +16,8 @@ from support.significance import assert_chance, assert_law, assert_standard_norm
 
 from plotfeed.models import propagation
 from plotfeed.models.beam.scan import AzimuthCover, Timetable
-from plotfeed.models.constants import C_M_S
 from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures

@@ -22,8 +22,8 @@ from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
-from plotfeed.proto.asterix.codec.report_profiles import FOOT_M, NM_M
 from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.units import FOOT_M, NM_M
 
 RECORDING = "recordings/croatia_cat_034_048.pcap"
 

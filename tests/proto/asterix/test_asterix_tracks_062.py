@@ -11,9 +11,9 @@ from support.asterix_input import tracks
 from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.codec.report_profiles import FOOT_M
 from plotfeed.proto.asterix.encode_062 import TrackEncoder062
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.units import FOOT_M
 
 ENCODER = TrackEncoder062(25, 3)
 ESTIMATED = {

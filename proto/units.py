@@ -1,0 +1,18 @@
+"""Units in which formats have what models have in others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plotfeed.models.state import Floats
+
+FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
+NM_M = 1852.0  # m, exact; BIPM, The International System of Units
+TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s, in which ASTERIX counts
+
+
+def decibels(ratio: Floats) -> Floats:
+    """10 lg of a ratio of powers; minus infinity for none, NaN for what has no logarithm."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level: Floats = 10 * np.log10(ratio)
+    return level
