@@ -11,7 +11,7 @@ import numpy as np
 
 from plotfeed.feeds.telemetry.flights.flight import Flight
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.models.constants import WGS84_A_M
+from plotfeed.models.frames import WGS84_A_M
 from plotfeed.models.smoothing import ACCELERATION_DENSITY_M2_S3, smooth
 from plotfeed.models.state import Floats
 from plotfeed.proto.utc import NS
