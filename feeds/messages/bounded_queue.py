@@ -25,10 +25,7 @@ class QueueStatistics:
 
 
 class BoundedQueue(Generic[Item]):
-    """First in, first out, up to a limit of items and, if there is one, of octets.
-
-    One item has room however large it is, if nothing waits.
-    """
+    """First in, first out, up to a limit of items and, if there is one, of octets."""
 
     def __init__(
         self,
@@ -36,12 +33,15 @@ class BoundedQueue(Generic[Item]):
         *,
         limit_octets: int | None = None,
         octets_of: Callable[[Item], int] = lambda _: 0,
+        any_size_alone: bool = False,
     ) -> None:
+        """`any_size_alone` gives an item room however large it is, if nothing waits."""
         self.limit = limit
         self.octets = 0
         """Of the items that wait."""
         self._limit_octets = limit_octets
         self._octets_of = octets_of
+        self._any_size_alone = any_size_alone
         self._items: OrderedDict[Hashable, Item] = OrderedDict()
         self._put = self._taken = self._dropped = self._returned = 0
 
@@ -69,7 +69,9 @@ class BoundedQueue(Generic[Item]):
         if len(self._items) >= self.limit:
             return False
         most = self._limit_octets
-        return most is None or not self._items or self.octets + octets <= most
+        if most is None or (self._any_size_alone and not self._items):
+            return True
+        return self.octets + octets <= most
 
     def put(self, item: Item, key: Hashable = None) -> bool:
         """Let an item wait, by its key if it may be asked for; False, and dropped, without room."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
+from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
 from plotfeed.feeds.page.view import Update
 from plotfeed.proto.errors import PlotfeedError
 
@@ -79,9 +79,7 @@ def _look_in(look: object) -> Look:
 
 
 MAX_QUEUED = 20
-"""Updates; when there are more, the oldest are dropped, and a snapshot makes up for them."""
-
-
+"""Updates; when there are more, all are dropped, and a snapshot makes up for them."""
 MAX_QUEUED_OCTETS = 8 << 20
 
 
@@ -91,12 +89,9 @@ class Viewer:
     def __init__(self, snapshot: Callable[[], Update]) -> None:
         self.sees_truth = False
         self.watched: tuple[str, ...] = ()
-        self.dropped = 0
-        """Updates that it was too slow for."""
         self._snapshot = snapshot
         self._needs_all = True
-        self._queue: deque[bytes] = deque()
-        self._octets = 0
+        self._queue = BoundedQueue[bytes](MAX_QUEUED, limit_octets=MAX_QUEUED_OCTETS, octets_of=len)
         self._filled = asyncio.Event()
         self._filled.set()
 
@@ -104,20 +99,19 @@ class Viewer:
         """The next update, for when there is time to send it."""
         if self._needs_all:
             return
-        frame = self._frame(update)
-        self._queue.append(frame)
-        self._octets += len(frame)
-        if len(self._queue) > MAX_QUEUED or self._octets > MAX_QUEUED_OCTETS:
-            self.dropped += len(self._queue)
+        if not self._queue.put(self._frame(update)):
             self.start_again()
         self._filled.set()
 
     def start_again(self) -> None:
         """Forget what waits; a snapshot is next."""
-        self._queue.clear()
-        self._octets = 0
+        self._queue.drop_all()
         self._needs_all = True
         self._filled.set()
+
+    def statistics(self) -> QueueStatistics:
+        """What has waited so far; dropped are updates that it was too slow for."""
+        return self._queue.statistics()
 
     def show_truth(self, *, shown: bool) -> None:
         """Whether it sees the drones, from a snapshot on."""
@@ -132,8 +126,7 @@ class Viewer:
             self._needs_all = False
             frame = self._frame(self._snapshot())
         else:
-            frame = self._queue.popleft()
-            self._octets -= len(frame)
+            frame = self._queue.take()
         if not self._queue and not self._needs_all:
             self._filled.clear()
         return frame

@@ -51,6 +51,7 @@ class SendQueue:
             self._limit + (OVERRUN if waits else 0),
             limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
             octets_of=lambda waiting: len(waiting[0].message.payload),
+            any_size_alone=True,
         )
         """Deliveries, and whether they were sent before; retained ones by their topic."""
 

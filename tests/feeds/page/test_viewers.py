@@ -43,7 +43,7 @@ async def test_a_slow_viewer_drops_what_waits_and_makes_up_by_a_snapshot() -> No
     await viewer.next()
     for number in range(MAX_QUEUED + 6):
         viewer.offer(update(number))
-    assert viewer.dropped == MAX_QUEUED + 1
+    assert viewer.statistics().dropped == MAX_QUEUED + 1
     assert await viewer.next() == b"all"
     assert not await has_next(viewer)
     viewer.offer(update(99))
@@ -55,7 +55,7 @@ async def test_what_waits_for_a_viewer_is_bounded_in_octets_too() -> None:
     viewer = Viewer(lambda: SNAPSHOT)
     await viewer.next()
     viewer.offer(update(1, MAX_QUEUED_OCTETS + 1))
-    assert viewer.dropped == 1
+    assert viewer.statistics().dropped == 1
     assert await viewer.next() == b"all"
 
 
