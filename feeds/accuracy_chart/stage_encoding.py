@@ -35,10 +35,10 @@ def encoding_stage(case: Case) -> ChartStage | None:
     found = []
     for name in formats_of(case):
         try:
-            maker = FORMATS[name].make(case.scene, case.sensor)
-        except PlotfeedError:  # an extra that is missing
+            messages = _messages(FORMATS[name].make(case.scene, case.sensor), parts)
+        except PlotfeedError:  # an extra is missing, or the sensor measures too little for it
             continue
-        read = _read_back(FORMATS[name], _messages(maker, parts), parts[0][0].start_ns)
+        read = _read_back(FORMATS[name], messages, parts[0][0].start_ns)
         found.append(
             Method(
                 name=name,

@@ -172,6 +172,18 @@ def test_drones_that_would_merge_are_charted_each_by_itself() -> None:
     assert values["sensors"][0]["stages"]
 
 
+def test_a_format_is_left_out_for_which_a_sensor_measures_too_little() -> None:
+    emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+    path = [{"east_m": e, "north_m": 900.0, "above_site_m": 120.0} for e in (-800.0, 900.0)]
+    drone = {"id": "d", "speed_m_s": 10.0, "path": path, "emitters": [emitter]}
+    detector = RF | {"measures_azimuth": False}
+    (found,) = as_values(charted(scene_of(detector, drones=[drone]), Effort.quick(30)))["sensors"]
+    (encoding,) = (s for s in found["stages"] if s["stage"] == "encoding")
+    formats = {m["method"] for m in encoding["methods"]}
+    assert "plots" in formats
+    assert "asterix-205" not in formats
+
+
 def test_a_sensor_that_sees_nobody_is_left_out() -> None:
     values = as_values(charted(scene_of(RF, RADAR), Effort.quick(20)))
     assert values["unseen"] == ["rf"]
