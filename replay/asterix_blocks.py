@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.layout import (
+    FX,
+    HEADER_OCTETS,
+    Extended,
+    Fixed,
+    Item,
+    Repetitive,
+    is_time_of_day,
+)
 from plotfeed.proto.content_types import ASTERIX, asterix_content_type
 from plotfeed.proto.utc import DAY_NS
 
-HEADER_OCTETS = 3
 MAX_TRAILER_OCTETS = 16
 UNKNOWN = "application/octet-stream"
 _OF_CATEGORY = tuple(map(asterix_content_type, range(256)))
@@ -72,38 +82,44 @@ def _headers(payload: bytes) -> Iterator[tuple[int, int]]:
         at += length
 
 
-TIME, EXTENDED, SPARE = -1, 0, -2
+TIME, EXTENDED, UNKNOWN_LENGTH = -1, 0, -2
 TIME_OCTETS = 3
 LSB_NS = 7_812_500  # 1/128 s
-FX = 1
 
-ITEMS: Mapping[int, tuple[int, ...]] = {
+FOREIGN: Mapping[int, tuple[int, ...]] = {
     2: (2, 1, 1, TIME),
     10: (2, 1, EXTENDED, TIME),
-    15: (2, 1, 1, EXTENDED, EXTENDED, TIME),
-    16: (2, 1, 1, TIME),
     19: (2, 1, TIME),
     20: (2, EXTENDED, TIME),
     21: (2, EXTENDED, 2, 1, TIME, 6, 8, TIME, 2, 2, 3, TIME),
     23: (2, 1, 1, TIME),
-    25: (2, 1, 3, 1, 6, TIME),
-    34: (2, 1, TIME),
-    48: (2, TIME),
-    62: (2, SPARE, 1, TIME),
-    63: (2, 1, TIME),
     65: (2, 1, 1, TIME),
-    129: (2, 2, 3, 3, 12, 2, TIME),
-    205: (2, 1, 1, TIME),
 }
-"""Octets of each item of the user application profile, up to the last that is a time of day.
+"""Of categories without a layout here: octets of each item, up to the last that is a time of day.
 
 EXTENDED ones end with the first octet whose last bit is clear.
 """
 
 
+@cache
+def item_octets(category: int) -> tuple[int, ...]:
+    """Octets of each item of a category's user application profile; none if nothing is known."""
+    layout = CATEGORIES.get(category)
+    return FOREIGN.get(category, ()) if layout is None else tuple(map(_octets_of, layout.uap))
+
+
+def _octets_of(item: Item | None) -> int:
+    if isinstance(item, Fixed):
+        return TIME if is_time_of_day(item) else item.group.octets
+    groups = item.groups if isinstance(item, Extended) else ()
+    if isinstance(item, Repetitive) and item.group.fx:
+        groups = (item.group,)
+    return EXTENDED if groups and all(g.octets == 1 for g in groups) else UNKNOWN_LENGTH
+
+
 def time_of_day_ns(block: bytes) -> int | None:
     """Time of a whole data block's first record; None if it has none, or none that is known."""
-    slots = ITEMS.get(block[0], ()) if block else ()
+    slots = item_octets(block[0]) if block else ()
     flags = _flags(block)
     at = HEADER_OCTETS + len(flags)
     for place, octets in enumerate(slots):
@@ -111,7 +127,7 @@ def time_of_day_ns(block: bytes) -> int | None:
             continue
         if octets == TIME:
             return _time(block[at : at + TIME_OCTETS])
-        if octets == SPARE:
+        if octets == UNKNOWN_LENGTH:
             return None
         at = at + octets if octets else _after_extended(block, at)
     return None

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, pairwise
 from typing import BinaryIO
 
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.content_types import ASTERIX, asterix_content_type
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_blocks import (
-    HEADER_OCTETS,
     block_octets,
     categories,
     is_asterix,

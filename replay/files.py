@@ -9,8 +9,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.replay.asterix_blocks import HEADER_OCTETS
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter

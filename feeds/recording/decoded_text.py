@@ -19,8 +19,7 @@ from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
-from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.codec.retime_asterix import is_time_of_day
+from plotfeed.proto.asterix.codec.layout import Category, is_time_of_day
 from plotfeed.proto.content_types import ASTERIX, JSON, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc

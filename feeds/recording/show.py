@@ -25,10 +25,11 @@ from plotfeed.feeds.recording.decoded_text import (
 )
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.asterix_blocks import HEADER_OCTETS, trailer_octets
+from plotfeed.replay.asterix_blocks import trailer_octets
 from plotfeed.replay.asterix_files import RawReader
 from plotfeed.replay.files import Recording, open_recording
 from plotfeed.replay.recorded import Recorded

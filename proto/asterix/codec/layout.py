@@ -271,3 +271,11 @@ def _number(text: str) -> float:
 def _power(text: str) -> float:
     base, _, exponent = text.partition("^")
     return float(base) ** int(exponent or "1")
+
+
+def is_time_of_day(item: Item) -> bool:
+    """Whether it counts 1/128 s since midnight, and nothing else."""
+    if not isinstance(item, Fixed) or len(item.group.fields) != 1:
+        return False
+    part, _ = item.group.fields[0]
+    return isinstance(part, Quantity) and part.modulus == DAY_LSB

@@ -20,8 +20,8 @@ from plotfeed.proto.asterix.codec.layout import (
     Fixed,
     Group,
     Item,
-    Quantity,
     Repetitive,
+    is_time_of_day,
 )
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
@@ -93,14 +93,6 @@ class TimeFinder:
                 self._plans.clear()
             plan = self._plans[flags] = _time_plan(_present(self._uap, flags, self._name))
         return plan
-
-
-def is_time_of_day(item: Item) -> bool:
-    """Whether it counts 1/128 s since midnight, and nothing else."""
-    if not isinstance(item, Fixed) or len(item.group.fields) != 1:
-        return False
-    part, _ = item.group.fields[0]
-    return isinstance(part, Quantity) and part.modulus == DAY_LSB
 
 
 def _time_plan(items: Sequence[Item]) -> _Plan:

@@ -24,8 +24,9 @@ from plotfeed.proto.asterix.codec.layout import (
     Group,
     Item,
     Repetitive,
+    is_time_of_day,
 )
-from plotfeed.proto.asterix.codec.retime_asterix import Retimer, TimeFinder, is_time_of_day
+from plotfeed.proto.asterix.codec.retime_asterix import Retimer, TimeFinder
 from plotfeed.proto.errors import DecodeError
 
 NS = 1_000_000_000
