@@ -4,7 +4,9 @@ BIN := .venv/bin
 SOURCES := pyproject.toml Makefile constraints.txt
 CHROMIUM ?= chromium
 AXE := 4.14.1
-JOBS ?= $(shell getconf _NPROCESSORS_ONLN)
+# Two for each processor: where one test waits, another computes.
+JOBS ?= $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -14,9 +16,9 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
-# As many processes as there are processors, a file in one of them; with ARGS, one run of what they name.
+# In that many processes, a file in one of them; with ARGS, one run of what they name.
 test: .venv/.ready-test
-	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile)
+	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
 
 lint: .venv/.ready-test
 	$(BIN)/ruff check .
@@ -28,19 +30,19 @@ lint: .venv/.ready-test
 .venv/.ready: $(SOURCES)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "plotfeed needs Python 3.11 or newer; set PYTHON=")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[page]'
+	$(PIP) --editable '.[page]'
 	touch $@
 
 .venv/.ready-test: .venv/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test]'
 	mkdir -p .typing/plotfeed
 	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
-	if command -v c++ >/dev/null; then \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test-asterix]'; \
-	else echo 'no C++ compiler: the tests against asterix-decoder will be skipped'; fi
-	if command -v $(CHROMIUM) >/dev/null; then \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[test-page]' || echo 'playwright did not come'; \
-	else echo 'no Chromium: the tests of the page in a browser will be skipped'; fi
+	extras=test; page=; \
+	if command -v c++ >/dev/null; then extras=$$extras,test-asterix; \
+	else echo 'no C++ compiler: the tests against asterix-decoder will be skipped'; fi; \
+	if command -v $(CHROMIUM) >/dev/null; then page=,test-page; \
+	else echo 'no Chromium: the tests of the page in a browser will be skipped'; fi; \
+	$(PIP) --editable ".[$$extras$$page]" || \
+	{ test "$$page" && $(PIP) --editable ".[$$extras]" && echo 'playwright did not come'; }
 	if command -v npm >/dev/null; then \
 	  npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) || echo 'axe-core did not come'; \
 	else echo 'no npm: the test of accessibility will be skipped'; fi

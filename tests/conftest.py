@@ -1,7 +1,19 @@
 from __future__ import annotations
 
+from itertools import chain, groupby, zip_longest
+
+import pytest
 from hypothesis import settings
 
 # A machine that is busy with something else makes no test wrong.
 settings.register_profile("plotfeed", settings(), deadline=None)
 settings.load_profile("plotfeed")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of feeds, which mostly wait, and others, which compute, by turns for the processes."""
+    files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
+    waiting = [tests for tests in files if "feeds" in tests[0].path.parts]
+    computing = [tests for tests in files if "feeds" not in tests[0].path.parts]
+    pairs = zip_longest(waiting, computing, fillvalue=[])
+    items[:] = chain.from_iterable(chain.from_iterable(pairs))
