@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from typing import Any
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from plotfeed.feeds.scene.fields import SceneTable
-from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_COMMAND_OCTETS = 1 << 16
@@ -70,9 +69,4 @@ def command_of(tree: dict[str, Any]) -> Command:
     try:
         return _COMMAND.validate_python(tree)
     except ValidationError as error:
-        raise ControlError(_in_a_line(problems_of(error, tree))) from None
-
-
-def _in_a_line(problems: Iterable[tuple[str, str]]) -> str:
-    line = "; ".join(f"{key}: {text}" if key else text for key, text in problems)
-    return "".join(c if c.isprintable() else " " for c in line)
+        raise ControlError(in_a_line(problems_of(error, tree))) from None

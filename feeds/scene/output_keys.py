@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from plotfeed.feeds.scene.fields import Latitude, Longitude, Name, Positive, SceneTable
-
-if TYPE_CHECKING:
-    pass
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
@@ -38,14 +36,19 @@ Confidence = Annotated[float, Field(ge=0, le=1)]
 Class = Annotated[str, Field(min_length=1, max_length=200)]
 
 
-def split_address(text: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT or [IPv6]:PORT; raises `ValueError`."""
+def _parts(text: str) -> tuple[str, int, bool]:
+    """Host and port, 0 for none, of HOST:PORT, and whether the host stood in brackets."""
     host, _, port = text.rpartition(":")
     bracketed = host.startswith("[") and host.endswith("]")
     number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
-    name = host[1:-1] if bracketed else host
+    return host[1:-1] if bracketed else host, number if number < 65536 else 0, bracketed
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """Host and port of HOST:PORT or [IPv6]:PORT; raises `ValueError`."""
+    name, number, bracketed = _parts(text)
     plain = name.isprintable() and not set(name) & set(" /@[]") and (bracketed or ":" not in name)
-    if not name or not plain or not 0 < number < 65536:
+    if not name or not plain or not number:
         raise ValueError(f"expected HOST:PORT such as 127.0.0.1:5000, not {text!r}")
     return name, number
 
@@ -124,23 +127,14 @@ class Endpoint:
     @classmethod
     def parse(cls, text: str) -> Endpoint:
         """The endpoint in 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
-        host, _, port = text.rpartition(":")
-        number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
-        bracketed = host.startswith("[") and host.endswith("]")
-        try:
-            if bracketed:
-                return cls(ipaddress.IPv6Address(host[1:-1]), _port(number))
-            return cls(ipaddress.IPv4Address(host), _port(number))
-        except ValueError:
-            raise ValueError(
-                f"expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not {text!r}"
-            ) from None
-
-
-def _port(number: int) -> int:
-    if not 0 < number < 65536:
-        raise ValueError(number)
-    return number
+        host, number, bracketed = _parts(text)
+        with contextlib.suppress(ValueError):
+            address = ipaddress.IPv6Address(host) if bracketed else ipaddress.IPv4Address(host)
+            if number:
+                return cls(address, number)
+        raise ValueError(
+            f"expected ADDRESS:PORT such as 239.255.0.1:8600 or [ff15::1]:8600, not {text!r}"
+        )
 
 
 def _endpoint(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -11,6 +11,16 @@ from pydantic import BaseModel, ValidationError
 from plotfeed.feeds.scene.fields import SceneTable
 
 MAX_SHOWN = 80
+
+
+def in_a_line(problems: Iterable[tuple[str, str]]) -> str:
+    """Problems, each of a key or of the whole, as one printable line."""
+    return printable("; ".join(f"{key}: {text}" if key else text for key, text in problems))
+
+
+def printable(line: str) -> str:
+    """A line in which what cannot be printed is a space."""
+    return "".join(c if c.isprintable() else " " for c in line)
 
 
 def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
