@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.geometry import geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.sensing.scene_drones import launch, signature_of
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
-from plotfeed.models.state import Emitter, Floats, Signature, Signatures
+from plotfeed.models.state import Floats, Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
@@ -120,14 +120,13 @@ def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
         start_enu_m = site_frame(scene.scene.site).from_ecef(geodetic_to_ecef(*place))
         azimuth_deg = float(np.nan_to_num(enu_to_aer(start_enu_m)[0]))
         above_site_m = float(place[2]) - scene.scene.site.height_m
-    stated_rcs_m2 = drone.rcs_m2 if drone else None
-    stated_sound_db = drone.sound_power_db if drone else None
+    signature = (
+        Signature(rcs_m2=settings.rcs_m2, sound_power_db=settings.sound_power_db)
+        if drone is None
+        else signature_of(scene, drone)
+    )
     return TestTarget(
-        signature=Signature(
-            rcs_m2=next(v for v in (rcs_m2, stated_rcs_m2, settings.rcs_m2) if v is not None),
-            sound_power_db=settings.sound_power_db if stated_sound_db is None else stated_sound_db,
-            emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters) if drone else (),
-        ),
+        signature=signature if rcs_m2 is None else replace(signature, rcs_m2=rcs_m2),
         azimuth_deg=azimuth_deg,
         above_site_m=above_site_m,
         speed_m_s=drone.speed_m_s if drone and drone.speed_m_s else DEFAULT_SPEED_M_S,
@@ -182,19 +181,7 @@ def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets
     ground_m = np.sqrt(ranges_m**2 - up_m**2)
     azimuth = np.radians(target.azimuth_deg)
     enu_m = np.stack([ground_m * np.sin(azimuth), ground_m * np.cos(azimuth), up_m], axis=-1)
-    n = len(ranges_m)
-    return Targets(
-        drone=np.zeros(n, np.int64),
-        t_utc_ns=np.zeros(n, np.int64),
-        position_enu_m=enu_m,
-        true_position_enu_m=enu_m,
-        velocity_enu_m_s=-target.speed_m_s * enu_m / ranges_m[:, None],
-        signatures=Signatures(
-            rcs_m2=np.array([target.signature.rcs_m2]),
-            sound_power_db=np.array([target.signature.sound_power_db]),
-            emitters=[target.signature.emitters],
-        ),
-    )
+    return Targets.of_one(target.signature, enu_m, -target.speed_m_s * enu_m / ranges_m[:, None])
 
 
 def _range_of_pd(site: Site, sensor: Sensor, target: TestTarget, pd: float) -> float | None:

@@ -75,7 +75,6 @@ def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} {value:.9g}"
 
 
-MAX_TEXT = 2000
 SAPIENT = REPORT_FORMATS["sapient"].message
 OURS: Mapping[str, type[ProtobufMessage]] = {
     kind.DESCRIPTOR.full_name: kind
@@ -109,20 +108,34 @@ def message_lines(
     categories: Categories = CATEGORIES,
 ) -> Iterator[str]:
     """The lines of one MQTT message. What cannot be decoded says so in its line."""
-    kind = _kind(topic, content_type)
+
+    def line(told: Any) -> str:
+        return json.dumps({"topic": topic, "message": told}) if as_json else f"{topic}  {told}"
+
     try:
-        if kind == "asterix":
-            yield from _asterix(topic, payload, categories, as_json=as_json)
-        elif kind == "sapient":
-            yield from _sapient(topic, payload, as_json=as_json)
-        elif isinstance(kind, str):
-            yield from _json(topic, payload, as_json=as_json)
-        else:
-            message = kind.FromString(payload)
-            yield from _protobuf(topic, message, as_json=as_json)
+        for told in _told(_kind(topic, content_type), payload, categories, as_json=as_json):
+            yield line(told)
     except UNREADABLE as error:
         text = f"{len(payload)} octets that are not what the topic says: {error}"
-        yield _object(topic, {"error": text}) if as_json else f"{topic}  {text}"
+        yield line({"error": text} if as_json else text)
+
+
+def _told(
+    kind: str | type[ProtobufMessage], payload: bytes, categories: Categories, *, as_json: bool
+) -> Iterator[Any]:
+    """What is in a payload: values for JSON, or else texts."""
+    if kind == "asterix":
+        return _asterix(payload, categories, as_json=as_json)
+    if kind == "sapient":
+        return _sapient(payload, as_json=as_json)
+    if isinstance(kind, str):
+        value = json.loads(payload)
+        return iter([value if as_json else json.dumps(value)[:MAX_TEXT]])
+    message = kind.FromString(payload)
+    if as_json:
+        fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
+        return iter([{type(message).__name__: fields}])
+    return _protobuf(message)
 
 
 def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
@@ -143,30 +156,27 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
     return kinds.get(levels[-1], "json")
 
 
-def _asterix(topic: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[str]:
+def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
     records, errors = decode_lenient(payload, categories)
     for record in records:
         if as_json:
-            yield _object(topic, {"category": record.category, "items": _plain(record.items)})
+            yield {"category": record.category, "items": _plain(record.items)}
         else:
-            yield f"{topic}  {_record_line(record)}"
+            yield _record_line(record)
     for error in errors:
-        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+        yield {"error": str(error)} if as_json else error
 
 
-def _sapient(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
+def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
     try:
         need_sapient()
     except PlotfeedError as error:
-        yield _object(topic, {"error": str(error)}) if as_json else f"{topic}  {error}"
+        yield {"error": str(error)} if as_json else error
         return
     from plotfeed.proto.sapient.decode_sapient import decode
 
     message = decode(payload)
-    if as_json:
-        yield _object(topic, {"SapientMessage": message})
-    else:
-        yield f"{topic}  {sapient_line(message)}"
+    yield {"SapientMessage": message} if as_json else sapient_line(message)
 
 
 def _record_line(record: Record) -> str:
@@ -221,26 +231,20 @@ def _plain(value: Any) -> Any:
     return value.hex() if isinstance(value, bytes) else value
 
 
-def _protobuf(topic: str, message: ProtobufMessage, *, as_json: bool) -> Iterator[str]:
-    if as_json:
-        fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
-        yield _object(topic, {type(message).__name__: fields})
-        return
+def _protobuf(message: ProtobufMessage) -> Iterator[str]:
     if isinstance(message, pb.PlotBatch):
-        place = f"{topic}  scan {message.scan} sector {message.sector}"
+        place = f"scan {message.scan} sector {message.sector}"
         for plot in message.plots:
             yield f"{place}  {iso_utc(plot.time_utc_ns)}  {_fields(plot, 'time_utc_ns')}"
-        return
-    if isinstance(message, pb.Ledger):
-        place = f"{topic}  {message.sensor} scan {message.scan} sector {message.sector}"
+    elif isinstance(message, pb.Ledger):
+        place = f"{message.sensor} scan {message.scan} sector {message.sector}"
         for look in message.looks:
             yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look, 'time_utc_ns')}"
         for truth in message.plots:
             whose = truth.drone or "false alarm"
             yield f"{place}  plot {iso_utc(truth.time_utc_ns)}  of {whose}"
-        return
-    text = json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)
-    yield f"{topic}  {text}"
+    else:
+        yield json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)
 
 
 def _fields(message: ProtobufMessage, *left_out: str) -> str:
@@ -249,12 +253,3 @@ def _fields(message: ProtobufMessage, *left_out: str) -> str:
         for field, value in message.ListFields()
         if field.name not in left_out
     )
-
-
-def _json(topic: str, payload: bytes, *, as_json: bool) -> Iterator[str]:
-    value = json.loads(payload)
-    yield _object(topic, value) if as_json else f"{topic}  {json.dumps(value)[:MAX_TEXT]}"
-
-
-def _object(topic: str, value: Any) -> str:
-    return json.dumps({"topic": topic, "message": value})

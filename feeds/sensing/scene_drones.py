@@ -35,7 +35,7 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
                     drone.id,
                     report,
                     height_m,
-                    _signature(scene, drone),
+                    signature_of(scene, drone),
                     keep_history=True,
                 )
             continue
@@ -46,7 +46,7 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
             drone.id,
             [begin_ns + round(t * NS) for t in times_s],
             positions,
-            signature=_signature(scene, drone),
+            signature=signature_of(scene, drone),
             repeat=drone.repeat,
         )
 
@@ -104,7 +104,8 @@ def _recorded(
         yield replace(report, t_utc_ns=report.t_utc_ns + shift_ns), datum.height_m(report)
 
 
-def _signature(scene: Scene, drone: Drone) -> Signature:
+def signature_of(scene: Scene, drone: Drone) -> Signature:
+    """What there is of a drone to sense, by the scene where the drone states nothing."""
     settings = scene.telemetry
     return Signature(
         rcs_m2=settings.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2,

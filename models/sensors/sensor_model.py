@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plotfeed.models import false_alarms
 from plotfeed.models.beam.scan import AzimuthCover, Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signatures
+from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.readings import Readings
@@ -38,6 +38,25 @@ class Targets:
     signatures: Signatures
     velocity_enu_m_s: Floats | None = None
     readings: Readings | None = None
+
+    @classmethod
+    def of_one(
+        cls, signature: Signature, position_enu_m: Floats, velocity_enu_m_s: Floats | None = None
+    ) -> Self:
+        """One drone at several places, (n, 3), for predictions."""
+        n = len(position_enu_m)
+        return cls(
+            drone=np.zeros(n, np.int64),
+            t_utc_ns=np.zeros(n, np.int64),
+            position_enu_m=position_enu_m,
+            true_position_enu_m=position_enu_m,
+            velocity_enu_m_s=velocity_enu_m_s,
+            signatures=Signatures(
+                rcs_m2=np.array([signature.rcs_m2]),
+                sound_power_db=np.array([signature.sound_power_db]),
+                emitters=[signature.emitters],
+            ),
+        )
 
     def __len__(self) -> int:
         return len(self.drone)

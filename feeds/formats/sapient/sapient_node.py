@@ -14,7 +14,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
-from plotfeed.models.state import Emitter, Signatures
+from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.sapient.encode_detections import (
     AGE,
     BISTATIC_RANGE,
@@ -158,19 +158,12 @@ def _predicted(site: Site, sensor: Sensor) -> Prediction:
     field = _field(sensor)
     band_hz = sensor.band_hz or (0.0, 0.0)
     enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
-    return sensor.model(site).predict(
-        Targets(
-            drone=np.zeros(1, np.int64),
-            t_utc_ns=np.zeros(1, np.int64),
-            position_enu_m=enu_m,
-            true_position_enu_m=enu_m,
-            signatures=Signatures(
-                rcs_m2=np.ones(1),
-                sound_power_db=np.full(1, 100.0),
-                emitters=[(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),)],
-            ),
-        )
+    signature = Signature(
+        rcs_m2=1.0,
+        sound_power_db=100.0,
+        emitters=(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),),
     )
+    return sensor.model(site).predict(Targets.of_one(signature, enu_m))
 
 
 def _field(sensor: Sensor) -> Field:

@@ -13,7 +13,7 @@ from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneT
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import Targets
-from plotfeed.models.state import Emitter, Signature, Signatures
+from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import PlotfeedError
 
 
@@ -70,18 +70,7 @@ def targets(target: PresetTarget) -> Targets:
     """The one target, north of the sensor."""
     up_m = min(target.above_sensor_m, target.range_m)
     enu_m = np.array([[0.0, (target.range_m**2 - up_m**2) ** 0.5, up_m]])
-    signature = target.signature
-    return Targets(
-        drone=np.zeros(1, np.int64),
-        t_utc_ns=np.zeros(1, np.int64),
-        position_enu_m=enu_m,
-        true_position_enu_m=enu_m,
-        signatures=Signatures(
-            rcs_m2=np.array([signature.rcs_m2]),
-            sound_power_db=np.array([signature.sound_power_db]),
-            emitters=[signature.emitters],
-        ),
-    )
+    return Targets.of_one(target.signature, enu_m)
 
 
 class Goal(CatalogueTable):
