@@ -15,7 +15,7 @@ from plotfeed.models.state import Floats
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_is_quiet: ContextVar[bool] = ContextVar("_is_quiet", default=False)
+_warnings_are_off: ContextVar[bool] = ContextVar("_warnings_are_off", default=False)
 
 
 def nan_without_warnings(equation: Callable[P, R]) -> Callable[P, R]:
@@ -26,17 +26,17 @@ def nan_without_warnings(equation: Callable[P, R]) -> Callable[P, R]:
     """
 
     @wraps(equation)
-    def quietly(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _is_quiet.get():
+    def without_warnings(*args: P.args, **kwargs: P.kwargs) -> R:
+        if _warnings_are_off.get():
             return equation(*args, **kwargs)
-        token = _is_quiet.set(True)
+        token = _warnings_are_off.set(True)
         try:
             with np.errstate(all="ignore"):
                 return equation(*args, **kwargs)
         finally:
-            _is_quiet.reset(token)
+            _warnings_are_off.reset(token)
 
-    return quietly
+    return without_warnings
 
 
 def as_floats(value: ArrayLike) -> Floats:

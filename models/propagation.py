@@ -102,9 +102,9 @@ def two_ray_factor(
     """
     antenna, target = (np.maximum(as_floats(h), 0.0) for h in (antenna_height_m, target_height_m))
     ground = as_floats(ground_range_m)
-    ways = np.hypot(ground, antenna - target) + np.hypot(ground, antenna + target)
+    path_m = np.hypot(ground, antenna - target) + np.hypot(ground, antenna + target)
     product = antenna * target
-    detour = np.where(product > 0, 4 * product / ways, 0.0)  # the difference of roots loses digits
+    detour = np.where(product > 0, 4 * product / path_m, 0.0)  # a difference of roots loses digits
     half_phase = np.pi * detour / as_floats(wavelength_m)
     rho = as_floats(reflection)
     # Sums of squares alone: at grazing 1 + rho^2 + 2 rho cos phi would be a difference of ones.

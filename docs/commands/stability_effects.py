@@ -13,7 +13,7 @@ from stability_case import Case, relative
 from plotfeed.feeds.impairment.losses import chain_of
 from plotfeed.feeds.scene.link_keys import GilbertElliott
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.merging import Melted
+from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.frames import wrap_180
@@ -112,8 +112,8 @@ def slow_drift() -> Case:
 
 def over_north() -> Case:
     azimuth_deg, powers = np.array([359.5, 0.5]), np.ones(2)
-    melted = Melted(np.zeros(2, np.int64), np.zeros(1, np.int64))
-    ours = float(wrap_180(melted.centroid_deg(azimuth_deg, powers)[0]))
+    merged = MergedGroups(np.zeros(2, np.int64), np.zeros(1, np.int64))
+    ours = float(wrap_180(merged.centroid_deg(azimuth_deg, powers)[0]))
     return Case(
         where="centroid of echoes at 359.5° and 0.5°",
         plain_form="mean of the azimuths",

@@ -1,8 +1,8 @@
-"""Echoes that are too close to be told apart: which melt into one, and what that one is.
+"""Echoes that are too close to be told apart: which merge into one, and what that one is.
 
 Two targets are not resolved with probability exp(-ln 2 sum (d_i/width_i)^2) over range, azimuth,
 elevation and range rate: one half at a distance of one width (Koch and van Keuk 1997). Of more than
-two, those melt together that are linked by such pairs. The echo of all has the sum of their mean
+two, those merge that are linked by such pairs. The echo of all has the sum of their mean
 powers, and lies at the centroid that these weigh.
 """
 
@@ -23,15 +23,15 @@ from plotfeed.models.state import Floats, Ints, Texts
 REACH = 6.0
 """Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11."""
 NEIGHBOURS = 8
-"""How many nearest ones a target is compared with. More are in a thicket, all melted."""
+"""How many nearest ones a target is compared with. More are in a thicket, all merged."""
 FEW = 1000
 """Looks that may all be in one place without costing much."""
 ELSEWHERE = 1e6
-"""Widths between the channels of a sensor, which never melt."""
+"""Widths between the channels of a sensor, which never merge."""
 
 
 @dataclass(frozen=True, slots=True)
-class Melted:
+class MergedGroups:
     """Groups of looks: `group` of each look (n,), `leader` the strongest look of each (m,)."""
 
     group: Ints
@@ -86,7 +86,7 @@ class Merging:
     range_rate_period: float = 0.0
     longest_ns: int = 1 << 62
 
-    def melted(
+    def merged_groups(
         self,
         *,
         range_m: Floats,
@@ -97,8 +97,8 @@ class Merging:
         uniforms: Floats,
         channel: Ints,
         range_rate_m_s: Floats | None = None,
-    ) -> Melted | None:
-        """What melts of looks, all (n,); None if nothing does, as nearly always.
+    ) -> MergedGroups | None:
+        """What merges of looks, all (n,); None if nothing does, as nearly always.
 
         `uniforms`, one a look, decide: a pair takes the fraction of the sum of its two, which is
         uniform again, and independent from pair to pair of any three looks.
@@ -160,7 +160,7 @@ def _pairs_of(places: Floats, periods: list[float]) -> tuple[Ints, Ints, Floats]
     return pairs[:, 0], pairs[:, 1], distance[near][at]
 
 
-def _groups(first: Ints, second: Ints, powers: Floats) -> Melted:
+def _groups(first: Ints, second: Ints, powers: Floats) -> MergedGroups:
     """Groups of all looks, of which these pairs are linked, in the order of their leaders."""
     n = len(powers)
     links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
@@ -170,4 +170,4 @@ def _groups(first: Ints, second: Ints, powers: Floats) -> Melted:
     order = np.argsort(leader)
     number = np.empty(m, np.int64)
     number[order] = np.arange(m)
-    return Melted(number[label], leader[order])
+    return MergedGroups(number[label], leader[order])

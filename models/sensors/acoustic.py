@@ -107,14 +107,14 @@ class MicrophoneArray(CellSensor):
         """Look once at each target whose sound is known and within reach."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         power_level_db = targets.sound_power_db()
-        heard = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
-        snr_db = self.snr_db(power_level_db[heard], targets.position_enu_m[heard])
+        audible = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
+        snr_db = self.snr_db(power_level_db[audible], targets.position_enu_m[audible])
         pd, snr = self.pd(snr_db), 10 ** (snr_db / 10)
         detected = detection.draw_hits(pd, rng)  # eq 44
-        looks = targets.looks(heard, geometry, snr=snr, pd=pd, detected=detected)
+        looks = targets.looks(audible, geometry, snr=snr, pd=pd, detected=detected)
         if not detected.any():
             return looks, NO_PLOTS
-        return looks, self._measure(looks.rows(detected), targets, heard[detected], rng)
+        return looks, self._measure(looks.rows(detected), targets, audible[detected], rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""

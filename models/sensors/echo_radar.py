@@ -11,8 +11,8 @@ import numpy as np
 
 from plotfeed.models import detection
 from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.finer_detection import Aside, Finer, Hits
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
@@ -54,11 +54,11 @@ class EchoRadar(SensorModel, ABC):
         """The plots of echoes, at least one, of which ranges are what it measures."""
 
     @cached_property
-    def _finer(self) -> Finer | None:
+    def _detailed(self) -> DetailedDetector | None:
         """Where it models more than the usual."""
         if self.doppler is None and self.merging is None:
             return None
-        return Finer(doppler=self.doppler, merging=self.merging, odds=self._odds)
+        return DetailedDetector(doppler=self.doppler, merging=self.merging, odds=self._odds)
 
     def _looks_and_plots(
         self,
@@ -73,9 +73,9 @@ class EchoRadar(SensorModel, ABC):
         channel: Ints | None = None,
     ) -> tuple[Looks, Plots]:
         """Looks at those rows of targets, and the plots of those detected."""
-        detected = UNDECIDED[: len(pd)] if self._finer else detection.draw_hits(pd, rng)  # eq 8
+        detected = UNDECIDED[: len(pd)] if self._detailed else detection.draw_hits(pd, rng)  # eq 8
         looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
-        if self._finer is None:
+        if self._detailed is None:
             if not detected.any():
                 return looks, NO_PLOTS
             which = rows_where(detected)
@@ -85,11 +85,11 @@ class EchoRadar(SensorModel, ABC):
             hits = Hits(echoes, powers[which], columns, of_rows(rng, which))
             return looks, self._measure(hits, targets)
         rate_m_s = self._range_rates(targets, rows, looks.channel)
-        aside = Aside(
+        details = LookDetails(
             **targets.true_geometry(looks, rows),
             range_rate_m_s=rate_m_s,
             true_range_rate_m_s=rate_m_s,
         )
-        ranged = self._with_range(looks, targets, rows)
-        looks, hits = self._finer.detect(looks, powers, aside, ranged.range_m, rng)
+        echoes = self._with_range(looks, targets, rows)
+        looks, hits = self._detailed.detect(looks, echoes, powers, details, rng)
         return looks, self._measure(hits, targets) if len(hits.echoes) else NO_PLOTS

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, propagation
 from plotfeed.models.beam.scan import Volume
 from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
-from plotfeed.models.effects.finer_detection import Hits
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar

@@ -58,8 +58,8 @@ class RfDirectionFinder(CellSensor):
     """What the equations need.
 
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
-    `instantaneous_bandwidth_hz` how much of the band is heard at once. A `path_loss_exponent` of 2
-    is free space. `azimuth_beams` are cells for false alarms, heard side by side. An emission whose
+    `instantaneous_bandwidth_hz` how much of the band is received at once. A `path_loss_exponent`
+    of 2 is free space. `azimuth_beams` are cells for false alarms, side by side. An emission whose
     kind is among `decodes` gives its identity. Without `multipath` there is no ground.
     """
 
@@ -96,7 +96,7 @@ class RfDirectionFinder(CellSensor):
 
     @cached_property
     def resolution_cells(self) -> int:
-        """Channels that are heard at once, each in every beam."""
+        """Channels that are received at once, each in every beam."""
         return (
             max(round(self.instantaneous_bandwidth_hz / self.channel_bandwidth_hz), 1)
             * self.azimuth_beams
@@ -120,7 +120,7 @@ class RfDirectionFinder(CellSensor):
     def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
         """Probability that a burst or more falls into the dwell, where it is tuned: 1 - (1-p)^n.
 
-        p is the duty cycle times the share of the hops in the band that are heard at once.
+        p is the duty cycle times the share of the hops in the band that are received at once.
         """
         width_hz = np.maximum(self.width_in_band_hz(frequency_hz, bandwidth_hz), 0.0)
         tuned = np.minimum(self.instantaneous_bandwidth_hz / width_hz, 1.0)
@@ -153,8 +153,8 @@ class RfDirectionFinder(CellSensor):
         """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
         intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
         crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
-        heard = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
-        return np.where(heard, intercepted * crossed, 0.0)
+        in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
+        return np.where(in_band, intercepted * crossed, 0.0)
 
     @nan_without_warnings
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
@@ -236,7 +236,7 @@ class RfDirectionFinder(CellSensor):
         snr = self._draw_estimated_snr(hits.snr, rng)
         errors = rng.standard_normal(len(hits))
         read = [kind in self.decodes for kind in emissions.kind]
-        told = np.array(read, np.bool_) | self.classifies
+        classified = np.array(read, np.bool_) | self.classifies
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         return self._plots(
             snr,
@@ -244,7 +244,7 @@ class RfDirectionFinder(CellSensor):
             azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
             t_utc_ns=hits.t_utc_ns,
             channel=hits.channel,
-            kind=np.where(told, emissions.kind, ""),
+            kind=np.where(classified, emissions.kind, ""),
             identity=np.where(read, emissions.identity, ""),
             drone=hits.drone,
             **targets.true_geometry(hits, emissions.target),

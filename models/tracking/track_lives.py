@@ -46,7 +46,7 @@ class TrackLives:
         self._rule = rule
         self._end_ns: int | None = None
         self._newest = 0
-        self._looked_ns: Ints = np.zeros(0, np.int64)  # 0 for a drone of no account
+        self._looked_ns: Ints = np.zeros(0, np.int64)  # 0 for a drone that is not followed
         self._hit_ns: Ints = np.zeros(0, np.int64)
         self._misses: Ints = np.zeros(0, np.int64)
         self._track: Ints = np.zeros(0, np.int64)  # 0 for none

@@ -134,7 +134,7 @@ class SmoothedTruth:
         """
         self._make_room(int(looks.drone[-1]) + 1 if len(looks) else 0)
         looks = looks.rows(np.isin(looks.drone, truth.drone))
-        # Of its plots of late: those before it had any account of the drone are another life's.
+        # Of its plots of late: those before it knew the drone are another life's.
         unknown = np.setdiff1d(looks.drone, self.drones)
         self._covariance_m2[unknown] = np.nan
         self._learn_errors(looks.rows(looks.hit))

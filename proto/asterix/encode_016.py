@@ -64,12 +64,12 @@ class SystemEncoder016:
         system |= _position("I016/400", reference)
         system["I016/405"] = reference.height_m - geoid_undulation_m
         components = source | {"I016/000": COMPONENTS}
-        for index, station in enumerate(transmitters):
+        for index, component in enumerate(transmitters):
             path = f"I016/410/{index}"
             components |= {f"{path}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
-            components |= _station(path, "TID", station)
-        for index, station in enumerate(receivers):
-            components |= _station(f"I016/420/{index}", "RID", station)
+            components |= _component(path, "TID", component)
+        for index, component in enumerate(receivers):
+            components |= _component(f"I016/420/{index}", "RID", component)
         self._messages = [
             Reports(
                 CAT016,
@@ -90,11 +90,11 @@ class SystemEncoder016:
         return [block for message in self._messages for block in message.blocks(columns)]
 
 
-def _station(path: str, identity: str, station: Component) -> dict[str, float]:
-    numbered = {f"{path}/{identity}": station.identity, f"{path}/ALT": station.height_m}
-    return numbered | _position(path, station)
+def _component(path: str, identity: str, component: Component) -> dict[str, float]:
+    numbered = {f"{path}/{identity}": component.identity, f"{path}/ALT": component.height_m}
+    return numbered | _position(path, component)
 
 
-def _position(path: str, station: Component) -> dict[str, float]:
-    checked_position(station.latitude_deg, station.longitude_deg, field=path)
-    return {f"{path}/LAT": station.latitude_deg, f"{path}/LON": station.longitude_deg}
+def _position(path: str, component: Component) -> dict[str, float]:
+    checked_position(component.latitude_deg, component.longitude_deg, field=path)
+    return {f"{path}/LAT": component.latitude_deg, f"{path}/LON": component.longitude_deg}

@@ -7,14 +7,13 @@ from typing import Any
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
-from google.protobuf.message import DecodeError as ProtobufError
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.retime import retime_protobuf
 from plotfeed.proto.sapient.encode_detections import AGE, BISTATIC_RANGE
-from plotfeed.proto.sapient.envelope import stamp_ns
+from plotfeed.proto.sapient.envelope import set_stamp, stamp_ns
 from plotfeed.proto.utc import NS
 
 
@@ -93,18 +92,11 @@ def _parsed(data: bytes) -> SapientMessage:
     return message
 
 
-MICROSECOND_NS = 1000
-
-
-def restamped(payload: bytes, t_utc_ns: int) -> bytes:
-    """A message as if sent at that time, to the microsecond; raises `DecodeError`."""
-    message = SapientMessage()
-    try:
-        message.ParseFromString(payload)
-    except ProtobufError:
-        raise DecodeError("not a message of SAPIENT") from None
-    message.timestamp.FromNanoseconds(t_utc_ns // MICROSECOND_NS * MICROSECOND_NS)
-    return bytes(message.SerializeToString())
+def restamped(data: bytes, t_utc_ns: int) -> bytes:
+    """A serialised SapientMessage as if sent at that time; raises `DecodeError`."""
+    message = _parsed(data)
+    set_stamp(message, t_utc_ns)
+    return message.SerializeToString()
 
 
 def retime_sapient(data: bytes, shift_ns: int) -> bytes:

@@ -45,12 +45,6 @@ def check_text(field: str, value: str) -> None:
         raise EncodeError(f"expected 1 to {MAX_TEXT} characters, not {len(value)}", field=field)
 
 
-def check_time(t_utc_ns: int) -> None:
-    """Check that a time is from 1970 on; raises `EncodeError`."""
-    if not 0 <= t_utc_ns <= MAX_UTC_NS:
-        raise EncodeError(f"{t_utc_ns} ns is not from 1970 to 2262", field="timestamp")
-
-
 def _not_within(value: float, low: float, high: float) -> str:
     return f"{value:g} is not a number from {low:g} to {high:g}"
 
@@ -115,6 +109,7 @@ def envelope(node_id: str, t_utc_ns: int) -> SapientMessage:
 
 def set_stamp(message: SapientMessage, t_utc_ns: int) -> None:
     """Write when it is sent; raises `EncodeError`."""
-    check_time(t_utc_ns)
+    if not 0 <= t_utc_ns <= MAX_UTC_NS:
+        raise EncodeError(f"{t_utc_ns} ns is not from 1970 to 2262", field="timestamp")
     message.timestamp.seconds, ns = divmod(stamp_ns(t_utc_ns), NS)
     message.timestamp.nanos = ns

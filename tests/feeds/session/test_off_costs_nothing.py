@@ -23,7 +23,7 @@ from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
-    r"\bmultipath is|\bdoppler is|\bmerging is|_finer\b|readings is|\.errs\b|bias is|drift is"
+    r"\bmultipath is|\bdoppler is|\bmerging is|_detailed\b|readings is|\.errs\b|bias is|drift is"
     r"|axes is not|measures_range_rate|velocity_enu_m_s=?|readings=|true_geometry"
     r"|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
 )
@@ -123,7 +123,7 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     stems = {Path(file).stem for file, _ in counts}
     assert "readings" in stems
     if "doppler" in known:
-        assert {"doppler", "merging", "finer_detection"} <= stems
+        assert {"doppler", "merging", "detailed_detection"} <= stems
     if "multipath" in known:
         assert "multipath" in stems
 

@@ -1,4 +1,4 @@
-"""Merging by itself: who melts with whom, and where and how strong the echo of all is."""
+"""Merging by itself: who merges with whom, and where and how strong the echo of all is."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from plotfeed.models.state import Floats
 MERGING = Merging(range_m=(10.0,), azimuth_deg=2.0, elevation_deg=6.0)
 
 
-def melted(
+def merged(
     range_m, azimuth_deg, elevation_deg=None, *, uniforms=None, powers=None, merging=MERGING, **more
 ):
     n = len(range_m)
@@ -29,7 +29,7 @@ def melted(
         "uniforms": np.zeros(n) if uniforms is None else np.asarray(uniforms, float),
         "channel": np.zeros(n, np.int64),
     }
-    return merging.melted(**(columns | more))
+    return merging.merged_groups(**(columns | more))
 
 
 def labels(found, n: int) -> list[int]:
@@ -50,7 +50,7 @@ def test_a_pair_is_unresolved_with_the_probability_of_koch_and_van_keuk(
     # Pairs far from each other: 1000 m between one and the next.
     at = np.repeat(1000.0 * np.arange(n), 2)
     second = np.tile([0.0, 1.0], n)
-    found = melted(
+    found = merged(
         at + second * range_m,
         np.mod(359.5 + second * azimuth_deg, 360.0),
         second * elevation_deg,
@@ -97,7 +97,7 @@ def test_groups_are_those_that_all_pairs_link(rows):
     places = values[:, :3].copy()
     places[:, 1] = np.mod(places[:, 1], 360.0)
     uniforms = np.minimum(values[:, 3], 0.999)
-    found = melted(*places.T, uniforms=uniforms)
+    found = merged(*places.T, uniforms=uniforms)
     partition = plain_groups(places, uniforms)
     seen = labels(found, len(rows))
     pairs = {(a, b) for a, b in zip(seen, partition, strict=True)}
@@ -111,34 +111,34 @@ def test_the_order_of_looks_makes_no_difference(rows, shuffler):
     values[:, 3] = np.minimum(values[:, 3], 0.999)
     order = list(range(len(rows)))
     shuffler.shuffle(order)
-    one = labels(melted(*values.T[:3], uniforms=values[:, 3]), len(rows))
-    other = labels(melted(*values[order].T[:3], uniforms=values[order, 3]), len(rows))
+    one = labels(merged(*values.T[:3], uniforms=values[:, 3]), len(rows))
+    other = labels(merged(*values[order].T[:3], uniforms=values[order, 3]), len(rows))
     again = [other[order.index(i)] for i in range(len(rows))]
     assert len({(a, b) for a, b in zip(one, again, strict=True)}) == len(set(one))
 
 
 def test_a_thicket_of_a_hundred_makes_one_echo():
     rng = np.random.default_rng(3)
-    found = melted(rng.uniform(0, 3, 100), rng.uniform(0, 0.5, 100), uniforms=np.full(100, 0.1))
+    found = merged(rng.uniform(0, 3, 100), rng.uniform(0, 0.5, 100), uniforms=np.full(100, 0.1))
     assert found.group.tolist() == [0] * 100
 
 
 def test_a_hundred_thousand_in_one_place_make_one_echo_and_little_work():
-    found = melted(np.zeros(100_000), np.zeros(100_000))
+    found = merged(np.zeros(100_000), np.zeros(100_000))
     assert found.group.tolist() == [0] * 100_000
 
 
-def test_many_looks_melt_as_few_do():
+def test_many_looks_merge_as_few_do():
     """A thousand pairs among as many that stand alone, each pair twice: in one place and beside."""
     at = 1000.0 * np.arange(3000)
     range_m = np.concatenate([at, at[:1000], at[1000:2000] + 1.0])
-    found = melted(range_m, np.zeros(5000))
+    found = merged(range_m, np.zeros(5000))
     assert found.group.max() == 2999
     assert (found.group[3000:] == found.group[:2000]).all()
 
 
 def test_the_echo_lies_at_the_centroid_of_powers_over_north():
-    found = melted([100.0, 104.0], [359.5, 0.5], [1.0, 2.0], powers=[3.0, 1.0])
+    found = merged([100.0, 104.0], [359.5, 0.5], [1.0, 2.0], powers=[3.0, 1.0])
     powers = np.array([3.0, 1.0])
     assert found.leader.tolist() == [0]
     assert found.centroid(np.array([100.0, 104.0]), powers) == pytest.approx([101.0])
@@ -149,7 +149,7 @@ def test_the_echo_lies_at_the_centroid_of_powers_over_north():
 
 
 def test_who_stands_alone_stays_as_it_is():
-    found = melted([0.0, 500.0, 1.0], [0.0, 0.0, 0.0], powers=[1.0, 5.0, 2.0])
+    found = merged([0.0, 500.0, 1.0], [0.0, 0.0, 0.0], powers=[1.0, 5.0, 2.0])
     assert found.leader.tolist() == [1, 2]
     assert found.group.tolist() == [1, 0, 1]
     assert found.others(np.array([4, 5, 6])).tolist() == [(), (4,)]
@@ -160,27 +160,27 @@ def test_who_stands_alone_stays_as_it_is():
 
 
 def test_echoes_without_power_have_a_place():
-    found = melted([0.0, 1.0], [0.0, 0.0], powers=[0.0, 0.0])
+    found = merged([0.0, 1.0], [0.0, 0.0], powers=[0.0, 0.0])
     assert np.isfinite(found.centroid(np.array([0.0, 1.0]), np.zeros(2))).all()
 
 
 def test_channels_scans_and_range_rates_keep_apart():
     together = ([0.0, 0.0], [0.0, 0.0])
-    assert melted(*together) is not None
+    assert merged(*together) is not None
     assert (
-        melted(*together, channel=np.array([0, 1]), merging=replace(MERGING, range_m=(10.0, 10.0)))
+        merged(*together, channel=np.array([0, 1]), merging=replace(MERGING, range_m=(10.0, 10.0)))
         is None
     )
     later = np.array([0, 900_000_000])
-    assert melted(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**9)) is not None
-    assert melted(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**8)) is None
+    assert merged(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**9)) is not None
+    assert merged(*together, t_utc_ns=later, merging=replace(MERGING, longest_ns=10**8)) is None
     rates = {"range_rate_m_s": np.array([0.0, 9.9])}
     by_rate = replace(MERGING, range_rate_m_s=(0.25,))
-    assert melted(*together, **rates, merging=by_rate) is None
+    assert merged(*together, **rates, merging=by_rate) is None
     folding = replace(by_rate, range_rate_period=10.0 / 0.25)
-    assert melted(*together, **rates, merging=folding) is not None
+    assert merged(*together, **rates, merging=folding) is not None
 
 
-def test_one_look_and_none_do_not_melt():
-    assert melted([], []) is None
-    assert melted([5.0], [3.0]) is None
+def test_one_look_and_none_do_not_merge():
+    assert merged([], []) is None
+    assert merged([5.0], [3.0]) is None

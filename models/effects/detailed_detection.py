@@ -1,4 +1,4 @@
-"""Detection where a radar models more than usual: range rates, and echoes that melt into one."""
+"""Detection where a radar models more than usual: range rates, and echoes that merge into one."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from plotfeed.models.frames import wrap_360
 from plotfeed.models.state import Columns, Floats, Ints, Looks, Texts, rows_where
 
 if TYPE_CHECKING:
-    from plotfeed.models.effects.merging import Melted, Merging
+    from plotfeed.models.effects.merging import MergedGroups, Merging
 
 
 @dataclass(frozen=True, kw_only=True)
-class Aside(Columns):
-    """What is known beside looks: true places, how fast echoes recede, and with whom they melt."""
+class LookDetails(Columns):
+    """What is known beside looks: true places, how fast echoes recede, and with whom they merge."""
 
     true_azimuth_deg: Floats
     true_elevation_deg: Floats
@@ -46,7 +46,7 @@ class Hits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finer:
+class DetailedDetector:
     """What of a radar's detector only few model.
 
     `odds` gives the mean ratio and Pd of echoes of those powers, (n, ...), by their channels.
@@ -59,26 +59,26 @@ class Finer:
     def detect(
         self,
         looks: Looks,
+        echoes: Looks,
         powers: Floats,
-        aside: Aside,
-        range_m: Floats,
+        details: LookDetails,
         rng: np.random.Generator,
     ) -> tuple[Looks, Hits]:
         """Looks with their odds and what came of them, and the echoes that were detected.
 
-        `range_m` is what is measured of ranges. Looks whose echoes melt share odds and outcome.
+        `echoes` are the looks with the ranges that are measured. Looks whose echoes merge share
+        odds and outcome.
         """
         of_looks: Ints | slice = slice(None)
-        echoes = looks.but(range_m=range_m)
         if self.merging is not None:
-            melted = self._melted(self.merging, echoes, aside, rng)
-            if melted is not None:
-                echoes, aside = melt(melted, echoes, aside)
-                powers, of_looks = melted.total(powers), melted.group
-                rng = of_rows(rng, melted.leader)
+            groups = self._merged_groups(self.merging, echoes, details, rng)
+            if groups is not None:
+                echoes, details = merged_echoes(groups, echoes, details)
+                powers, of_looks = groups.total(powers), groups.group
+                rng = of_rows(rng, groups.leader)
         snr, pd = self.odds(powers, echoes.channel)
-        if self.doppler is not None and aside.range_rate_m_s is not None:
-            pd = pd * self.doppler.share_passed(aside.range_rate_m_s, echoes.channel)
+        if self.doppler is not None and details.range_rate_m_s is not None:
+            pd = pd * self.doppler.share_passed(details.range_rate_m_s, echoes.channel)
         detected = detection.draw_hits(pd, rng)
         hits = rows_where(detected)
         return (
@@ -86,18 +86,18 @@ class Finer:
             Hits(
                 echoes.but(snr=snr, pd=pd, detected=detected).rows(detected),
                 powers[hits],
-                aside.rows(detected).columns(),
+                details.rows(detected).columns(),
                 of_rows(rng, hits),
             ),
         )
 
-    def _melted(
-        self, merging: Merging, looks: Looks, aside: Aside, rng: np.random.Generator
-    ) -> Melted | None:
-        rate_m_s = aside.range_rate_m_s
+    def _merged_groups(
+        self, merging: Merging, looks: Looks, details: LookDetails, rng: np.random.Generator
+    ) -> MergedGroups | None:
+        rate_m_s = details.range_rate_m_s
         if self.doppler is not None and rate_m_s is not None:
             rate_m_s = self.doppler.folded(rate_m_s, looks.channel)
-        return merging.melted(
+        return merging.merged_groups(
             range_m=looks.range_m,
             azimuth_deg=looks.azimuth_deg,
             elevation_deg=looks.elevation_deg,
@@ -109,16 +109,18 @@ class Finer:
         )
 
 
-def melt(melted: Melted, looks: Looks, aside: Aside) -> tuple[Looks, Aside]:
+def merged_echoes(
+    groups: MergedGroups, looks: Looks, details: LookDetails
+) -> tuple[Looks, LookDetails]:
     """The echoes of each group in the place of its looks: at their centroid, the leader's truth."""
     powers = looks.snr
-    echoes = looks.rows(melted.leader).but(
-        range_m=melted.centroid(looks.range_m, powers),
-        azimuth_deg=wrap_360(melted.centroid_deg(looks.azimuth_deg, powers)),
-        elevation_deg=melted.centroid(looks.elevation_deg, powers),
+    echoes = looks.rows(groups.leader).but(
+        range_m=groups.centroid(looks.range_m, powers),
+        azimuth_deg=wrap_360(groups.centroid_deg(looks.azimuth_deg, powers)),
+        elevation_deg=groups.centroid(looks.elevation_deg, powers),
     )
-    of_leaders = aside.rows(melted.leader).but(merged_drones=melted.others(looks.drone))
-    if aside.range_rate_m_s is not None:
-        rate_m_s = melted.centroid(aside.range_rate_m_s, powers)
+    of_leaders = details.rows(groups.leader).but(merged_drones=groups.others(looks.drone))
+    if details.range_rate_m_s is not None:
+        rate_m_s = groups.centroid(details.range_rate_m_s, powers)
         of_leaders = of_leaders.but(range_rate_m_s=rate_m_s)
     return echoes, of_leaders
