@@ -132,15 +132,10 @@ class _Injection:
             subscribe=[f"{settings.prefix}/errors"],
             on_message=self._received,
         )
-        running = asyncio.create_task(link.run(), name="link[inject]")
-        try:
-            await link.wait_until_up(CONNECT_S)
+        async with link.connected(CONNECT_S):
             await self._send_all(link)
             await link.drain()
             await asyncio.sleep(0.2)  # for what is said of the last ones
-        finally:
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
         for line in self._refusals[:MOST_REFUSALS_TOLD]:
             click.echo(f"plotfeed: refused: {line}", err=True)
         click.echo(

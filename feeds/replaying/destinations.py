@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import logging
 import select
@@ -73,23 +72,14 @@ class ReplayUdp(UdpLink):
         """Whether it is a datagram."""
         return is_datagram(message)
 
-    def publish(self, *deliveries: Delivery) -> None:
-        """Send what is a datagram; one that the system does not take is not delivered."""
-        for delivery in deliveries:
-            if not is_datagram(delivery.message):
-                delivery.settle(delivered=True)
-                continue
-            delivery.leave()
-            delivery.settle(delivered=self.send(delivery.message.payload))
-
-    def send(self, payload: bytes) -> bool:
-        """Send a datagram; False if the system does not take it."""
+    def send(self, datagram: bytes) -> bool:
+        """Send a datagram, again if an earlier one was refused; False if the system will not."""
         opened = self._socket
         if opened is None:
             return False
         for _ in range(3):
             try:
-                opened.send(payload)
+                opened.send(datagram)
             except ConnectionRefusedError:  # of an earlier one; this one has not been sent
                 self.refused += 1
             except BlockingIOError:
@@ -193,25 +183,17 @@ class Destinations:
 async def open_transports(to: Destinations, *, waits: bool) -> AsyncIterator[list[ReplayTransport]]:
     """Sockets that are open and brokers that are there; raises `PlotfeedError`."""
     transports: list[ReplayTransport] = []
-    running: list[asyncio.Task[None]] = []
-    with contextlib.ExitStack() as sockets:
+    async with contextlib.AsyncExitStack() as stack:
         for settings in to.udp:
             link = ReplayUdp(settings, waits=waits)
-            sockets.callback(link.close)
+            stack.callback(link.close)
             link.open()
             transports.append(link)
         if to.recorded_udp:
             recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
-            sockets.callback(recorded.close)
+            stack.callback(recorded.close)
             transports.append(recorded)
-        try:
-            for broker in to.brokers:
-                mqtt = ReplayMqtt(broker, waits=waits)
-                running.append(asyncio.create_task(mqtt.run(), name="link[replay]"))
-                await mqtt.wait_until_up(CONNECT_S)
-                transports.append(mqtt)
-            yield transports
-        finally:
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)
+        for broker in to.brokers:
+            mqtt = ReplayMqtt(broker, waits=waits)
+            transports.append(await stack.enter_async_context(mqtt.connected(CONNECT_S)))
+        yield transports

@@ -57,15 +57,18 @@ class UdpLink:
             raise UdpError(f"{what}: {_why(error)}") from None
 
     def publish(self, *deliveries: Delivery) -> None:
-        """Send what is ASTERIX, and settle at once whether the system took it."""
+        """Send what it carries, and settle at once whether the system took it."""
         for delivery in deliveries:
-            message = delivery.message
             delivered = True
-            if message.content_type.startswith(ASTERIX):
-                delivered = self._send(message.payload)
+            if self.carries(delivery.message):
+                delivered = self.send(delivery.message.payload)
                 if delivered:
                     delivery.leave()
             delivery.settle(delivered=delivered)
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is ASTERIX."""
+        return message.content_type.startswith(ASTERIX)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""
@@ -79,7 +82,8 @@ class UdpLink:
             self._socket.close()
             self._socket = None
 
-    def _send(self, datagram: bytes) -> bool:
+    def send(self, datagram: bytes) -> bool:
+        """Send a datagram; False if the system does not take it."""
         if self._socket is None:
             return False
         try:

@@ -9,7 +9,8 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Self
 from uuid import uuid4
 
 from plotfeed.feeds.delivery.delivery import Delivery
@@ -79,6 +80,17 @@ class MqttLink:
     def is_up(self) -> bool:
         """Whether a broker has accepted the connection and has not gone away since."""
         return self._connection is not None and not self._connection.lost.is_set()
+
+    @contextlib.asynccontextmanager
+    async def connected(self, timeout_s: float) -> AsyncIterator[Self]:
+        """Keep the link up meanwhile; raises `MqttError` if it is not up in that time."""
+        running = asyncio.create_task(self.run(), name=f"link[{self.name}]")
+        try:
+            await self.wait_until_up(timeout_s)
+            yield self
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once there has been a connection.
