@@ -22,7 +22,14 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from plotfeed.feeds.page.page_access import PageAccess
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import MAX_COMMAND_OCTETS, Controls, Look, Viewer, refused, wish_in
+from plotfeed.feeds.page.viewers import (
+    MAX_COMMAND_OCTETS,
+    Controls,
+    Viewer,
+    ViewRequest,
+    refused,
+    request_in,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -179,7 +186,7 @@ class Application:
         return Response(basemap.content, media_type=basemap.media_type)
 
     async def _feed(self, websocket: WebSocket) -> None:
-        """One viewer, for as long as it stays."""
+        """Serve one viewer for as long as it stays."""
         if len(self._viewers) >= MAX_VIEWERS:
             await websocket.close(1013)
             return
@@ -188,19 +195,19 @@ class Application:
         viewer = Viewer(lambda: self._view.snapshot(self._now_utc_ns()))
         self._viewers.add(viewer)
         sending = asyncio.create_task(_send(websocket, viewer), name="viewer")
-        hearing = asyncio.create_task(self._hear(websocket, viewer), name="viewer-commands")
+        receiving = asyncio.create_task(self._receive(websocket, viewer), name="viewer-commands")
         try:
-            await asyncio.wait({sending, hearing}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({sending, receiving}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._viewers.discard(viewer)
             self._watch()
-            for task in (sending, hearing):
+            for task in (sending, receiving):
                 task.cancel()
-            for result in await asyncio.gather(sending, hearing, return_exceptions=True):
+            for result in await asyncio.gather(sending, receiving, return_exceptions=True):
                 _log_unexpected(result)
 
-    async def _hear(self, websocket: WebSocket, viewer: Viewer) -> None:
-        """What a viewer says, one thing after the other."""
+    async def _receive(self, websocket: WebSocket, viewer: Viewer) -> None:
+        """Take what a viewer says, one thing after the other."""
         while True:
             text = await websocket.receive_text()
             answer = await self._answer(text, viewer)
@@ -208,17 +215,17 @@ class Application:
                 await websocket.send_text(json.dumps(answer, default=str))
 
     async def _answer(self, text: str, viewer: Viewer) -> dict[str, object]:
-        """To wishes about what is shown, and to commands."""
+        """Answer a request about what is shown, or a command."""
         number = None
         try:
-            wish = wish_in(text)
-            if isinstance(wish, Look):
-                viewer.watched = wish.watched
+            request = request_in(text)
+            if isinstance(request, ViewRequest):
+                viewer.watched = request.watched
                 self._watch()
-                viewer.show_truth(shown=wish.truth)
+                viewer.show_truth(shown=request.truth)
                 return {"looking": True}
-            number = wish.number
-            return {"number": number, **await self._controls.apply(wish.command)}
+            number = request.number
+            return {"number": number, **await self._controls.apply(request.command)}
         except PlotfeedError as error:
             return {"number": number, **refused(str(error))}
 
@@ -227,7 +234,7 @@ class Application:
 
 
 class _Server(uvicorn.Server):
-    """One that leaves signals to the session."""
+    """A server that leaves signals to the session."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -236,15 +243,15 @@ class _Server(uvicorn.Server):
 
 
 async def _send(websocket: WebSocket, viewer: Viewer) -> None:
-    """Frames, as fast as they are taken."""
+    """Send updates as fast as they are taken."""
     while True:
-        frame = await viewer.next()
+        update = await viewer.next()
         async with asyncio.timeout(STALLED_S):
-            await websocket.send_bytes(frame)
+            await websocket.send_bytes(update)
 
 
 def _log_unexpected(result: object) -> None:
-    """That a viewer went or stalled is no news."""
+    """Warn of an error, unless a viewer only went or stalled."""
     if isinstance(result, Exception) and not isinstance(
         result, WebSocketDisconnect | TimeoutError | RuntimeError | OSError
     ):

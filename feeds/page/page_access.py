@@ -1,4 +1,4 @@
-"""Who may see the page: by host, origin and token, so that no other web site can get at it."""
+"""Access to the page by host, origin and token, so that no other web site can get at it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
-    """Where the page is served."""
+    """Host and port at which the page is served."""
 
     host: str = "127.0.0.1"
     port: int = DEFAULT_PORT
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """From HOST:PORT, [V6]:PORT, or a port alone on loopback; raises `PlotfeedError`."""
+        """Read HOST:PORT, [V6]:PORT, or a port alone on loopback; raises `PlotfeedError`."""
         host, _, port = text.rpartition(":")
         if host.startswith("[") and host.endswith("]"):
             host = host[1:-1]
@@ -42,7 +42,7 @@ class PageAddress:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only this machine can get there."""
+        """Says whether only this machine can get there."""
         if self.host in LOOPBACK_NAMES:
             return True
         try:
@@ -63,7 +63,7 @@ class PageAccess:
         self.cookie = f"plotfeed-{address.port}"
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Whether the request was made to a name of this machine."""
+        """Says whether a request was made to a name of this machine."""
         name = _name_in(headers.get("host", ""))
         if self._address.is_loopback:
             return name in LOOPBACK_NAMES or name == self._address.host.lower()
@@ -74,18 +74,18 @@ class PageAccess:
         )
 
     def origin_is_ours(self, headers: Mapping[str, str]) -> bool:
-        """Whether a script that asks comes from this very page."""
+        """Says whether a script that asks comes from this very page."""
         origin, host = headers.get("origin"), headers.get("host")
         return host is not None and origin in {f"http://{host}", f"https://{host}"}
 
     def is_token(self, token: str | None) -> bool:
-        """Whether it is the one that was printed, or none is needed."""
+        """Says whether a token is the one that was printed, or none is needed."""
         if self.token is None:
             return True
         return token is not None and hmac.compare_digest(token.encode(), self.token.encode())
 
     def has_token(self, headers: Mapping[str, str]) -> bool:
-        """Whether its cookie holds the token, or none is needed."""
+        """Says whether a request's cookie holds the token, or none is needed."""
         try:
             morsel = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
         except CookieError:
@@ -94,7 +94,7 @@ class PageAccess:
 
 
 def _name_in(host: str) -> str:
-    """Without the port, in lower case."""
+    """Name without the port, in lower case."""
     if host.startswith("["):
         return host[1:].partition("]")[0].lower()
     return host.partition(":")[0].lower()

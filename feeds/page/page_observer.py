@@ -47,7 +47,7 @@ class PageObserver(Observer):
     # What the session tells.
 
     def begun(self, session: RunningSession) -> None:
-        """It stands, and its time begins."""
+        """The session stands, and its time begins."""
         self._session = session
         self._refusal = ""
         self._view.scene(session.scene, self._basemap)
@@ -57,7 +57,7 @@ class PageObserver(Observer):
         self._tell_clock()
 
     def ended(self) -> None:
-        """It is over; the page shows what there was."""
+        """The session is over; the page shows what there was."""
         self._now_ns = self.now_utc_ns()
         self._session = None
 
@@ -66,7 +66,7 @@ class PageObserver(Observer):
         self._view.report(report)
 
     def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of a sector's messages."""
+        """A sector's messages have their fates."""
         self._view.account(report, sent)
 
     def settings(self, sensor: Sensor) -> None:
@@ -156,6 +156,6 @@ async def alongside(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator
 
 
 def model_differs(before: Sensor, now: Sensor) -> bool:
-    """Whether anything but the link is different."""
+    """Tell whether anything but the link is different."""
     link = {"link", "event"}
     return before.model_dump(exclude=link) != now.model_dump(exclude=link)

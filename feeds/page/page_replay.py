@@ -33,7 +33,7 @@ WHOSE_TIME = "Times are those of the recording; its messages leave with those of
 
 
 class PageReplay:
-    """One replay, from its beginning until it is stopped; at its end it stands."""
+    """A replay from its beginning until it is stopped; at its end it stands."""
 
     def __init__(self, recording: RecordedSession, view: View) -> None:
         self.recording = recording
@@ -69,7 +69,7 @@ class PageReplay:
                 await self._play(replay(sent, outs, settings, control=self._control), ending)
 
     async def _play(self, replaying: Coroutine[Any, Any, object], ending: asyncio.Event) -> None:
-        """Until told to end; what goes wrong is raised."""
+        """Replay until told to end; raises what goes wrong."""
         work = asyncio.create_task(replaying, name="page-replay")
         following = asyncio.create_task(self._follow(), name="page-follow-replay")
         waiting = asyncio.create_task(ending.wait(), name="page-replay-end")
@@ -99,16 +99,16 @@ class PageReplay:
         recorded[:] = [pace.position(t_utc_ns) for t_utc_ns in tracks.t_utc_ns.tolist()]
         return replace(tracks, t_utc_ns=recorded)
 
-    def apply(self, wish: object) -> Mapping[str, Any]:
+    def apply(self, asked: object) -> Mapping[str, Any]:
         """Pause, go on, hurry, or go elsewhere."""
-        if not isinstance(wish, dict) or not wish or not wish.keys() <= WISHES.keys():
+        if not isinstance(asked, dict) or not asked or not asked.keys() <= REPLAY_CONTROLS.keys():
             return refused(EXPECTED)
         if self._control.pace is None:
             return refused("replay: it has not begun yet")
         wanted = {}
-        for name, value in wish.items():
+        for name, value in asked.items():
             try:
-                wanted[name] = WISHES[name](value)
+                wanted[name] = REPLAY_CONTROLS[name](value)
             except ValueError as error:
                 return refused(f"replay.{name}: {error}")
         self._obey(wanted)
@@ -179,13 +179,13 @@ def _truth_in(value: object) -> bool:
 
 
 def _number_in(value: object) -> float:
-    """Of seconds, or times its own speed."""
+    """Read a number of seconds, or of times its own speed."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MOST_S:
         raise ValueError(f"expected a number, not {str(value)[:40]!r}")
     return float(value)
 
 
-WISHES: Mapping[str, Callable[[object], Any]] = {
+REPLAY_CONTROLS: Mapping[str, Callable[[object], Any]] = {
     "paused": _truth_in,
     "speed": lambda value: speed_of(_number_in(value)),
     "position_s": _number_in,

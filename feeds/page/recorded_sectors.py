@@ -39,7 +39,7 @@ class DroneNumbers:
         self._numbers: dict[str, int] = {}
 
     def of(self, name: str) -> int:
-        """Its number."""
+        """The number of a drone."""
         number = self._numbers.get(name)
         if number is None:
             number = self._numbers[name] = len(self.names)
@@ -111,7 +111,7 @@ FAR_NS = 86_400 * NS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSector:
-    """One sector, or one message where there is no ledger."""
+    """A sector of a recording, or a message where there is no ledger."""
 
     at_ns: int
     """Log time at which this was known."""
@@ -177,7 +177,7 @@ class RecordedSectors:
             self._waiting.add(found)
 
     def _entry(self, message: Recorded) -> Iterator[_Entry]:
-        """Of the ledger; one that is none, or of another time, is passed over."""
+        """Take an entry of the ledger; what is none, or of another time, is passed over."""
         try:
             told = pb.Ledger.FromString(message.payload)
         except ProtobufDecodeError:
@@ -227,7 +227,7 @@ class RecordedSectors:
             )
 
     def _is_plausible(self, told: pb.Ledger) -> bool:
-        """Whether its times are near those of the recording."""
+        """Tell whether times of an entry are near those of the recording."""
         first_ns, last_ns = self._recording.start_ns - FAR_NS, self._recording.end_ns + FAR_NS
         times = chain(
             (look.time_utc_ns for look in told.looks),

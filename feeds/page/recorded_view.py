@@ -66,7 +66,7 @@ class SeenDrones:
             self._take(sensor, plots.drone, plots.t_utc_ns, true)
 
     def state_at(self, t_utc_ns: int) -> TruthState:
-        """Those that are there then, moved on from where they were seen last."""
+        """Drones that are there then, moved on from where they were seen last."""
         for drone in self._changed:
             times, positions = zip(*self._places[drone], strict=True)
             velocity_m_s = fit_velocity(times, positions, SIGMA_M)
@@ -181,7 +181,7 @@ class RecordedView:
         self._count(sector)
 
     def _tell_changes(self, t_ns: int) -> None:
-        """Of the keys of sensors since the last look, but for links: of those the ledger tells."""
+        """Show keys of sensors that changed, but for links: of those the ledger tells."""
         now = self._recording.settings.told_at(t_ns)
         for sensor in self._recording.settings.told_between(self._told_ns, t_ns):
             before = self._sensors[sensor]
@@ -192,7 +192,7 @@ class RecordedView:
         self._told_ns = max(self._told_ns, t_ns)
 
     def _tell_link(self, before: Sensor, sector: RecordedSector) -> None:
-        """That of a sector, if it is another than that of the one before."""
+        """Show a sector's link, if it is another than that of the one before."""
         if sector.link == json_of(before.link):
             return
         try:

@@ -22,7 +22,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 
 class Placements:
-    """One offset and one rotation a sensor, from its own horizontal to that of the site."""
+    """Offset and rotation of each sensor, from its own horizontal to that of the site."""
 
     def __init__(self, site: Site, sensors: Sequence[Sensor]) -> None:
         self.site = site_frame(site)
@@ -97,7 +97,7 @@ def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, 
 
 
 def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:
-    """Those of opportunity, which stand elsewhere."""
+    """Transmitters of opportunity, which stand elsewhere."""
     site = scene.scene.site
     here = Placements(site, [])
     places = [(t.id, enu_from(here.site, site, t.place)) for t in sensor.illuminators]
@@ -206,7 +206,7 @@ def _geometries(tree: Any, depth: int = 0) -> Iterator[tuple[dict[str, Any], str
 
 
 def _parts(geometry: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Its lines, the rings of its areas, its points; each a list of positions."""
+    """Lines, rings of areas and points of a geometry; each a list of positions."""
     kind, found = geometry.get("type"), _list(geometry, "coordinates")
     match kind:
         case "Point":

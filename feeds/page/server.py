@@ -47,7 +47,7 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """Where to look, with the token if one is needed."""
+        """The address to look at, with the token if one is needed."""
         host = self._address.host
         if host in {"0.0.0.0", "::"}:  # noqa: S104 - of an address to print
             host = socket.gethostname()
@@ -77,19 +77,19 @@ class PageServer:
             self._socket.close()
 
     async def _serve(self) -> None:
-        """To whoever comes; those who come early wait until it is loaded."""
+        """Serve whoever comes; those who come early wait until it is loaded."""
         self._server = await asyncio.to_thread(self._loaded)
         await self._server.serve([self._socket])
 
     def _loaded(self) -> uvicorn.Server:
-        """In a thread: the session does not wait for libraries that only the page needs."""
+        """Load the application, in a thread: a session does not wait for the page's libraries."""
         from plotfeed.feeds.page.application import Application
 
         application = Application(self.viewers, self._view, self._controls, self._now_utc_ns)
         return application.server(self._access)
 
     async def _publish(self) -> None:
-        """An update to every viewer, ten times a second on absolute deadlines."""
+        """Offer an update to every viewer, ten times a second on absolute deadlines."""
         due_s = time.monotonic()
         while True:
             due_s = max(due_s + UPDATE_EVERY_S, time.monotonic())

@@ -1,4 +1,4 @@
-"""One session after the other under one page: restarted, of another scene, recorded, replayed."""
+"""Sessions one after the other under one page: restarted, of another scene, recorded, replayed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, WISHES, PageReplay
+from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, REPLAY_CONTROLS, PageReplay
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused
@@ -29,7 +29,7 @@ EXAMPLES = ("section-4",)
 
 
 class SessionSwitch(Observer):
-    """Takes a viewer's wishes that concern whole sessions, and records the one that runs."""
+    """Takes a viewer's commands that concern whole sessions, and records the one that runs."""
 
     def __init__(self, scene: Scene, view: View, folder: Path) -> None:
         """Recordings are those in `folder`; scenes to choose from are those beside this one."""
@@ -89,14 +89,14 @@ class SessionSwitch(Observer):
     # What the session tells.
 
     def begun(self, session: RunningSession) -> None:
-        """It stands, and its time begins."""
+        """The session stands, and its time begins."""
         self._session = session
         self._tell_choice()
         self._view.session({"replay": {}, "record": {"on": False}, "notes": self._notes})
         self._telling = asyncio.create_task(self._tell(), name="page-record")
 
     def ended(self) -> None:
-        """It is over, and with it its recording."""
+        """The session is over, and with it its recording."""
         self._session = None
         if self._telling is not None:
             self._telling.cancel()
@@ -111,12 +111,12 @@ class SessionSwitch(Observer):
             self._recorder.received(topic, payload, content_type, t_utc_ns)
 
     def before_link(self, message: Message) -> None:
-        """On its way into a link."""
+        """A message goes into a link."""
         if self._recorder is not None:
             self._recorder.before_link(message)
 
     def after_link(self, message: Message, sent_utc_ns: int) -> None:
-        """On its way out."""
+        """A message has left."""
         if self._recorder is not None:
             self._recorder.after_link(message, sent_utc_ns)
 
@@ -125,13 +125,13 @@ class SessionSwitch(Observer):
         if self._recorder is not None:
             self._recorder.ledger(message)
 
-    def _another(self, wish: object) -> Mapping[str, Any]:
+    def _another(self, asked: object) -> Mapping[str, Any]:
         """End the session that runs, for the same scene again or for another one."""
-        if not isinstance(wish, dict) or not ({"restart", "scene"} & wish.keys()):
+        if not isinstance(asked, dict) or not ({"restart", "scene"} & asked.keys()):
             return refused("session: expected restart or scene")
         try:
-            if "scene" in wish:
-                name = str(wish["scene"])
+            if "scene" in asked:
+                name = str(asked["scene"])
                 if name not in self._scenes:
                     return refused(f"session.scene: there is no {name!r}")
                 self.scene = self._scenes[name]()
@@ -140,16 +140,18 @@ class SessionSwitch(Observer):
         self._end_for(None)
         return {"ok": True, "in_force": {"scene": self.scene.scene.name}}
 
-    async def _replay(self, wish: object) -> Mapping[str, Any]:
+    async def _replay(self, asked: object) -> Mapping[str, Any]:
         """Replay a recording, or do something with the replay that runs."""
-        if isinstance(wish, dict) and "load" in wish:
-            return await self._load(wish["load"])
+        if isinstance(asked, dict) and "load" in asked:
+            return await self._load(asked["load"])
         if self.replaying is None:
-            known = isinstance(wish, dict) and not wish.keys().isdisjoint({*WISHES, "stop"})
+            known = isinstance(asked, dict) and not asked.keys().isdisjoint(
+                {*REPLAY_CONTROLS, "stop"}
+            )
             return refused("replay: none runs" if known else EXPECTED)
-        if isinstance(wish, dict) and wish.get("stop"):
+        if isinstance(asked, dict) and asked.get("stop"):
             return self._another({"restart": True})
-        return self.replaying.apply(wish)
+        return self.replaying.apply(asked)
 
     async def _load(self, name: object) -> Mapping[str, Any]:
         """End what runs for that recording, once it is known that it can be shown."""
@@ -168,10 +170,10 @@ class SessionSwitch(Observer):
         subject = next(key for key in ("sensor", "clock", "record") if key in command)
         if subject != "clock":
             return refused(REFUSES[subject])
-        wish = command["clock"]
-        if isinstance(wish, dict) and "step_s" in wish:
+        asked = command["clock"]
+        if isinstance(asked, dict) and "step_s" in asked:
             return refused(REFUSES["step"])
-        return replay.apply(wish)
+        return replay.apply(asked)
 
     def _end_for(self, recording: RecordedSession | None) -> None:
         """End what runs for a replay of that one, or for a session."""
@@ -187,10 +189,10 @@ class SessionSwitch(Observer):
         self._view.session({"scenes": list(self._scenes), "recordings": list(recordings)})
         return recordings
 
-    async def _record(self, wish: object) -> Mapping[str, Any]:
-        if not isinstance(wish, dict) or not ({"start", "stop"} & wish.keys()):
+    async def _record(self, asked: object) -> Mapping[str, Any]:
+        if not isinstance(asked, dict) or not ({"start", "stop"} & asked.keys()):
             return refused("record: expected start or stop")
-        if wish.get("stop"):
+        if asked.get("stop"):
             return await self._stop_recording()
         if self._session is None or self._recorder is not None:
             return refused("record: it runs already" if self._session else "no session runs")
@@ -221,7 +223,7 @@ class SessionSwitch(Observer):
         return {"ok": True, "in_force": {"file": observer.recorder.path.name}}
 
     async def _tell(self) -> None:
-        """How far the recording is."""
+        """Tell how far the recording is."""
         loop, began_s = asyncio.get_running_loop(), 0.0
         while True:
             await asyncio.sleep(TELL_EVERY_S)

@@ -34,7 +34,7 @@ class Drones:
         self._now_ns = 0
 
     def take(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
-        """Those that are there now; `names` are of all that there ever were."""
+        """Take drones that are there now; `names` are of all that there ever were."""
         self.changed = self.changed or len(names) != len(self.names)
         self.names = tuple(names) if self.changed else self.names
         more = len(names) - len(self._seen_utc_ns)
@@ -48,7 +48,7 @@ class Drones:
         self._enu[state.drone, 3:] = velocity[:, :2]
 
     def section(self) -> bytes:
-        """All of them; a drone that is there has been gone for 0 ms."""
+        """The section of all drones; one that is there has been gone for 0 ms."""
         gone_ns = self._now_ns - self._seen_utc_ns
         shown = np.flatnonzero((self._seen_utc_ns > 0) & (gone_ns <= SHOWN_AFTER_NS))
         columns: dict[str, ArrayLike] = dict(
@@ -208,7 +208,7 @@ class PlotStore:
             self._new.append((public, truth))
 
     def kept(self) -> tuple[bytes, bytes]:
-        """The same for all plots that have not faded."""
+        """Sections of all plots that have not faded: for everybody, and of their truth."""
         return b"".join(k.public for k in self._kept), b"".join(k.truth for k in self._kept)
 
     def _columns(self, parts: Sequence[_Arrived]) -> dict[str, Floats | Ints]:
@@ -269,7 +269,7 @@ def _flags(azimuth_deg: Floats, range_m: Floats) -> Ints:
 
 
 def _merged(plots: Plots) -> Ints:
-    """How many more drones are behind each plot; (n,)."""
+    """Number of further drones behind each plot; (n,)."""
     others = plots.merged_drones
     if others is None:
         return np.zeros(len(plots), np.int64)

@@ -22,7 +22,7 @@ def new_looks(range_max_m: float) -> LookTally:
 
 
 def looks_summary(looks: LookTally) -> dict[str, Any]:
-    """By range, from 0 in steps of `width_m`: looks, detections, sum and variance expected."""
+    """Looks, detections, sum and variance expected, by range from 0 in steps of `width_m`."""
     cells = looks.cells()
     count, expected, variance, detected = np.pad(cells, ((0, 0), (0, RANGE_BINS - cells.shape[1])))
     return {
@@ -41,7 +41,7 @@ QUANTILES = 201
 
 
 class LinkRecord:
-    """One link, since its settings last changed."""
+    """What a link did since its settings last changed."""
 
     def __init__(self) -> None:
         self._asked_ms: Floats = np.zeros(0)
@@ -71,7 +71,7 @@ class LinkRecord:
         self._messages += 1
 
     def lost(self, number: int, due_utc_ns: int) -> None:
-        """That message of the link did not leave; numbers may come in any order."""
+        """A message did not leave; numbers may come in any order."""
         if due_utc_ns < self._since_utc_ns:
             return
         self._messages += 1
@@ -126,7 +126,7 @@ def _below(ordered_ms: Floats, edges_ms: Floats) -> Floats:
 
 
 def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:
-    """The same for a distribution by its quantiles at equal steps, straight between them."""
+    """The share of a distribution below each edge, by its quantiles at equal steps."""
     if not len(quantiles_ms):
         return np.zeros(0)
     probability = np.linspace(0, 1, len(quantiles_ms))
@@ -163,7 +163,7 @@ class Rates:
         self._begin()
 
     def plots(self, sensor: int, count: int) -> None:
-        """That many plots of a sensor, by number, were delivered."""
+        """So many plots of a sensor, by its number, were delivered."""
         self._plots[sensor] += count
 
     def sent(self, lateness_ns: int) -> None:

@@ -19,12 +19,11 @@ from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Columns, Floats, Ints
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, nearest_utc_ns
 
 MAX_OCTETS = 1 << 20
 MAX_TRACKS = 5_000
 """In a message."""
-DAY_NS = 86_400 * NS
 CATEGORY = 62
 LATEST_UTC_NS = 2**63 - 1
 
@@ -44,7 +43,7 @@ class TrackNews(Columns):
 
 
 def decode_tracks(payload: bytes, now_utc_ns: int, site: LocalFrame) -> TrackNews:
-    """One message, whatever its format; raises `DecodeError`.
+    """The tracks in a message, whatever its format; raises `DecodeError`.
 
     ASTERIX has times of day: of the day that brings them nearest to now. A record that has only
     X and Y is taken to count from the site.
@@ -60,7 +59,7 @@ def decode_tracks(payload: bytes, now_utc_ns: int, site: LocalFrame) -> TrackNew
 
 
 def east_north_m(news: TrackNews, site: LocalFrame) -> tuple[Floats, Floats]:
-    """Where the tracks are, metres from the site along its horizontal, each (n,)."""
+    """East and north of tracks, metres from the site along its horizontal, each (n,)."""
     height_m = np.where(np.isnan(news.height_m), site.height_m, news.height_m)
     enu_m = site.from_ecef(geodetic_to_ecef(news.latitude_deg, news.longitude_deg, height_m))
     return enu_m[:, 0], enu_m[:, 1]
@@ -104,18 +103,16 @@ def _of_record(record: Record, now_utc_ns: int, site: LocalFrame) -> _Row | None
     )
     east_m_s, north_m_s = (_float(record.get(f"I062/185/{c}")) for c in ("VX", "VY"))
     time_of_day_s = _float(record.get("I062/070"))
-    t_utc_ns = now_utc_ns if math.isnan(time_of_day_s) else _nearest(time_of_day_s, now_utc_ns)
+    t_utc_ns = (
+        now_utc_ns
+        if math.isnan(time_of_day_s)
+        else nearest_utc_ns(round(time_of_day_s * NS), now_utc_ns)
+    )
     return t_utc_ns, track, latitude_deg, longitude_deg, math.nan, east_m_s, north_m_s, int(flags)
 
 
-def _nearest(time_of_day_s: float, now_utc_ns: int) -> int:
-    """That time of day, of the day that brings it nearest to now."""
-    ahead_ns = (round(time_of_day_s * NS) - now_utc_ns) % DAY_NS
-    return now_utc_ns + ahead_ns - (DAY_NS if ahead_ns > DAY_NS // 2 else 0)
-
-
 def _entries(payload: bytes) -> list[Mapping[str, Any]]:
-    """One JSON object, or a list of them."""
+    """Entries of JSON: one object, or a list of them."""
     try:
         found = json.loads(payload)
     except (ValueError, RecursionError) as error:

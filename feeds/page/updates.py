@@ -1,6 +1,6 @@
-"""Frames: what a browser is told of a running session, one WebSocket message an update.
+"""Updates: what a browser is told of a session, one WebSocket message each.
 
-A frame is little-endian. Its header is `PLF1`, flags (uint32), its number (uint64) and the
+An update is little-endian. Its header is `PLF1`, flags (uint32), its number (uint64) and the
 session's time in milliseconds of UTC (float64). Sections follow to its end. A section has a header
 of its kind, its rows, the number of its first row and the octets of its body (four uint32), and
 then its columns one after the other, each filled up with zeros to a multiple of 8 octets, so that a
@@ -25,7 +25,7 @@ COUNT_MASK = 0xFFFF_FFFF
 
 
 class UpdateFlag(IntFlag):
-    """What a frame is."""
+    """What an update is."""
 
     SNAPSHOT = 1
     """All that there is to see: what came before is forgotten."""
@@ -118,7 +118,7 @@ false alarm -1, and `merged` counts the drones besides."""
 
 
 def header(number: int, now_utc_ns: int, flags: int = 0) -> bytes:
-    """The beginning of a frame."""
+    """The beginning of an update."""
     return HEADER.pack(MAGIC, flags, number, now_utc_ns / 1e6)
 
 

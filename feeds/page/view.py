@@ -43,15 +43,15 @@ class Reported(Protocol):
 
     @property
     def sensor(self) -> str:
-        """Its id."""
+        """The sensor's id."""
 
     @property
     def looks(self) -> Looks:
-        """At whom."""
+        """Looks at drones."""
 
     @property
     def plots(self) -> Plots:
-        """In the order of time."""
+        """Plots in the order of time."""
 
 
 class ViewCounts(Protocol):
@@ -91,7 +91,7 @@ class View:
         self._tell("refusal", None)
 
     def clear(self) -> None:
-        """The same scene at another time, as after a leap within a recording."""
+        """Begin at another time of the scene, as after a leap within a recording."""
         self._begin(self._placements, list(self._sensors))
 
     def report(self, report: Reported) -> None:
@@ -109,7 +109,7 @@ class View:
             self._plots.take(number, report.plots, min(carried, default=None))
 
     def account(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
-        """That became of the messages of a sector: if one that brings plots left, so did they."""
+        """Take what became of a sector's messages: if one that brings plots left, so did they."""
         number = self._sensors.get(report.sensor)
         if number is None:
             return
@@ -129,7 +129,7 @@ class View:
             self._rates.plots(number, len(report.plots))
 
     def truth(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
-        """Where the drones are now; ten times a second is enough."""
+        """Take where the drones are now; ten times a second is enough."""
         self._drones.take(now_utc_ns, state, names)
 
     def settings(
@@ -222,7 +222,7 @@ class View:
         return Update(public, truth, False)
 
     def snapshot(self, now_utc_ns: int) -> Update:
-        """All that there is to see, for who comes or has missed something."""
+        """An update of all that there is to see, for who comes or has missed something."""
         plots, plot_truths = self._plots.kept()
         told = {**self._news, "seconds": list(self._rates.history)}
         public = header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT) + _news(told)
@@ -278,7 +278,7 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
 
 
 def _finite(value: Any) -> Any:
-    """The same with null for numbers that JSON does not know."""
+    """A tree with null for numbers that JSON does not know."""
     if isinstance(value, Mapping):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -17,7 +17,7 @@ SUBJECTS = ("sensor", "clock", "session", "record", "replay")
 """Of a command: exactly one of these keys says what it is for."""
 
 
-class Look(NamedTuple):
+class ViewRequest(NamedTuple):
     """What a viewer looks at."""
 
     truth: bool
@@ -52,7 +52,7 @@ def refused(why: str) -> dict[str, Any]:
     return {"ok": False, "error": " ".join(why.split())}
 
 
-def wish_in(text: str) -> Look | ControlRequest:
+def request_in(text: str) -> ViewRequest | ControlRequest:
     """What a viewer's message says; raises `PlotfeedError`."""
     try:
         message = json.loads(text)
@@ -70,12 +70,12 @@ def wish_in(text: str) -> Look | ControlRequest:
     return ControlRequest(number, command)
 
 
-def _look_in(look: object) -> Look:
+def _look_in(look: object) -> ViewRequest:
     watched = look.get("watch", []) if isinstance(look, dict) else None
     if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
         raise PlotfeedError("look: expected truth and a list to watch")
     truth = isinstance(look, dict) and look.get("truth") is True
-    return Look(truth, tuple(watched[:MAX_WATCHED]))
+    return ViewRequest(truth, tuple(watched[:MAX_WATCHED]))
 
 
 MAX_QUEUED = 20
@@ -99,7 +99,7 @@ class Viewer:
         """The next update, for when there is time to send it."""
         if self._needs_all:
             return
-        if not self._queue.put(self._frame(update)):
+        if not self._queue.put(self._octets_of(update)):
             self.start_again()
         self._filled.set()
 
@@ -114,22 +114,22 @@ class Viewer:
         return self._queue.statistics()
 
     def show_truth(self, *, shown: bool) -> None:
-        """Whether it sees the drones, from a snapshot on."""
+        """Show the drones or do not, from a snapshot on."""
         if shown != self.sees_truth:
             self.sees_truth = shown
             self.start_again()
 
     async def next(self) -> bytes:
-        """The next frame to send; waits for one."""
+        """The next update to send; waits for one."""
         await self._filled.wait()
         if self._needs_all:
             self._needs_all = False
-            frame = self._frame(self._snapshot())
+            octets = self._octets_of(self._snapshot())
         else:
-            frame = self._queue.take()
+            octets = self._queue.take()
         if not self._queue and not self._needs_all:
             self._filled.clear()
-        return frame
+        return octets
 
-    def _frame(self, update: Update) -> bytes:
+    def _octets_of(self, update: Update) -> bytes:
         return update.public + update.truth if self.sees_truth else update.public

@@ -12,7 +12,7 @@ from plotfeed.models.state import Bools, Floats
 
 
 class LookTally:
-    """Of one sensor, in cells of range that are equally wide."""
+    """Looks of one sensor, in cells of range that are equally wide."""
 
     def __init__(self, cell_m: float, most_cells: int, *, at_once: int = 4096) -> None:
         """What is further than the last cell counts with it; so many are counted together."""

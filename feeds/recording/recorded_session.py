@@ -47,7 +47,7 @@ class RecordedSettings:
 
     @classmethod
     def read(cls, scene: Scene, log: McapReader) -> Self:
-        """All that a recording tells."""
+        """Read all that a recording tells."""
         found = cls(scene)
         topics = {f"{scene.mqtt.prefix}/{name}/settings": name for name in found._sensors}
         for message in log.messages(topics=set(topics), stages=WHAT_LEFT):
@@ -72,7 +72,7 @@ class RecordedSettings:
             self._told[sensor].append((t_utc_ns, now))
 
     def told_at(self, t_utc_ns: int) -> dict[str, Sensor]:
-        """All sensors, by id, as the last messages until then had them."""
+        """Sensors by id, as the last messages until then had them."""
         found = dict(self._sensors)
         for name, told in self._told.items():
             number = _until(told, t_utc_ns)
@@ -106,7 +106,7 @@ class RecordedSettings:
 
 
 def _until(by_time: Sequence[tuple[int, Any]], t_utc_ns: int) -> int:
-    """How many there were until then."""
+    """Count what there was until then."""
     return bisect_right(by_time, t_utc_ns, key=itemgetter(0))
 
 
@@ -123,7 +123,7 @@ def plot_topics() -> list[str]:
 
 
 class SectorKey(NamedTuple):
-    """Which plots are meant."""
+    """The sector that plots are of."""
 
     prefix: str
     """Of the session's topics."""
@@ -192,11 +192,11 @@ class WaitingPlots:
             self._forget(next(iter(self._sectors)))
 
     def count(self, key: SectorKey) -> int:
-        """How many there are of a sector."""
+        """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
     def take(self, key: SectorKey, true_times_ns: Ints) -> MeasuredPlots | None:
-        """Those of a sector, in their order, which wait no longer; None if the truth is of others.
+        """Plots of a sector, in their order, which wait no longer; None if the truth is of others.
 
         `true_times_ns` are the times of all its plots, (n,).
         """

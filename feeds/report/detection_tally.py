@@ -26,7 +26,7 @@ MAX_BINS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PdFigures:
-    """Of the looks at some ranges."""
+    """Looks at some ranges, and how many of them detected."""
 
     from_m: float
     to_m: float
@@ -41,14 +41,14 @@ class PdFigures:
 
 
 def pd_of_all(looks: LookTally) -> PdFigures | None:
-    """At all ranges; None without a look."""
+    """Figures of all ranges; None without a look."""
     cells = looks.cells()
     at = np.flatnonzero(cells[0])
     return _pd_figures(cells, int(at[0]), int(at[-1]) + 1) if len(at) else None
 
 
 def pd_by_range(looks: LookTally) -> list[PdFigures]:
-    """At most `MAX_BINS` equal bins over the ranges that were looked at; none is empty."""
+    """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
     cells = looks.cells()
     at = np.flatnonzero(cells[0])
     if not len(at):
@@ -76,7 +76,7 @@ def _pd_figures(cells: Floats, first: int, end: int) -> PdFigures:
 
 
 def _round_up(width_m: float) -> float:
-    """To 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
+    """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
     unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
     for times in (1, 2, 5, 10, 20, 50):
         step = times * unit
@@ -87,7 +87,7 @@ def _round_up(width_m: float) -> float:
 
 @dataclass(slots=True)
 class AskedAlarms:
-    """How many false alarms a sensor of a recorded scene was to have."""
+    """False alarms that a sensor of a recorded scene was to have."""
 
     scene: Scene
     sensor: Sensor
@@ -97,7 +97,7 @@ class AskedAlarms:
 
     @property
     def sectors(self) -> int:
-        """Of a scan."""
+        """Sectors of a scan."""
         return self.sensor.scan.sectors if isinstance(self.sensor.scan, RotatingScan) else 1
 
     def in_sector(self, scan: int, sector: int) -> float:
@@ -145,7 +145,7 @@ class AlarmsTally:
             self._mean += self.asked.in_sector(scan, sector)
 
     def figures(self) -> AlarmFigures:
-        """All that was taken."""
+        """Figures of all sectors taken."""
         if self.asked is None:
             return AlarmFigures(count=self.count)
         scans = self._sectors / self.asked.sectors

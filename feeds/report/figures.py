@@ -21,7 +21,7 @@ from plotfeed.replay.recorded import Damage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFigures:
-    """One sensor, but for its link."""
+    """A sensor in figures, but for its link."""
 
     sensor: str
     entries: int
@@ -39,7 +39,7 @@ class SensorFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LedgerReport:
-    """All that is told of a file."""
+    """A recorded ledger in figures."""
 
     file: str
     scene: str
@@ -91,7 +91,7 @@ def report(path: Path, found: Counted) -> LedgerReport:
 
 
 def _names(tallies: Any) -> dict[tuple[str, str], str]:
-    """As they are told: with the prefix of their topics where the file has several."""
+    """Names of sensors, with the prefix of their topics where the file has several."""
     several = len({tally.prefix for tally in tallies}) > 1
     return {
         (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
@@ -99,7 +99,7 @@ def _names(tallies: Any) -> dict[tuple[str, str], str]:
 
 
 def _in_order(found: Counted) -> list[tuple[tuple[str, str], SensorTally]]:
-    """As the scene has them, then by name."""
+    """Sensors as the scene has them, then by name."""
     places = {name: place for place, name in enumerate(found.scene_sensors)}
     by_name = sorted(found.sensors.items())
     return sorted(by_name, key=lambda each: (each[0][0], places.get(each[0][1], len(places))))
@@ -133,7 +133,7 @@ def _notes(found: Counted) -> list[str]:
 
 
 def as_values(told: LedgerReport) -> dict[str, Any]:
-    """For JSON: times also as text, and null for what is not there."""
+    """The report for JSON: times also as text, and null for what is not there."""
     values: dict[str, Any] = _plain(asdict(told))
     for each in (values, *values["links"]):
         for end in ("first", "last"):

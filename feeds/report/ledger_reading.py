@@ -170,7 +170,7 @@ class _Reading:
         return with_progress(messages, self._path.name, self._file.tell, octets)
 
     def _asked_alarms(self) -> Mapping[str, AskedAlarms]:
-        """By sensor; empty where the file has no scene that can be used."""
+        """False alarms asked, by sensor; empty where the file has no scene that can be used."""
         attachments = self._log.attachments()
         if all(attachment.name != SCENE_NAME for attachment in attachments):
             return {}
@@ -218,7 +218,7 @@ class _Reading:
             self._join.add_truth(sector, Truth.of(entry.plots), tally.errors)
 
     def _is_spoilt(self, entry: pb.Ledger, whose: tuple[str, str]) -> bool:
-        """Whether the link has flipped a bit of the very plots that are to be read."""
+        """Tell whether the link has flipped a bit of the very plots that are to be read."""
         flipped = [sent.topic for sent in entry.messages if sent.HasField("flipped_bit")]
         return any(
             self._plots.get((topic, stage)) == whose for topic in flipped for stage in WHAT_LEFT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,7 +41,7 @@ class Bursts:
 
 
 def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
-    """Of what a link asks and what was found in order."""
+    """Bursts of losses that a link asks for, and those that were found in order."""
     lengths = order.bursts
     count, total = lengths.total(), sum(n * times for n, times in lengths.items())
     told = min(max(10, *lengths, 0), LONGEST_TOLD)
@@ -65,7 +65,7 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
 
 
 def _burst_z(total: int, count: int, survival: Floats) -> float:
-    """By the mean of lengths, sum S(n), and of their squares, sum (2n - 1) S(n)."""
+    """A z-score by the mean of lengths, sum S(n), and of their squares, sum (2n - 1) S(n)."""
     if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
         return math.nan
     mean = survival.sum()
@@ -118,7 +118,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How many of how many, asked and delivered."""
+    """A share of messages, asked and delivered."""
 
     count: int
     of: int
@@ -130,7 +130,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFigures:
-    """One sensor's messages under one link setting."""
+    """A sensor's messages under one link setting, in figures."""
 
     sensor: str
     number: int
@@ -159,7 +159,7 @@ class LinkFigures:
 
 
 def link_figures(sensor: str, number: int, tally: LinkTally, order: Order) -> LinkFigures:
-    """Of what was counted to the end."""
+    """Figures of what was counted to the end."""
     asked = tally.setting.asked
     return LinkFigures(
         sensor=sensor,
@@ -171,9 +171,9 @@ def link_figures(sensor: str, number: int, tally: LinkTally, order: Order) -> Li
         messages=tally.messages,
         sent=tally.fates[pb.SENT],
         asked=None if asked is None or asked.link.down else _asked_times(asked),
-        delivered=_times(tally.delay),
+        delivered=_found_times(tally.delay),
         fit=_fit(tally),
-        lateness=_times(tally.lateness),
+        lateness=_found_times(tally.lateness),
         loss=_loss(tally),
         bursts=burst_figures(asked, order),
         duplicates=_duplicates(tally),
@@ -189,29 +189,27 @@ def _keys(setting: Setting) -> Any:
     return setting.text if setting.asked is None else json.loads(setting.text)
 
 
-def _times(spread: Spread) -> LatencyFigures:
-    curve_ms = spread.quantiles_ms(np.append(CURVE, 1.0))
-    p50_ms, p90_ms, p99_ms = spread.quantiles_ms(np.array([0.5, 0.9, 0.99])).tolist()
+def _times(
+    mean_ms: float, max_ms: float, quantiles_ms: Callable[[Floats], Floats]
+) -> LatencyFigures:
+    p50_ms, p90_ms, p99_ms = quantiles_ms(np.array([0.5, 0.9, 0.99])).tolist()
     return LatencyFigures(
-        mean_ms=spread.mean_ms,
-        p50_ms=p50_ms,
-        p90_ms=p90_ms,
-        p99_ms=p99_ms,
-        max_ms=spread.max_ms,
-        curve_ms=curve_ms.tolist(),
-    )
-
-
-def _asked_times(asked: LinkExpectation) -> LatencyFigures:
-    p50_ms, p90_ms, p99_ms, max_ms = asked.delay.quantile_ms([0.5, 0.9, 0.99, 1.0]).tolist()
-    return LatencyFigures(
-        mean_ms=asked.delay.mean_ms(),
+        mean_ms=mean_ms,
         p50_ms=p50_ms,
         p90_ms=p90_ms,
         p99_ms=p99_ms,
         max_ms=max_ms,
-        curve_ms=asked.delay.quantile_ms(np.append(CURVE, 1.0)).tolist(),
+        curve_ms=quantiles_ms(np.append(CURVE, 1.0)).tolist(),
     )
+
+
+def _found_times(spread: Spread) -> LatencyFigures:
+    return _times(spread.mean_ms, spread.max_ms, spread.quantiles_ms)
+
+
+def _asked_times(asked: LinkExpectation) -> LatencyFigures:
+    max_ms = float(asked.delay.quantile_ms([1.0])[0])
+    return _times(asked.delay.mean_ms(), max_ms, asked.delay.quantile_ms)
 
 
 def _fit(tally: LinkTally) -> Fit:
@@ -251,7 +249,7 @@ def _binomial(count: int, of: int, asked: float) -> Share:
 
 
 def _loss(tally: LinkTally) -> Share:
-    """Among the messages on which the model of loss decided: outages hide what it would have."""
+    """Loss among messages on which the model of loss decided: outages hide what it would have."""
     asked, lost = tally.setting.asked, tally.fates[pb.LOST]
     of = lost + sum(tally.fates[fate] for fate in PASSED_LOSS)
     if asked is None:
@@ -281,7 +279,7 @@ def _corrupted(tally: LinkTally) -> Share:
 
 
 def _asked_overtaking(asked: LinkExpectation | None) -> float:
-    """None where the order is kept or all take as long; else it depends on how messages come."""
+    """Overtaking asked: 0 where order is kept, else NaN, as it depends on how messages come."""
     if asked is None:
         return math.nan
     link = asked.link

@@ -62,7 +62,7 @@ class InTurn:
             yield self._given(heappop(self._held))
 
     def rest(self) -> Iterator[Turn]:
-        """All that are held back, since no more will come before them."""
+        """Turns that are held back, since no more will come before them."""
         while self._held:
             yield self._given(heappop(self._held))
 
@@ -80,7 +80,7 @@ LONGEST = 10_000
 
 @dataclass(slots=True)
 class Order:
-    """Of the messages under one link setting."""
+    """The order of messages under one link setting: bursts and overtaking."""
 
     bursts: Counter[int] = field(default_factory=Counter)
     """How many bursts of losses were so long."""
@@ -195,7 +195,7 @@ class Setting:
 
 @dataclass(slots=True)
 class LinkTally:
-    """Of one sensor and one setting. Delays are those of first copies, lateness is of all."""
+    """Counts of one sensor and one setting. Delays are of first copies, lateness is of all."""
 
     setting: Setting
     first_due_utc_ns: int | None = None

@@ -27,7 +27,7 @@ EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorFigures:
-    """Of one quantity, over the plots of drones that were joined with their truth."""
+    """Errors of one quantity, over the plots of drones that were joined with their truth."""
 
     quantity: str
     unit: str
@@ -52,7 +52,7 @@ class ErrorFigures:
 
 
 class ErrorsTally:
-    """Of one sensor."""
+    """Errors of one sensor's plots."""
 
     def __init__(self) -> None:
         self.joined = 0
@@ -104,7 +104,7 @@ class ErrorsTally:
         self._histograms[i] += np.bincount(cells, minlength=len(EDGES) - 1)
 
     def figures(self) -> list[ErrorFigures]:
-        """Of every quantity that was measured."""
+        """Figures of every quantity that was measured."""
         return [
             self._figures(i, name, unit)
             for i, (name, unit) in enumerate(QUANTITIES.items())
@@ -144,7 +144,7 @@ MAX_WAITING_TRUTHS = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Of a sector's plots, in their order."""
+    """The truth of a sector's plots, in their order."""
 
     values: Floats
     """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
@@ -154,7 +154,7 @@ class Truth:
 
     @classmethod
     def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
-        """As the ledger has it."""
+        """The truth as the ledger has it."""
         rows = [
             [getattr(plot, name) if plot.HasField(name) else math.nan for name in COLUMNS]
             for plot in plots

@@ -207,7 +207,7 @@ def _errors(axes: Any, chosen: Chosen) -> None:
 
 
 def _legend(axes: Any, chosen: Chosen) -> None:
-    """Which colour is whose, and what it asked."""
+    """The legend: which colour is whose, and what it asked."""
     from matplotlib.lines import Line2D
 
     axes.axis("off")
@@ -229,7 +229,7 @@ def _legend(axes: Any, chosen: Chosen) -> None:
 
 
 def _verdict(link: LinkFigures) -> str:
-    """Whether the delays can be those that were asked for."""
+    """A verdict on whether the delays can be those that were asked for."""
     fit = link.fit
     if fit.not_comparable or not isfinite(fit.p_value):
         return f"delay not compared: {fit.not_comparable or 'too few'}"

@@ -35,17 +35,17 @@ def _value(value: object) -> str:
 
 
 def percent(share: float) -> str:
-    """Of a share from 0 to 1, without its sign."""
+    """A share from 0 to 1 in percent, without the sign."""
     return number(100 * share, ".2f")
 
 
 def seconds(t_ns: int) -> str:
-    """To the tenth."""
+    """Seconds to the tenth."""
     return f"{t_ns / NS:.1f}"
 
 
 def number(value: float, form: str) -> str:
-    """In that form; what is not there is a dash."""
+    """A number in that form; what is not there is a dash."""
     return format(value, form) if math.isfinite(value) else NOTHING
 
 
@@ -84,7 +84,7 @@ PAIR = ("asked", "delivered", "z")
 
 
 def lines(told: LedgerReport) -> Iterator[str]:
-    """All of it."""
+    """All lines of a report."""
     lasted_s = (told.last_utc_ns - told.first_utc_ns) / NS
     of_scene = f"scene {printable(told.scene)}, " if told.scene else ""
     yield (

@@ -1,4 +1,4 @@
-"""How times are spread, how well they fit a law, and how far a figure may be by chance."""
+"""Spreads of times, their fit to a law, and how far a figure may be off by chance."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Spread:
         return in_ms
 
     def _make_room(self, low: int, high: int) -> None:
-        """For steps up to those; there are 75,000 at most."""
+        """Make room for steps up to those; there are 75,000 at most."""
         if not len(self._counts):
             self._first, self._counts = low, np.zeros(high - low + 1, np.int64)
             return

@@ -16,7 +16,7 @@ from plotfeed.proto.utc import NS, nearest_utc_ns
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlotItems:
-    """Where records of a category tell of plots, by paths into them."""
+    """Paths into the records of a category to what they tell of plots."""
 
     time: str
     """Path of the time of day, in seconds."""

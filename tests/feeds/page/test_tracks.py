@@ -14,7 +14,6 @@ from support.page_updates import read_frame
 
 from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks
 from plotfeed.feeds.page.tracker_tracks import (
-    DAY_NS,
     MAX_OCTETS,
     TrackNews,
     decode_tracks,
@@ -24,6 +23,7 @@ from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
 from plotfeed.proto.asterix.encode_062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import DAY_NS
 
 NOW_NS = road.START_NS
 HERE = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
