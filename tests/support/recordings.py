@@ -128,7 +128,7 @@ def messages(count: int, *, octets: int = 40, step_ns: int = MS) -> list[Recorde
     ]
 
 
-def log_of(recorded: Iterable[Recorded], *, flush_every: int = 0, close: bool = True) -> bytes:
+def mcap_of(recorded: Iterable[Recorded], *, flush_every: int = 0, close: bool = True) -> bytes:
     """A whole file, or what there is of one that nobody has ended."""
     file = io.BytesIO()
     writer = McapWriter(file, attachments=[SCENE])

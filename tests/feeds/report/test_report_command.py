@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.command import plotfeed_here
 from support.ledgers import entries, recorded, told, told_of, written
 from support.links import link
-from support.recordings import log_of
+from support.recordings import mcap_of
 
 from plotfeed.feeds.report.figures import as_values
 from plotfeed.feeds.report.report_command import print_report
@@ -159,7 +159,7 @@ def test_a_chart_that_cannot_be_is_refused_before_anything_is_read(
 
 def test_wrong_input_is_a_line_that_says_what_was_expected(tmp_path: Path) -> None:
     (tmp_path / "text.mcap").write_text("no recording\n" * 10)
-    (tmp_path / "plain.mcap").write_bytes(log_of([]))
+    (tmp_path / "plain.mcap").write_bytes(mcap_of([]))
     other = recorded(looked()[:3], topic="plotfeed/other")
     written(tmp_path / "other.mcap", other)
     for name, code, words in (
@@ -176,7 +176,7 @@ def test_wrong_input_is_a_line_that_says_what_was_expected(tmp_path: Path) -> No
 
 
 def test_what_is_whole_of_a_damaged_file_counts(tmp_path: Path, capsys: Capture) -> None:
-    octets = log_of(recorded(looked()), flush_every=100)
+    octets = mcap_of(recorded(looked()), flush_every=100)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(octets[: len(octets) * 3 // 4])
     code, text, error = printed(cut, capsys)
@@ -192,7 +192,7 @@ def test_what_is_whole_of_a_damaged_file_counts(tmp_path: Path, capsys: Capture)
 
 def test_a_scene_that_cannot_be_used_is_noted(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    path.write_bytes(log_of(recorded(looked()[:10])))
+    path.write_bytes(mcap_of(recorded(looked()[:10])))
     (note,) = told(path).notes
     assert note.startswith("its scene cannot be used: ")
 

@@ -1,4 +1,4 @@
-"""Logs that are cut, damaged or made to do harm: what is whole is read, the rest is told of."""
+"""MCAP that is cut, damaged or made to do harm: what is whole is read, the rest is told of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
-from support.recordings import START_NS, log_of, messages
+from support.recordings import START_NS, mcap_of, messages
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -53,8 +53,8 @@ def chunks_of(found: list[Recorded]) -> set[int]:
 
 @pytest.mark.parametrize("close", [True, False])
 def test_a_file_cut_anywhere_has_every_chunk_before_the_cut(close: bool) -> None:
-    data = log_of(RECORDED, flush_every=CHUNK, close=close)
-    ends = [len(log_of(RECORDED[: CHUNK * n], flush_every=CHUNK, close=False)) for n in (1, 2, 3)]
+    data = mcap_of(RECORDED, flush_every=CHUNK, close=close)
+    ends = [len(mcap_of(RECORDED[: CHUNK * n], flush_every=CHUNK, close=False)) for n in (1, 2, 3)]
     for octets in range(len(data)):
         found, reader = read(data[:octets])
         # The indexes of a chunk's messages, which come after it, are not needed.
@@ -67,7 +67,7 @@ def test_a_file_cut_anywhere_has_every_chunk_before_the_cut(close: bool) -> None
 @pytest.mark.parametrize("close", [True, False])
 @pytest.mark.parametrize("mask", [0x01, 0xFF])
 def test_an_octet_changed_anywhere_costs_one_chunk_at_most(close: bool, mask: int) -> None:
-    data = log_of(RECORDED, flush_every=CHUNK, close=close)
+    data = mcap_of(RECORDED, flush_every=CHUNK, close=close)
     costly = 0
     for at in range(len(data)):
         changed = bytearray(data)
@@ -83,7 +83,7 @@ def test_an_octet_changed_anywhere_costs_one_chunk_at_most(close: bool, mask: in
 
 @pytest.mark.parametrize("close", [True, False])
 def test_an_octet_left_out_or_put_in_costs_one_chunk_at_most(close: bool) -> None:
-    data = log_of(RECORDED, flush_every=CHUNK, close=close)
+    data = mcap_of(RECORDED, flush_every=CHUNK, close=close)
     for at in range(len(MAGIC) + 1, len(data), 2 if close else 1):
         for changed in (data[:at] + data[at + 1 :], data[:at] + b"\x06" + data[at:]):
             is_little_lost(*read(changed), close=False)
@@ -99,7 +99,7 @@ def is_little_lost(found: list[Recorded], reader: McapReader, *, close: bool) ->
 
 def test_the_loss_of_a_chunk_takes_nothing_along_once_channels_are_told_of_again() -> None:
     recorded = messages((DEFINE_EVERY + 1) * 8)
-    data = bytearray(log_of(recorded, flush_every=8, close=False))
+    data = bytearray(mcap_of(recorded, flush_every=8, close=False))
     data[data.index(b"\x28\xb5\x2f\xfd") + 9] ^= 0xFF
     found, reader = read(bytes(data))
     assert found == recorded[8:]
@@ -108,7 +108,7 @@ def test_the_loss_of_a_chunk_takes_nothing_along_once_channels_are_told_of_again
 
 @given(st.binary(max_size=200), st.integers(0, 2000))
 def test_anything_at_all_is_read_or_refused(noise: bytes, at: int) -> None:
-    data = log_of(RECORDED, flush_every=CHUNK)
+    data = mcap_of(RECORDED, flush_every=CHUNK)
     for damaged in (noise, MAGIC + noise, data[:at] + noise + data[at:], data[:at] + noise):
         try:
             read(damaged)
@@ -155,7 +155,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_length_that_lies_allocates_nothing_and_hides_nothing(name: str) -> None:
-    good = log_of(RECORDED, flush_every=CHUNK, close=False)[len(MAGIC) :]
+    good = mcap_of(RECORDED, flush_every=CHUNK, close=False)[len(MAGIC) :]
     data = MAGIC + HEADER + HOSTILE[name] + good
     tracemalloc.start()
     try:
@@ -177,8 +177,8 @@ def statistics(chunks: int) -> bytes:
 
 
 def test_an_index_that_points_at_one_chunk_again_and_again_is_not_believed() -> None:
-    data = log_of(RECORDED, flush_every=CHUNK, close=False)
-    at = len(log_of([], close=False))
+    data = mcap_of(RECORDED, flush_every=CHUNK, close=False)
+    at = len(mcap_of([], close=False))
     place = record(8, struct.pack("<QQQQIQIQQ", 0, 1 << 63, at, 200, 0, 0, 0, 0, 0))
     index = place * 1000 + statistics(1000)
     found, reader = read(data + record(15, bytes(4)) + footer(index, len(data) + 13))
@@ -187,7 +187,7 @@ def test_an_index_that_points_at_one_chunk_again_and_again_is_not_believed() -> 
 
 
 def test_an_index_that_points_nowhere_is_not_believed_either() -> None:
-    data = log_of(RECORDED, flush_every=CHUNK, close=False)
+    data = mcap_of(RECORDED, flush_every=CHUNK, close=False)
     place = record(8, struct.pack("<QQQQIQIQQ", 0, 1 << 63, 1 << 62, 200, 0, 0, 0, 0, 0))
     index = place + statistics(1)
     found, reader = read(data + record(15, bytes(4)) + footer(index, len(data) + 13))

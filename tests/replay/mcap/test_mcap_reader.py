@@ -1,4 +1,4 @@
-"""Logs of ours in parts, and those that other tools have written."""
+"""MCAP of ours in parts, and what other tools have written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
-from support.recordings import MS, SCENE, START_NS, log_of, messages, read_log
+from support.recordings import MS, SCENE, START_NS, mcap_of, messages, read_log
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -43,7 +43,7 @@ def test_times_come_in_order_and_from_start_to_before_the_end(
         Recorded(topic="t", payload=bytes([n]), log_time_ns=at, publish_time_ns=0)
         for n, at in enumerate(offsets)
     ]
-    reader = McapReader(io.BytesIO(log_of(recorded, flush_every=flush_every)))
+    reader = McapReader(io.BytesIO(mcap_of(recorded, flush_every=flush_every)))
     found = list(reader.messages(start, end))
     wanted = [m for m in recorded if start <= m.log_time_ns < end]
     assert [m.log_time_ns for m in found] == sorted(m.log_time_ns for m in wanted)
@@ -53,7 +53,7 @@ def test_times_come_in_order_and_from_start_to_before_the_end(
 
 def test_topics_and_stages_can_be_asked_for() -> None:
     recorded = messages(400)
-    reader = McapReader(io.BytesIO(log_of(recorded, flush_every=30)))
+    reader = McapReader(io.BytesIO(mcap_of(recorded, flush_every=30)))
     topic = recorded[0].topic
     assert list(reader.messages(topics=[topic])) == [m for m in recorded if m.topic == topic]
     assert list(reader.messages(stages=[Stage.AFTER])) == recorded[1::2]
@@ -64,7 +64,7 @@ def test_topics_and_stages_can_be_asked_for() -> None:
 
 def test_the_summary_counts_each_series() -> None:
     recorded = messages(80)
-    reader = McapReader(io.BytesIO(log_of(recorded)))
+    reader = McapReader(io.BytesIO(mcap_of(recorded)))
     summary = reader.summary()
     assert summary.counts == dict.fromkeys((ChannelKey.of(m) for m in recorded), 10)
     assert summary.messages == 80
@@ -73,8 +73,8 @@ def test_the_summary_counts_each_series() -> None:
     assert (entry.name, entry.media_type, entry.octets) == (SCENE.name, SCENE.media_type, 8)
 
 
-def test_a_log_without_messages_is_one() -> None:
-    found, reader = read_log(log_of([]))
+def test_a_file_without_messages_is_one() -> None:
+    found, reader = read_log(mcap_of([]))
     assert found == reader.damage == []
     summary = reader.summary()
     assert (summary.start_ns, summary.end_ns, summary.messages) == (None, None, 0)
@@ -84,7 +84,7 @@ def test_a_log_without_messages_is_one() -> None:
 
 def test_a_part_is_found_without_reading_the_rest() -> None:
     recorded = messages(40_000, octets=20)
-    file = CountedFile(log_of(recorded))
+    file = CountedFile(mcap_of(recorded))
     reader = McapReader(file)
     opening, size = file.octets, len(file.getvalue())
     assert opening < size / 50
@@ -95,7 +95,7 @@ def test_a_part_is_found_without_reading_the_rest() -> None:
 
 def test_a_file_of_ours_is_opened_by_its_path_and_closed(tmp_path: Path) -> None:
     path = tmp_path / "one.mcap"
-    path.write_bytes(log_of(messages(3)))
+    path.write_bytes(mcap_of(messages(3)))
     with McapReader(path) as reader:
         assert list(reader.messages()) == messages(3)
     assert reader._own is not None

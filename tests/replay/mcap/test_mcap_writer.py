@@ -1,4 +1,4 @@
-"""The native log, read by the official library and by ours."""
+"""MCAP of ours, read by the official library and by ours."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
-from support.recordings import MS, SCENE, START_NS, log_of, messages, read_log
+from support.recordings import MS, SCENE, START_NS, mcap_of, messages, read_log
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -62,7 +62,7 @@ def official(data: bytes) -> list[Official]:
 
 @given(st.lists(RECORDED, max_size=30), st.integers(0, 5))
 def test_whatever_is_written_is_read_back(recorded: list[Recorded], flush_every: int) -> None:
-    data = log_of(recorded, flush_every=flush_every)
+    data = mcap_of(recorded, flush_every=flush_every)
     found, reader = read_log(data)
     # Only within a chunk, and between chunks that are apart, those of one time keep their order.
     assert sorted(map(repr, found)) == sorted(map(repr, recorded))
@@ -80,12 +80,12 @@ def test_whatever_is_written_is_read_back(recorded: list[Recorded], flush_every:
 
 @given(st.lists(RECORDED, max_size=12), st.integers(0, 5))
 def test_what_nobody_ended_is_read_back_too(recorded: list[Recorded], flush_every: int) -> None:
-    data = log_of(recorded, flush_every=flush_every, close=False)
+    data = mcap_of(recorded, flush_every=flush_every, close=False)
     found, reader = read_log(data)
     assert sorted(map(repr, found)) == sorted(map(repr, recorded))
     assert [damage.offset for damage in reader.damage] == [len(data)]
     assert not reader.summary().indexed
-    ended = McapReader(io.BytesIO(log_of(recorded, flush_every=flush_every)))
+    ended = McapReader(io.BytesIO(mcap_of(recorded, flush_every=flush_every)))
     whole, cut = ended.summary(), reader.summary()
     assert (cut.counts, cut.start_ns, cut.end_ns) == (whole.counts, whole.start_ns, whole.end_ns)
     assert reader.attachments() == ended.attachments()
@@ -93,7 +93,7 @@ def test_what_nobody_ended_is_read_back_too(recorded: list[Recorded], flush_ever
 
 def test_the_official_reader_finds_what_the_index_says() -> None:
     recorded = messages(6000, octets=100)
-    data = log_of(recorded)
+    data = mcap_of(recorded)
     reader = make_reader(io.BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
     assert summary is not None
@@ -115,7 +115,7 @@ def test_the_official_reader_finds_what_the_index_says() -> None:
 
 
 def test_every_record_is_where_the_indexes_say() -> None:
-    data = log_of(messages(3000, octets=100))
+    data = mcap_of(messages(3000, octets=100))
     summary = make_reader(io.BytesIO(data)).get_summary()
     assert summary is not None
     chunks = StreamReader(io.BytesIO(data), emit_chunks=True, validate_crcs=True).records
@@ -140,7 +140,7 @@ def test_channels_say_what_their_messages_are() -> None:
         content_type="application/x-protobuf",
         stage=Stage.TELEMETRY,
     )
-    reader = make_reader(io.BytesIO(log_of([before, after, telemetry])))
+    reader = make_reader(io.BytesIO(mcap_of([before, after, telemetry])))
     summary = reader.get_summary()
     assert summary is not None
     channels = {channel.topic: channel for channel in summary.channels.values()}
@@ -191,7 +191,7 @@ def test_a_schema_alone_is_enough_to_decode(kind: str, fields: dict[str, str]) -
     recorded = Recorded(
         topic="t", payload=payload, log_time_ns=1, publish_time_ns=1, content_type=content_type
     )
-    ((schema, channel, message),) = official(log_of([recorded]))
+    ((schema, channel, message),) = official(mcap_of([recorded]))
     assert channel.message_encoding == "protobuf"
     assert schema is not None
     assert (schema.name, schema.encoding) == (kind, "protobuf")
@@ -223,7 +223,7 @@ def test_work_that_is_put_off_is_the_same_work() -> None:
     assert len(works) > 3
     for work in works:
         work()
-    assert file.getvalue() == log_of(recorded)
+    assert file.getvalue() == mcap_of(recorded)
 
 
 @pytest.mark.parametrize(
