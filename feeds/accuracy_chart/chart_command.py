@@ -23,8 +23,9 @@ from plotfeed.feeds.accuracy_chart.chart import (
     Configuration,
     charted,
 )
-from plotfeed.feeds.accuracy_chart.chart_pictures import draw, need_matplotlib
+from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
+from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.signals import keep_freed
 from plotfeed.feeds.scene.scene import Scene
 
@@ -42,7 +43,7 @@ def print_chart(
 ) -> None:
     """Measure and print, as a table or as JSON; with `out`, a folder, draw too."""
     if out is not None:
-        need_matplotlib()  # before anything is measured in vain
+        need_matplotlib()
     keep_freed()  # as a session does
     chart = charted(scene, Effort.quick(targets) if quick else Effort.usual(targets))
     values = as_values(chart)

@@ -18,7 +18,6 @@ from plotfeed.feeds.accuracy_chart.chart import (
 )
 from plotfeed.feeds.accuracy_chart.stage import errors_text, ns_text
 from plotfeed.models.state import Floats
-from plotfeed.proto.errors import PlotfeedError
 
 COLUMNS = 2
 PANEL_INCHES = (6.6, 4.7)
@@ -51,14 +50,6 @@ class Label:
 
 
 Panel = Callable[[Any], list[Label]]
-
-
-def need_matplotlib() -> None:
-    """Raise `PlotfeedError` if it is not there."""
-    try:
-        import matplotlib.figure  # noqa: F401 - an extra
-    except ImportError:
-        raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
 
 
 def draw(chart: Chart, folder: Path, picture: str) -> list[Path]:

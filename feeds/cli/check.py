@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.geometry import geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -50,10 +51,9 @@ def draw_predictions(curves: dict[str, Any], path: Path) -> None:
 
 
 def _subplots(count: int) -> tuple[Any, Any]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
+    need_matplotlib()
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(5 * count, 4.2), layout="constrained")
     return figure, figure.subplots(1, count)
 

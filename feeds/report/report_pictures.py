@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.status_line import printable
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures
@@ -68,10 +69,7 @@ def check_picture(path: Path) -> None:
     """Raise `PlotfeedError` if no such picture can be drawn here."""
     if path.suffix.lower() not in NO_DATE:
         raise PlotfeedError(f"{path}: expected a name that ends in {', '.join(NO_DATE)}")
-    try:
-        import matplotlib.figure  # noqa: F401 - an extra
-    except ImportError:
-        raise PlotfeedError("charts need matplotlib: pip install 'plotfeed[charts]'") from None
+    need_matplotlib()
 
 
 def draw(told: LedgerReport, path: Path) -> None:
