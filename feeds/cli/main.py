@@ -248,10 +248,10 @@ def record(source: str, file: Path, **options: Any) -> int:
     URL is mqtt://HOST:PORT/TOPIC-FILTER (mqtts:// for TLS, plotfeed/# without a filter), or
     udp://ADDRESS:PORT: an address of this machine, 0.0.0.0 for all of them, or a multicast group.
     """
-    from plotfeed.feeds.recording.record import record_source
+    from plotfeed.feeds.recording.record import RecordSettings, record_source
 
     access = take_access(options)
-    return record_source(source, file, access, **options)
+    return record_source(source, file, access, RecordSettings(**options))
 
 
 @cli.command()

@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,20 @@ MAX_TOPICS = 65_536
 CaptureSource = BrokerSource | UdpSource
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSettings:
+    """What a recording is asked to do, in the words of the command's options."""
+
+    interface: str | None = None
+    """Where a multicast group is joined."""
+    duration: float | None = None
+    """Seconds after which it ends."""
+    count: int | None = None
+    """Messages after which it ends."""
+    as_json: bool = False
+    force: bool = False
+
+
 def source_of(url: str, access: dict[str, Any], interface: str | None) -> CaptureSource:
     """The source at mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
 
@@ -55,42 +70,28 @@ def source_of(url: str, access: dict[str, Any], interface: str | None) -> Captur
     return source
 
 
-def record_source(
-    url: str,
-    target: Path,
-    access: dict[str, Any],
-    *,
-    interface: str | None,
-    duration: float | None,
-    count: int | None,
-    as_json: bool,
-    force: bool,
-) -> int:
+def record_source(url: str, target: Path, access: dict[str, Any], settings: RecordSettings) -> int:
     """Record until it is stopped or has enough; the exit code.
 
     Raises `PlotfeedError`, and `OSError` if the file cannot be written.
     """
-    source = source_of(url, access, interface)
+    source = source_of(url, access, settings.interface)
     if target.suffix.lower() != SUFFIX:
         raise PlotfeedError(
             f"{target}: expected a name that ends in {SUFFIX}, of which plotfeed convert makes more"
         )
-    if target.exists() and not force:
+    if target.exists() and not settings.force:
         raise PlotfeedError(f"{target}: is there already; --force writes another in its place")
-    return asyncio.run(_Recording(source, target, count, force=force, quiet=as_json).run(duration))
+    return asyncio.run(_Recording(source, target, settings).run())
 
 
 class _Recording:
     """One source into one file."""
 
-    def __init__(
-        self, source: CaptureSource, target: Path, count: int | None, *, force: bool, quiet: bool
-    ) -> None:
+    def __init__(self, source: CaptureSource, target: Path, settings: RecordSettings) -> None:
         self._source = source
         self._target = target
-        self._count = count
-        self._force = force
-        self._quiet = quiet
+        self._settings = settings
         self._stop = asyncio.Event()
         self._topics: set[str] = set()
         self._early: list[Recorded] = []
@@ -99,15 +100,15 @@ class _Recording:
         self._told = 0
         """Messages when the last status line was written."""
 
-    async def run(self, duration_s: float | None) -> int:
+    async def run(self) -> int:
         """The exit code."""
         began_s = time.monotonic()
         try:
             with stopped_by_signals(self._stop.set) as signals:
                 await self._source.open(self._receive)
-                recorder = self._recorder = Recorder(self._target, force=self._force)
+                recorder = self._recorder = Recorder(self._target, force=self._settings.force)
                 try:
-                    await self._work(recorder, duration_s)
+                    await self._work(recorder)
                     await self._source.close()
                 finally:
                     await recorder.stop()
@@ -118,18 +119,19 @@ class _Recording:
             return FAILED
         return INTERRUPTED if signal.SIGINT in signals else 0
 
-    async def _work(self, recorder: Recorder, duration_s: float | None) -> None:
+    async def _work(self, recorder: Recorder) -> None:
         for recorded in self._early:
             self._receive(recorded)
-        if not self._quiet:
+        if not self._settings.as_json:
             click.echo(f"recording {self._source.shown} to {self._target}; stop: Ctrl-C")
             sys.stdout.flush()
         flushing = asyncio.create_task(recorder.run(), name="flush")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
         tasks: set[asyncio.Task[Any]] = {flushing, stopping}
-        if not self._quiet:
+        if not self._settings.as_json:
             status = show_status(lambda: self._status(recorder))
             tasks.add(asyncio.create_task(status, name="status"))
+        duration_s = self._settings.duration
         await asyncio.wait(tasks, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
         for task in tasks:
             task.cancel()
@@ -139,10 +141,11 @@ class _Recording:
         if self._recorder is None:
             self._early.append(recorded)
             return
-        if self._count is not None:
-            if self._recorder.messages >= self._count:
+        count = self._settings.count
+        if count is not None:
+            if self._recorder.messages >= count:
                 return
-            if self._recorder.messages == self._count - 1:
+            if self._recorder.messages == count - 1:
                 self._stop.set()
         self._recorder.write(recorded)
         if len(self._topics) < MAX_TOPICS:
@@ -164,7 +167,7 @@ class _Recording:
     def _conclude(self, recorder: Recorder, lasted_s: float) -> None:
         """The totals, and what is missing."""
         lost = self._source.lost
-        if self._quiet:
+        if self._settings.as_json:
             totals = {
                 "file": str(self._target),
                 "messages": recorder.messages,
