@@ -67,7 +67,7 @@ class PageObserver(Observer):
 
     def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
         """A sector's messages have their fates."""
-        self._view.account(report, sent)
+        self._view.settled(report, sent)
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""

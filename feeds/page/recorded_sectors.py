@@ -21,7 +21,7 @@ from plotfeed.feeds.recording.recorded_session import (
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import DAY_NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded
 
@@ -105,7 +105,7 @@ def _ratio(decibels: Iterable[float]) -> Floats:
     return ratio
 
 
-FAR_NS = 86_400 * NS
+FAR_NS = DAY_NS
 """Times further from a recording than this are not its own."""
 
 

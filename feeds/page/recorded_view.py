@@ -177,7 +177,7 @@ class RecordedView:
         if sector.link is not None and sector.sensor in self._sensors:
             self._tell_link(self._sensors[sector.sensor], sector)
         self._view.report(sector)
-        self._view.account(sector, sector.sent)
+        self._view.settled(sector, sector.sent)
         self._count(sector)
 
     def _tell_changes(self, t_ns: int) -> None:

@@ -108,7 +108,7 @@ class View:
             carried = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
             self._plots.take(number, report.plots, min(carried, default=None))
 
-    def account(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
+    def settled(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
         """Take what became of a sector's messages: if one that brings plots left, so did they."""
         number = self._sensors.get(report.sensor)
         if number is None:

@@ -295,7 +295,7 @@ class MadeUpSession:
         sent = [self._sent(report, message.topic) for message in report.messages]
         if self.view is not None:
             self.view.report(report)
-            self.view.account(report, sent)
+            self.view.settled(report, sent)
 
     def _sent(self, report: SectorReport, topic: str) -> pb.Sent:
         link = self.sensors[report.sensor].link

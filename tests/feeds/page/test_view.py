@@ -103,7 +103,7 @@ def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     view = View()
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
-    view.account(report(found, "far"), [sent("plotfeed/far/plots")])
+    view.settled(report(found, "far"), [sent("plotfeed/far/plots")])
     frame = read_frame(view.update(road.START_NS, 0.0).public)
     measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
     expected = road.SITE.from_ecef(station.frame.to_ecef(measured))
@@ -119,8 +119,8 @@ def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
 def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() -> None:
     view = view_of_radar()
     nothing = np.full(1, np.nan)
-    view.account(report(plots(1, range_m=nothing, elevation_deg=nothing)), [sent()])
-    view.account(report(plots(1, range_m=nothing, azimuth_deg=nothing)), [sent()])
+    view.settled(report(plots(1, range_m=nothing, elevation_deg=nothing)), [sent()])
+    view.settled(report(plots(1, range_m=nothing, azimuth_deg=nothing)), [sent()])
     frame = read_frame(view.update(road.START_NS, 0.0).public)
     assert frame.column(SectionKind.PLOTS, "flags").tolist() == [PlotFlag.BEARING, PlotFlag.NOWHERE]
     east_m, north_m = (frame.column(SectionKind.PLOTS, name) for name in ("east_m", "north_m"))
@@ -133,14 +133,14 @@ def test_plots_are_delivered_by_the_first_message_that_brings_them() -> None:
     view = view_of_radar()
     late = sent("plotfeed/radar/asterix/048", sent_utc_ns=SECTOR.end_ns + NS)
     north_message = sent("plotfeed/radar/asterix/034", sent_utc_ns=SECTOR.end_ns)
-    view.account(report(plots(3)), [late, north_message, sent()])
+    view.settled(report(plots(3)), [late, north_message, sent()])
     frame = read_frame(view.update(road.START_NS, 0.0).public)
     np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
 
 
 def test_what_no_message_brought_is_seen_with_the_truth_alone() -> None:
     view = view_of_radar()
-    view.account(report(plots(3)), [lost(), sent("plotfeed/radar/asterix/034")])
+    view.settled(report(plots(3)), [lost(), sent("plotfeed/radar/asterix/034")])
     public, everything = frames(view.update(road.START_NS, 0.0))
     assert not public.of(SectionKind.PLOTS)
     assert np.isnan(everything.column(SectionKind.LOST_PLOTS, "latency_ms")).all()
@@ -152,7 +152,7 @@ def test_merged_drones_are_counted_for_who_sees_the_truth() -> None:
     others = np.empty(3, np.object_)
     others[:] = [(), (1,), (1, 2)]
     merged = plots(3, drone=np.zeros(3, np.int64), merged_drones=others)
-    view.account(report(merged), [sent()])
+    view.settled(report(merged), [sent()])
     _, everything = frames(view.update(road.START_NS, 0.0))
     assert everything.column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
 
@@ -161,7 +161,7 @@ def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
     view = view_of_radar()
     numbers = []
     for second in range(100):
-        view.account(report(plots(4)), [sent()])
+        view.settled(report(plots(4)), [sent()])
         now_ns = road.START_NS + second * NS
         frame = read_frame(view.update(now_ns, float(second)).public)
         numbers.append(frame.of(SectionKind.PLOTS)[0].first)
@@ -176,7 +176,7 @@ def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
 def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
     view = view_of_radar()
     for _ in range(60):
-        view.account(report(plots(1000)), [sent()])
+        view.settled(report(plots(1000)), [sent()])
         view.update(road.START_NS, 0.0)
     kept = len(read_frame(view.snapshot(road.START_NS).public).column(SectionKind.PLOTS, "sensor"))
     assert MAX_KEPT - 1000 <= kept <= MAX_KEPT
@@ -184,7 +184,7 @@ def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
 
 def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     view = view_of_radar()
-    view.account(report(plots(4)), [sent()])
+    view.settled(report(plots(4)), [sent()])
     view.update(road.START_NS, 0.0)
     view.scene(road.scene([road.radar(id="other")], seed=1))
     update = view.update(road.START_NS, 0.0)
@@ -194,7 +194,7 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     assert not frame.of(SectionKind.PLOTS)
     assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["other"]
     assert not view.update(road.START_NS, 0.0).is_snapshot
-    view.account(report(plots(4), "radar"), [sent()])  # of the scene before: nobody's
+    view.settled(report(plots(4), "radar"), [sent()])  # of the scene before: nobody's
     assert not read_frame(view.update(road.START_NS, 0.0).public).of(SectionKind.PLOTS)
 
 
@@ -241,9 +241,9 @@ def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
 def test_links_are_judged_since_their_settings_changed() -> None:
     view = view_of_radar()
     view.settings("radar", {"link": {"latency_ms": 250.0}}, asked_latency_ms=[240.0, 250.0, 260.0])
-    view.account(report(plots(1)), [sent(number=i) for i in range(5)])
-    view.account(report(plots(1)), [lost(number=n) for n in (7, 6, 9)])
-    view.account(report(plots(1)), [sent(number=0, copy=1)])
+    view.settled(report(plots(1)), [sent(number=i) for i in range(5)])
+    view.settled(report(plots(1)), [lost(number=n) for n in (7, 6, 9)])
+    view.settled(report(plots(1)), [sent(number=0, copy=1)])
     link = details(view, "radar")["link"]
     assert (link["messages"], link["lost"], link["duplicates"]) == (8, 3, 1)
     assert link["mean_burst"] == 1.5
@@ -256,7 +256,7 @@ def test_links_are_judged_since_their_settings_changed() -> None:
 
 def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None:
     view = view_of_radar()
-    view.account(report(plots(3)), [sent(link_due_utc_ns=SECTOR.end_ns + 249_900_000), lost()])
+    view.settled(report(plots(3)), [sent(link_due_utc_ns=SECTOR.end_ns + 249_900_000), lost()])
     assert "seconds" not in read_frame(view.update(road.START_NS, 0.5).public).news
     (second,) = read_frame(view.update(road.START_NS, 1.0).public).news["seconds"]
     assert second == {
@@ -292,7 +292,7 @@ def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
 def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
     view = view_of_radar()
     view.report(report(plots(2), "nobody"))
-    view.account(report(plots(2), "nobody"), [sent()])
+    view.settled(report(plots(2), "nobody"), [sent()])
     view.settings("nobody", {})
     view.watch(["nobody"])
     assert read_frame(view.update(road.START_NS, 0.0).public).news.get("details", {}) == {}
@@ -313,6 +313,6 @@ def test_the_site_may_be_anywhere() -> None:
         general = {"name": "edge", "seed": 1, "site": tree}
         view = View()
         view.scene(road.scene([road.radar()], seed=1, scene=general))
-        view.account(report(plots(4)), [sent()])
+        view.settled(report(plots(4)), [sent()])
         frame = read_frame(view.update(road.START_NS, 0.0).public)
         assert np.isfinite(frame.column(SectionKind.PLOTS, "east_m")).all()
