@@ -12,6 +12,7 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -32,27 +33,21 @@ from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
 
 MAX_DAMAGES_TOLD = 20
 FAILED = 1
-
-
 SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
 
 
-def _faster(control: ReplayControl) -> None:
-    control.set_speed(min(control.speed * 2, MAX_SPEED))
-
-
-def _slower(control: ReplayControl) -> None:
-    control.set_speed(max(control.speed / 2, MIN_SPEED))
+def _hurry(control: ReplayControl, factor: Fraction) -> None:
+    control.set_speed(min(max(control.speed * factor, MIN_SPEED), MAX_SPEED))
 
 
 KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
     b"\x1b[C": lambda control: control.skip(SKIP_S),
     b"\x1b[D": lambda control: control.skip(-SKIP_S),
     b" ": lambda control: control.toggle(),
-    b"+": _faster,
-    b"=": _faster,
-    b"-": _slower,
+    b"+": lambda control: _hurry(control, Fraction(2)),
+    b"=": lambda control: _hurry(control, Fraction(2)),
+    b"-": lambda control: _hurry(control, Fraction(1, 2)),
     b"q": lambda control: control.stop(),
 }
 """What a terminal sends, and what is done then; the arrows first, for they hold other keys."""

@@ -21,8 +21,6 @@ class ReplayControl:
     """
 
     def __init__(self) -> None:
-        self.on_change: Callable[[], object] = lambda: None
-        """Called after whatever was asked for."""
         self.pace: Pace | None = None
         """None before it has begun and after it has ended."""
         self.begin_ns = 0
@@ -54,7 +52,6 @@ class ReplayControl:
     def end(self) -> None:
         """The replay has ended."""
         self.pace = None
-        self.on_change()
 
     @property
     def is_paused(self) -> bool:
@@ -106,7 +103,6 @@ class ReplayControl:
         unrolled_ns = recorded_ns if laps is None else laps.unrolled(lap, recorded_ns)
         self.pace = self.pace.seek(unrolled_ns, self._now_ns() + SEEK_NS)
         self._on_seek(lap, recorded_ns)
-        self.on_change()
 
     def skip(self, seconds: float) -> None:
         """Go on so much later, or earlier, than it is."""
@@ -126,12 +122,10 @@ class ReplayControl:
         """End it."""
         self.stopped = True
         self._on_pace()
-        self.on_change()
 
     def _set(self, pace: Pace) -> None:
         self.pace = pace
         self._on_pace()
-        self.on_change()
 
     def _now_ns(self) -> int:
         return 0 if self._clock is None else self._clock.now_ns()

@@ -241,19 +241,22 @@ async def test_a_pause_before_a_seek_lasts() -> None:
 @pytest.mark.parametrize("silence_ms", [0, 20, 5000])
 @pytest.mark.asyncio
 async def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: int) -> None:
-    control, end_ns = ReplayControl(), RECORDED + (900 + silence_ms) * MS
+    end_ns = RECORDED + (900 + silence_ms) * MS
     stood: list[tuple[int, int]] = []
 
-    def go_on() -> None:
-        control.resume()
-        control.seek(RECORDED + (7000 if len(stood) == 2 else 700) * MS)
+    class Standing(ReplayControl):
+        def stand(self, end_ns: int) -> int | None:
+            stood_before, due_ns = self.is_paused, super().stand(end_ns)
+            if self.is_paused and not stood_before:
+                stood.append(self.position)
+                asyncio.get_running_loop().call_soon(self.stop if len(stood) == 4 else self.go_on)
+            return due_ns
 
-    def changed() -> None:
-        if control.is_paused and not control.stopped:
-            stood.append(control.position)
-            asyncio.get_running_loop().call_soon(control.stop if len(stood) == 4 else go_on)
+        def go_on(self) -> None:
+            self.resume()
+            self.seek(RECORDED + (7000 if len(stood) == 2 else 700) * MS)
 
-    control.on_change = changed
+    control = Standing()
     settings = ReplaySettings(stands_at_ns=end_ns)
     ears, totals = await simulated(REGULAR, settings, control=control)
     assert ears.payloads() == [r.payload for r in [*REGULAR, *REGULAR[7:], *REGULAR[7:]]]
