@@ -41,7 +41,7 @@ class SessionCollector(Observer):
         self._session: RunningSession | None = None
 
     def begun(self, session: RunningSession) -> None:
-        """That is the one to read."""
+        """The session is the one to read."""
         self._session = session
 
     def collect(self) -> Iterator[Any]:

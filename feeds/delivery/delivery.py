@@ -78,7 +78,7 @@ class Delivery:
             self.end(pb.SENT if self.delivered else pb.UNDELIVERED)
 
     def end(self, fate: pb.Fate) -> None:
-        """Its fate is known."""
+        """Note its fate, which is known now."""
         if fate == pb.SENT and self.sent_utc_ns is None:
             self.leave()
         self.fate = fate

@@ -106,7 +106,7 @@ class Outbox:
                 tell(message, self._clock.now_ns())
 
     def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
-        """From then on, or now, the link is that one; what it held leaves if it is up again."""
+        """Have that link from then on, or now; what the one before held leaves if it is up again."""
         if self._impairment is not None:
             self._impairment.change(link)
         elif self._impair is not None:
@@ -180,7 +180,6 @@ class Outbox:
             self._depart((delivery,))
 
     def _depart(self, deliveries: Sequence[Delivery]) -> None:
-        """Out over every transport."""
         for transport in self.transports:
             transport.publish(*deliveries)
         for tell in self._after_link:

@@ -55,7 +55,7 @@ def _paretonormal(u: Floats) -> Floats:
 
 
 def _paretonormal_cdf(x: Floats) -> Floats:
-    """By halving the interval of the normal score, which the quantile rises with."""
+    """Halves the interval of the normal score, which the quantile rises with."""
     low, high = np.full(x.shape, -CLIP), np.full(x.shape, CLIP)
     for _ in range(60):
         middle = (low + high) / 2
@@ -121,7 +121,7 @@ class DelayLaw:
         return np.where(at < 0, 0.0, below)
 
     def mean_ms(self) -> float:
-        """Of the delay, by 4096 of its quantiles."""
+        """Mean of the delay, by 4096 of its quantiles."""
         return float(self.quantile_ms(_MIDDLES).mean())
 
     def mean_deviation_ms(self) -> float:
@@ -162,7 +162,7 @@ class DelaySeries:
         """Of the last message; None if there was none."""
 
     def use(self, messages: int) -> None:
-        """So many of what was drawn last have been used: what is drawn next follows those."""
+        """Count how many of the last draws have been used: what is drawn next follows those."""
         if self._scores and messages:
             self.score = self._scores[messages - 1]
         self._scores = []

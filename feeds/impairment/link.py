@@ -24,7 +24,7 @@ class RateQueue:
         self.change(link)
 
     def change(self, link: LinkSettings) -> None:
-        """For what comes from now on; what was taken leaves when it was going to."""
+        """Be so for what comes from now on; what was taken leaves when it was going to."""
         self._ns_per_octet = 0.0 if link.rate_kbit_s is None else 8e6 / link.rate_kbit_s
         self._overhead_octets = link.overhead_octets
         self._most = link.queue_messages
@@ -51,7 +51,7 @@ MOST_REPEATS = 15
 
 
 def waits_ns(law: DelayLaw) -> tuple[int, ...]:
-    """From a message's first sending to its n-th repeat, for n from 0 to the most.
+    """Time from a message's first sending to its n-th repeat, for n from 0 to the most.
 
     The way back is taken to be like the way there, and to vary on its own.
     """
@@ -122,7 +122,7 @@ class Impairment:
 
     @property
     def link(self) -> LinkSettings:
-        """What it does now."""
+        """The keys that it works by now."""
         return self._link
 
     def change(self, link: LinkSettings) -> None:

@@ -95,7 +95,7 @@ class Draws:
         self._row = self._first = self._end = 0
 
     def _draw(self) -> None:
-        """As many rows as the last second had; where that is not enough, twice as many."""
+        """Draw as many rows as the last second had; where that is not enough, twice as many."""
         row = self._row
         self._series.use(row - self._first)
         count = self._rows_of_last_second - row

@@ -70,7 +70,7 @@ class LossChain:
 
     @property
     def start(self) -> int:
-        """In place of a state, where there is none yet."""
+        """Stands for a state where there is none yet."""
         return len(self.emissions)
 
     def repeats(self, before: int, u: float, v: float, most: int) -> tuple[int, int]:
@@ -125,7 +125,7 @@ class LossChain:
 
     @property
     def lag_1_correlation(self) -> float:
-        """Of a message's loss and the next one's; NaN where none is lost, or all are."""
+        """Correlation of a message's loss and the next one's; NaN where none is lost, or all are."""
         loss = self.mean_loss
         if not 0 < loss < 1:
             return math.nan
@@ -135,7 +135,7 @@ class LossChain:
     @property
     @nan_without_warnings
     def variance_per_message(self) -> float:
-        """Of the number of losses among many messages, per message; infinite beyond all numbers.
+        """Variance of the number of losses among many messages, per message; may be infinite.
 
         L(1-L) and twice the sum of all covariances: what each state brings, beside the mean, until
         the commonest one comes again (Kemeny and Snell, Finite Markov Chains).
@@ -185,7 +185,7 @@ def _two_states(p: float, r: float, good_loss: float, bad_loss: float) -> LossCh
 
 
 def _four_states(loss: FourState) -> LossChain:
-    """By the numbers of netem: 3, 4, 2, 1."""
+    """netem's chain, its states in the order 3, 4, 2, 1."""
     p13, p14, p31, p32, p23 = loss.p13, loss.p14, loss.ends, loss.p32, loss.p23
     rows = (
         (max(0.0, 1 - p31 - p32), 0.0, p32, p31),

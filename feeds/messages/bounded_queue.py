@@ -54,7 +54,7 @@ class BoundedQueue(Generic[Item]):
         return key in self._items
 
     def statistics(self) -> QueueStatistics:
-        """What it has done so far."""
+        """Counts so far."""
         return QueueStatistics(
             limit=self.limit,
             waiting=len(self._items),

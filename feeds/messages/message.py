@@ -30,7 +30,7 @@ class Message:
 def attributes(
     source: str, kind: str, number: str, t_utc_ns: int, **more: object
 ) -> tuple[tuple[str, str], ...]:
-    """Of a message about that time; `number` tells those of one source and kind apart."""
+    """Properties of a message about that time; `number` tells those of a source and kind apart."""
     return (
         ("specversion", "1.0"),
         ("id", f"{kind.replace('/', '-')}-{number}"),
@@ -43,7 +43,7 @@ def attributes(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceivedMessage:
-    """As it came, over MQTT 5 or, without content type and properties, 3.1.1."""
+    """A message as it came, over MQTT 5 or, without content type and properties, 3.1.1."""
 
     topic: str
     payload: bytes

@@ -6,7 +6,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 
 def checked(topic_filter: str) -> str:
-    """The same; raises `PlotfeedError` if it is none."""
+    """The text, if it is a topic filter; raises `PlotfeedError` if it is none."""
     levels = topic_filter.split("/")
     for place, level in enumerate(levels):
         alone = len(level) == 1 and (level == "+" or place == len(levels) - 1)

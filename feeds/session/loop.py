@@ -153,7 +153,7 @@ class SessionLoop:
         self._do_later(AT_ONCE if has_time else BUSY_AT_ONCE)
 
     async def _wait_until(self, due_ns: int) -> None:
-        """Until then, take in what has come, and do what could wait."""
+        """Take in what has come, and do what could wait, until then."""
         while (self.input_queue or self._later) and self._has_time_before(due_ns):
             self._take_inputs(AT_ONCE)
             self._do_later(AT_ONCE)

@@ -21,15 +21,15 @@ class RunningSensor(Protocol):
 
     @property
     def sensor(self) -> Sensor:
-        """Its keys as they are now."""
+        """The sensor's keys as they are now."""
 
     @property
     def settings(self) -> Message:
-        """Its keys as they are now, as whoever comes later is told."""
+        """The sensor's keys as they are now, as whoever comes later is told."""
 
     @property
     def status(self) -> pb.SensorStatus:
-        """Its status as it is now, but for its lateness."""
+        """The sensor's status as it is now, but for its lateness."""
 
 
 class RunningSession(Protocol):
@@ -45,7 +45,7 @@ class RunningSession(Protocol):
 
     @property
     def totals(self) -> SessionCounters:
-        """Its counts, which grow."""
+        """Counts, which grow."""
 
     @property
     def trajectories(self) -> Trajectories:
@@ -53,7 +53,7 @@ class RunningSession(Protocol):
 
     @property
     def sensor_tasks(self) -> Mapping[str, RunningSensor]:
-        """Its sensors by their names."""
+        """Sensors by their names."""
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -88,7 +88,7 @@ class Observer:
         """A sector is reported now."""
 
     def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """That became of a sector's messages."""
+        """What became of a sector's messages is known."""
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""

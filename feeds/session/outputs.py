@@ -101,7 +101,7 @@ class Outputs:
         return self._outbox(sensor.id, links, sensor.link), announcer
 
     def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:
-        """They go over the session's own connections."""
+        """Drones that report themselves go over the session's own connections."""
         return self._outbox(COOPERATIVE, self._session_links, link)
 
     def _outbox(self, name: str, links: Sequence[Transport], link: LinkSettings | None) -> Outbox:

@@ -79,7 +79,7 @@ async def run_over(
     observers: Sequence[Observer] = (),
     on_ready: Callable[[dict[str, str], SessionCounters], None] | None = None,
 ) -> SessionCounters:
-    """The same over brokers that outlast the session; closes the clock."""
+    """Run a scene over brokers that outlast the session; closes the clock."""
     totals, (addresses, urls) = SessionCounters(), brokers
     try:
         session = Session(scene, clock, addresses, totals, observers)
@@ -223,7 +223,7 @@ class Session:
         return SensorTask(emulated, outbox, self._context, announcer)
 
     def _cooperative_task(self) -> CooperativeTask | None:
-        """That of drones of the scene that report themselves, if it has any."""
+        """The task of drones that report themselves, if the scene has any."""
         settings = self.scene.cooperative
         if settings is None:
             return None

@@ -124,7 +124,6 @@ class WallClock:
             self._timer = None
 
     def _go_on(self, *, stands_from_ns: int | None) -> None:
-        """From the time that it is, as if it had always run at this pace."""
         self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
         self._stands_from_ns = stands_from_ns
         self.wake()

@@ -256,12 +256,12 @@ class _Wire(asyncio.Protocol):
         return True
 
     def close(self) -> None:
-        """When all is sent."""
+        """Close when all is sent."""
         if self._transport is not None:
             self._transport.close()
 
     def abort(self) -> None:
-        """At once."""
+        """Close at once."""
         if self._transport is not None:
             self._transport.abort()
 
@@ -280,7 +280,7 @@ class _Wire(asyncio.Protocol):
 
 
 def _said(answer: Answer) -> str:
-    """Its reasons in a line, as far as a line goes."""
+    """Reasons of an answer in a line, as far as a line goes."""
     text = " ".join("; ".join(answer.reasons).split())
     text = "".join(c if c.isprintable() else "?" for c in text)
     return f": {text[:MAX_SAID]}" if text else ""

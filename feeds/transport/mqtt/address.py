@@ -42,13 +42,13 @@ class BrokerAccess:
         return any((self.ca_file, self.certificate_file, self.key_file))
 
     def tls_context(self) -> ssl.SSLContext:
-        """For a connection to a broker with TLS; raises `AccessError`."""
+        """Settings for a connection with TLS; raises `AccessError`."""
         return _tls_context(self.ca_file, self.certificate_file, self.key_file)
 
     def with_credentials(
         self, file: Path | None, environment: Mapping[str, str] = os.environ
     ) -> BrokerAccess:
-        """With user name and password from a file; the environment stands before it.
+        """Access with a user name and password of a file; the environment stands before it.
 
         Raises `AccessError`.
         """
@@ -145,7 +145,7 @@ class BrokerAddress:
         versions: tuple[int, ...] = VERSIONS["any"],
         access: BrokerAccess | None = None,
     ) -> BrokerAddress:
-        """From mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
+        """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
         try:
             parts = urlsplit(url)
             port = parts.port

@@ -209,7 +209,7 @@ class MqttLink:
         self._tell_of_room()
 
     def _send_by(self, connection: MqttConnection | None) -> None:
-        """From now on, by this one, or by none; what another had not delivered waits for it."""
+        """Send by this one, or by none; what another had not delivered waits for it."""
         lost, self._connection = self._connection, connection
         if lost is not None:
             self._queues[1].put_back(lost.give_up())

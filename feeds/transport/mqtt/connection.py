@@ -161,7 +161,7 @@ class MqttConnection:
         return not self.unacknowledged and not self.unsent_octets
 
     def give_up(self) -> list[Delivery]:
-        """It is over: drop what the socket has not taken, hand back what is unacknowledged."""
+        """Drop what the socket has not taken, and hand back what is unacknowledged."""
         self._counts.dropped += self._unsent.give_up()
         return self._in_flight.take_all()
 
@@ -270,7 +270,7 @@ class MqttError(PlotfeedError):
 
 
 def failure(error: Exception) -> MqttError:
-    """For what went wrong before the broker had an answer, or for the answer that it gave."""
+    """The error for what went wrong before the broker had an answer, or for its answer."""
     if (code := refusal_code(error)) is not None:
         return MqttError(
             f"it refuses: {reason_name(code)}",
@@ -289,7 +289,7 @@ def failure(error: Exception) -> MqttError:
 
 
 def hung_up(address: BrokerAddress, version: int, lost: BaseException | None) -> MqttError:
-    """For a broker that closes the connection instead of answering; `lost` is what broke it."""
+    """The error for a broker that hangs up instead of answering; `lost` is what broke it."""
     if isinstance(lost, ssl.SSLError):
         return failure(lost)
     access, may_want = address.access, []
@@ -304,7 +304,7 @@ def hung_up(address: BrokerAddress, version: int, lost: BaseException | None) ->
 
 
 def no_answer() -> MqttError:
-    """For a broker that takes the connection and says nothing."""
+    """The error for a broker that takes the connection and says nothing."""
     return MqttError("no answer to CONNECT", versions=True)
 
 

@@ -82,7 +82,7 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
         return len(self._deliveries) < self.window and self._octets < MAX_UNACKNOWLEDGED_OCTETS
 
     def push_message(self, mid: int, raw_package: bytes) -> None:
-        """It is sent, under this id."""
+        """Note what is being sent, under this id."""
         if self.sending is not None:
             super().push_message(mid, raw_package)
             self._deliveries[mid] = self.sending

@@ -48,12 +48,12 @@ class SocketBuffer:
 
     @property
     def octets(self) -> int:
-        """That it has not taken."""
+        """Octets that it has not taken."""
         return int(self._transport.get_write_buffer_size())
 
     @property
     def messages(self) -> int:
-        """Of QoS 0, that it has not taken."""
+        """Messages of QoS 0 that it has not taken."""
         return len(self._deliveries)
 
     @property
@@ -69,7 +69,7 @@ class SocketBuffer:
         )
 
     def given(self, octets: int) -> bool:
-        """At least so many have been written, when there was room; whether all have left."""
+        """Note that at least so many were written, when there was room; whether all have left."""
         if not self._holds:
             return True
         before, self._octets = self._octets, self.octets
