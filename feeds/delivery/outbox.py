@@ -106,7 +106,7 @@ class Outbox:
                 tell(message, self._clock.now_ns())
 
     def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
-        """Have that link from then on, or now; what the one before held leaves if it is up again."""
+        """Have that link from then on, or now; what was held leaves if it is up again."""
         if self._impairment is not None:
             self._impairment.change(link)
         elif self._impair is not None:

@@ -125,7 +125,7 @@ class LossChain:
 
     @property
     def lag_1_correlation(self) -> float:
-        """Correlation of a message's loss and the next one's; NaN where none is lost, or all are."""
+        """Correlation of successive messages' losses; NaN where none is lost, or all are."""
         loss = self.mean_loss
         if not 0 < loss < 1:
             return math.nan
@@ -185,7 +185,7 @@ def _two_states(p: float, r: float, good_loss: float, bad_loss: float) -> LossCh
 
 
 def _four_states(loss: FourState) -> LossChain:
-    """netem's chain, its states in the order 3, 4, 2, 1."""
+    """The chain of netem, its states in the order 3, 4, 2, 1."""
     p13, p14, p31, p32, p23 = loss.p13, loss.p14, loss.ends, loss.p32, loss.p23
     rows = (
         (max(0.0, 1 - p31 - p32), 0.0, p32, p31),

@@ -56,4 +56,4 @@ class ReceivedMessage:
     """The lower one of what it was published with and 1."""
 
 
-OnHeard = Callable[[ReceivedMessage], None]
+OnReceived = Callable[[ReceivedMessage], None]

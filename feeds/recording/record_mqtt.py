@@ -60,7 +60,7 @@ class BrokerSource:
             self._address,
             self._name,
             subscribe=[self.topic_filter],
-            on_heard=lambda message: receive(recorded_of(message, time.time_ns())),
+            on_received=lambda message: receive(recorded_of(message, time.time_ns())),
         )
         self._running = asyncio.create_task(link.run(), name=f"link[{self._name}]")
         await link.wait_until_up(CONNECT_S)

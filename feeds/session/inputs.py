@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import ChangeError
 from plotfeed.feeds.scene.commands import ClockCommand, Command, ControlError, command_of, parsed
-from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
-from plotfeed.feeds.timing.clock import Clock, WallClock
+from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
@@ -26,22 +24,18 @@ class SessionInputs:
 
     def __init__(
         self,
-        scene: Scene,
+        context: SessionContext,
         trajectories: Trajectories,
-        *,
-        clock: Clock,
-        totals: SessionCounters,
-        observers: Sequence[Observer],
         sensor_tasks: Mapping[str, SensorTask],
         publish: Callable[[Message], None],
     ) -> None:
         """Refusals are published by `publish`."""
-        self._telemetry = TelemetryReceiver(scene, trajectories)
-        self._control_topic = f"{scene.mqtt.prefix}/control"
+        self._telemetry = TelemetryReceiver(context.scene, trajectories)
+        self._control_topic = f"{context.scene.mqtt.prefix}/control"
         self._trajectories = trajectories
-        self._clock = clock
-        self._totals = totals
-        self._observers = observers
+        self._clock = context.clock
+        self._totals = context.totals
+        self._observers = context.observers
         self._sensor_tasks = sensor_tasks
         self._publish = publish
 

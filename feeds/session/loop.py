@@ -44,8 +44,10 @@ class SessionLoop:
     def __init__(
         self,
         clock: Clock,
+        schedule: Schedule,
         *,
         receive: Callable[[str, bytes, str | None, int], object],
+        refuse: Callable[[str], object],
         drain: Callable[[], object],
         after_later: Callable[[], object] = lambda: None,
         before_due: Sequence[Callable[[int], object]] = (),
@@ -53,14 +55,16 @@ class SessionLoop:
     ) -> None:
         """`receive` is given what came in, and the time as of which it is taken in.
 
-        `before_due` is told of a deadline before what is due then is done.
+        `refuse` is given the topic of what cannot even wait. `before_due` is told of a deadline
+        before what is due then is done.
         """
-        self.schedule = Schedule(clock.wake)
+        self.schedule = schedule
         self.input_queue: BoundedQueue[Input] = BoundedQueue(limit)
         self.waited = 0
         """How often the session waited for a way out to have room."""
         self._clock = clock
         self._receive = receive
+        self._refuse = refuse
         self._drain = drain
         self._after_later = after_later
         self._before_due = before_due
@@ -81,13 +85,14 @@ class SessionLoop:
         if due_ns is not None and self._clock.stands_before(due_ns):
             self._clock.wake()  # nothing else would
 
-    def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> bool:
-        """Something has come in; False if there is no room for it to wait."""
+    def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        """Let wait what has come in, or take it in at once if there is time."""
         has_room = self.input_queue.put((topic, payload, content_type))
         due_ns = self.schedule.next_due_ns()
         if due_ns is None or self._has_time_before(due_ns):
             self._take_inputs(AT_ONCE)
-        return has_room
+        if not has_room:
+            self._refuse(topic)
 
     def as_of_ns(self) -> int:
         """The time of what comes in now: no later than it is, and before all that is not done."""

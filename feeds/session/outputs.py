@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of
@@ -13,12 +12,10 @@ from plotfeed.feeds.formats.sapient.sapient_format import in_time
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Observer, cares
+from plotfeed.feeds.session.context import SessionContext
+from plotfeed.feeds.session.observer import cares
 from plotfeed.feeds.session.status import status_message
-from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttLink
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
@@ -29,25 +26,16 @@ from plotfeed.proto import plotfeed_pb2 as pb
 class Outputs:
     """A client for each sensor and broker, one for the session itself, and the UDP sockets."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        addresses: Sequence[BrokerAddress],
-        *,
-        clock: Clock,
-        schedule: Schedule,
-        totals: SessionCounters,
-        observers: Sequence[Observer],
-    ) -> None:
+    def __init__(self, context: SessionContext, addresses: Sequence[BrokerAddress]) -> None:
+        scene, observers = context.scene, context.observers
         self.udp = [UdpLink(to, f"udp[{i}]") for i, to in enumerate(scene.udp)]
         self.links: list[ConnectedTransport] = []
         """All that have to be kept up, the session's own first."""
         self._session_links: list[MqttLink] = []
         self._scene = scene
         self._addresses = addresses
-        self._clock = clock
-        self._schedule = schedule
-        self._totals = totals
+        self._context = context
+        self._clock = context.clock
         self._before_link = [o.before_link for o in observers if cares(o, "before_link")]
         self._after_link = [o.after_link for o in observers if cares(o, "after_link")]
 
@@ -109,8 +97,8 @@ class Outputs:
         return Outbox(
             self._clock,
             [*links, *udp_links],
-            schedule=self._schedule,
-            totals=self._totals,
+            schedule=self._context.schedule,
+            totals=self._context.totals,
             before_link=self._before_link,
             after_link=self._after_link,
             in_time=in_time(self._scene),

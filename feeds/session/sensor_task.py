@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message
@@ -19,32 +17,15 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.status import settings_message, status_message
-from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.timing.schedule import ActionKind, Schedule
+from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
 STATUS_EVERY_NS = 5 * NS
-
-
-KeepLedger = Callable[[SectorReport, str, list[Delivery]], None]
-"""Given a sector, its link's keys then in JSON, and its deliveries, all settled."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionContext:
-    """What all that sends in a session shares."""
-
-    prefix: str
-    clock: Clock
-    schedule: Schedule
-    totals: SessionCounters
-    keep_ledger: KeepLedger
-    observers: Sequence[Observer] = ()
 
 
 class SensorTask:
@@ -64,6 +45,7 @@ class SensorTask:
         self._controlled: dict[str, Any] = {}
         self._emulated = emulated
         self._context = context
+        self._prefix = context.scene.mqtt.prefix
         self._announcer = announcer
         self._status = pb.SensorStatus(sensor=emulated.sensor.id)
         self._link = json_of(emulated.sensor.link)
@@ -170,7 +152,7 @@ class SensorTask:
     def settings(self) -> Message:
         """The sensor's keys as they are now, as whoever comes later is told."""
         now_ns = self._context.clock.now_ns()
-        return settings_message(self._context.prefix, self.sensor, self._controlled, now_ns)
+        return settings_message(self._prefix, self.sensor, self._controlled, now_ns)
 
     @property
     def status(self) -> pb.SensorStatus:
@@ -191,7 +173,7 @@ class SensorTask:
         status.lateness_p50_us, status.lateness_p99_us = lateness_us(counts.lateness_ns, 50, 99)
         counts.lateness_ns.clear()
         now_ns = self._context.clock.now_ns()
-        self.outbox.send_past_link(status_message(self._context.prefix, status, now_ns))
+        self.outbox.send_past_link(status_message(self._prefix, status, now_ns))
 
 
 class CooperativeTask:

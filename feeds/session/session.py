@@ -15,19 +15,19 @@ from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.session.brokers import Brokers, brokers_of
+from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Observer, Tap, cares
 from plotfeed.feeds.session.outputs import Outputs
-from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, SessionContext
+from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
 from plotfeed.feeds.session.status import session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
-from plotfeed.feeds.timing.schedule import ActionKind
+from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
@@ -126,44 +126,49 @@ class Session:
         self._ledger: list[Message] = []
         """Entries that are not sent yet."""
         launch(scene, self.trajectories, self.start_ns)
-        self._inputs = SessionInputs(
-            scene,
-            self.trajectories,
+        context = SessionContext(
+            scene=scene,
             clock=clock,
+            schedule=Schedule(clock.wake),
             totals=totals,
             observers=observers,
-            sensor_tasks=self.sensor_tasks,
-            publish=self._publish,
+            keep_ledger=self._keep_ledger,
         )
-        self.receive = self._inputs.receive
+        self._inputs = SessionInputs(context, self.trajectories, self.sensor_tasks, self._publish)
         self._loop = SessionLoop(
             clock,
+            context.schedule,
             receive=self._inputs.receive,
+            refuse=self._inputs.refuse_for_want_of_room,
             drain=self._drain,
             after_later=self._send_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
-        self._outputs = Outputs(
-            scene,
-            addresses,
-            clock=clock,
-            schedule=self._loop.schedule,
-            totals=totals,
-            observers=observers,
-        )
-        self._context = SessionContext(
-            prefix=scene.mqtt.prefix,
-            clock=clock,
-            schedule=self._loop.schedule,
-            totals=totals,
-            keep_ledger=self._keep_ledger,
-            observers=observers,
-        )
-        self._outbox = self._outputs.of_session(self._inputs.topics, self._queue_input)
-        self.sensor_tasks.update((sensor.id, self._sensor_task(sensor)) for sensor in scene.sensor)
-        self._cooperative = self._cooperative_task()
+        self._outputs = Outputs(context, addresses)
+        self._outbox = self._outputs.of_session(self._inputs.topics, self._loop.queue_input)
+        for sensor in scene.sensor:
+            emulated = EmulatedSensor(scene, sensor, self.trajectories)
+            outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
+            self.sensor_tasks[sensor.id] = SensorTask(emulated, outbox, context, announcer)
+        self._cooperative: CooperativeTask | None = None
+        if scene.cooperative is not None:
+            drones = CooperativeDrones(scene, scene.cooperative, self.trajectories)
+            link = scene.cooperative.link
+            outbox = self._outputs.of_cooperative_drones(link)
+            self._cooperative = CooperativeTask(drones, outbox, context, link)
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
+
+    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Take in telemetry or a command, as of that time."""
+        self._inputs.receive(topic, payload, content_type, t_utc_ns)
+
+    def command(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Do now what might have come in as a command, and say what is in force.
+
+        Raises `PlotfeedError`.
+        """
+        return self._inputs.command(command, self._loop.as_of_ns())
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -178,61 +183,28 @@ class Session:
             for udp_link in self._outputs.udp:
                 sockets.callback(udp_link.close)
                 udp_link.open()
-            await self._run(duration_s, stop, on_ready)
-
-    async def _run(
-        self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
-    ) -> None:
-        async with asyncio.TaskGroup() as tasks:
-            links = self._outputs.links
-            running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in links]
-            try:
-                await _first_of(self._connected(), stop)
-                if stop.is_set():
-                    return  # nothing has begun
-                on_ready()
-                self.start_ns = self.clock.start()
-                await _first_of(self._work(duration_s), stop)
-                await self._flush(stop)
-                await self._farewell(running[len(self._outbox.transports) :])
-            finally:
-                for task in running:
-                    task.cancel()
+            async with asyncio.TaskGroup() as tasks:
+                links = self._outputs.links
+                running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in links]
+                try:
+                    await _first_of(self._connected(), stop)
+                    if stop.is_set():
+                        return  # nothing has begun
+                    on_ready()
+                    self.start_ns = self.clock.start()
+                    await _first_of(self._work(duration_s), stop)
+                    await self._flush(stop)
+                    await self._farewell(running[len(self._outbox.transports) :])
+                finally:
+                    for task in running:
+                        task.cancel()
 
     async def _connected(self) -> None:
         for link in self._outputs.links:
             await link.wait_until_up(FIRST_CONNECTION_S)
 
-    def command(self, command: dict[str, Any]) -> dict[str, Any]:
-        """Do now what might have come in as a command, and say what is in force.
-
-        Raises `PlotfeedError`.
-        """
-        return self._inputs.command(command, self._loop.as_of_ns())
-
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
-
-    def _queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        if not self._loop.queue_input(topic, payload, content_type):
-            self._inputs.refuse_for_want_of_room(topic)
-
-    def _sensor_task(self, sensor: Sensor) -> SensorTask:
-        emulated = EmulatedSensor(self.scene, sensor, self.trajectories)
-        outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
-        return SensorTask(emulated, outbox, self._context, announcer)
-
-    def _cooperative_task(self) -> CooperativeTask | None:
-        """The task of drones that report themselves, if the scene has any."""
-        settings = self.scene.cooperative
-        if settings is None:
-            return None
-        return CooperativeTask(
-            CooperativeDrones(self.scene, settings, self.trajectories),
-            self._outputs.of_cooperative_drones(settings.link),
-            self._context,
-            settings.link,
-        )
 
     def _keep_ledger(self, report: SectorReport, link: str, deliveries: list[Delivery]) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""

@@ -39,6 +39,7 @@ from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
+from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
 
 SECONDS = 30.0
 RADARS, SECTORS, DRONES = 200, 32, 50
@@ -209,7 +210,13 @@ def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | No
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one agenda, one clock."""
     clock = WallClock()
-    engine = SessionLoop(clock, receive=lambda *_: None, drain=lambda: None)
+    engine = SessionLoop(
+        clock,
+        Schedule(clock.wake),
+        receive=lambda *_: None,
+        refuse=lambda _: None,
+        drain=lambda: None,
+    )
     late_ns: list[int] = []
     begin_ns = clock.now_ns() + 10_000_000
 

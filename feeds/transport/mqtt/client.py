@@ -14,7 +14,7 @@ from typing import Self
 from uuid import uuid4
 
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.message import Message, OnHeard
+from plotfeed.feeds.messages.message import Message, OnReceived
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
@@ -49,7 +49,7 @@ class MqttLink:
         will: Message | None = None,
         subscribe: Sequence[str] = (),
         on_message: OnMessage | None = None,
-        on_heard: OnHeard | None = None,
+        on_received: OnReceived | None = None,
         on_connect: Callable[[MqttLink], None] | None = None,
         queue: MqttQueueKeys | None = None,
     ) -> None:
@@ -65,7 +65,7 @@ class MqttLink:
         self._will = will
         self._subscribe = subscribe
         self._on_message = on_message
-        self._on_heard = on_heard
+        self._on_received = on_received
         self._on_connect = on_connect
         self._versions = address.versions
         self._settled = asyncio.Event()
@@ -275,7 +275,7 @@ class MqttLink:
                 on_room=self._has_room_again,
                 will=self._will,
                 on_message=self._on_message,
-                on_heard=self._on_heard,
+                on_received=self._on_received,
             )
             last = version == self._versions[-1]
             try:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.message import Message, OnHeard, ReceivedMessage
+from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
@@ -58,7 +58,7 @@ class MqttConnection:
         on_room: Callable[[], None],
         will: Message | None = None,
         on_message: OnMessage | None = None,
-        on_heard: OnHeard | None = None,
+        on_received: OnReceived | None = None,
     ) -> None:
         """`on_room` is called whenever there may be room again."""
         self.lost = asyncio.Event()
@@ -67,7 +67,7 @@ class MqttConnection:
         self.version = version
         self._address = address
         self._on_message = on_message
-        self._on_heard = on_heard
+        self._on_received = on_received
         self._counts = counts
         self._on_room = on_room
         self._in_flight = Qos1Window(counts, on_room)
@@ -111,7 +111,7 @@ class MqttConnection:
 
     def subscribe(self, topic_filter: str) -> None:
         """Hear what comes there."""
-        as_published = self._on_heard is not None and self.version >= 5
+        as_published = self._on_received is not None and self.version >= 5
         self._client.subscribe(topic_filter, as_published=as_published)
 
     def has_room(self, qos: int) -> bool:
@@ -243,8 +243,8 @@ class MqttConnection:
         content_type = (properties.get("content_type") or [None])[0]
         if self._on_message is not None:
             self._on_message(topic, payload, content_type)
-        if self._on_heard is not None:
-            self._on_heard(
+        if self._on_received is not None:
+            self._on_received(
                 ReceivedMessage(
                     topic=topic,
                     payload=payload,

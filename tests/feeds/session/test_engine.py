@@ -8,7 +8,7 @@ from support.waiting import until
 
 from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.timing.schedule import ActionKind
+from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 
 MS = 1_000_000
 
@@ -24,8 +24,15 @@ class Case:
     ) -> None:
         self.clock = clock or InstantClock(0)
         self.done: list[tuple[str, int]] = []
+        self.refused: list[str] = []
         self.loop = SessionLoop(
-            self.clock, receive=self.receive, drain=lambda: None, before_due=before_due, limit=limit
+            self.clock,
+            Schedule(self.clock.wake),
+            receive=self.receive,
+            refuse=self.refused.append,
+            drain=lambda: None,
+            before_due=before_due,
+            limit=limit,
         )
 
     def at(self, t_ns: int, name: str, kind: ActionKind = ActionKind.WORK) -> None:
@@ -37,8 +44,8 @@ class Case:
     def receive(self, topic: str, _p: bytes, _c: str | None, t_utc_ns: int) -> None:
         self.done.append((topic, t_utc_ns))
 
-    def hear(self, topic: str) -> bool:
-        return self.loop.queue_input(topic, b"", None)
+    def hear(self, topic: str) -> None:
+        self.loop.queue_input(topic, b"", None)
 
 
 @pytest.mark.asyncio
