@@ -1,15 +1,25 @@
-"""One line that tells how far something is: over itself in a terminal, now and then in a log."""
+"""How far something is: a line of status, over itself in a terminal; a bar of progress."""
 
 from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 import click
 
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
+PATIENCE_S = 1.0
+"""A bar is shown only for what takes longer."""
+BETWEEN_S = 0.1
+LOOK_EVERY = 256
+GONE = "\r\033[K\033[?25h"
+"""Takes the bar away and shows the cursor again."""
+
+T = TypeVar("T")
 
 
 def interval_s() -> float:
@@ -34,3 +44,24 @@ def show_last_status(text: str) -> None:
 def printable(text: str) -> str:
     """Text that others sent, so that it does not move the cursor of a terminal."""
     return text if text.isprintable() else ascii(text)
+
+
+def with_progress(
+    things: Iterable[T], what: str, done: Callable[[], int], all_: int
+) -> Iterator[T]:
+    """Give all things on; a bar says meanwhile how much of `all_` is done, if anybody can see."""
+    if not sys.stderr.isatty():
+        yield from things
+        return
+    bar = click.progressbar(length=all_, label=what, file=sys.stderr)
+    is_shown, next_s = False, time.monotonic() + PATIENCE_S
+    try:
+        for n, thing in enumerate(things):
+            yield thing
+            if n % LOOK_EVERY or time.monotonic() < next_s:
+                continue
+            is_shown, next_s = True, time.monotonic() + BETWEEN_S
+            bar.update(min(done(), all_) - bar.pos)
+    finally:
+        if is_shown:
+            click.echo(GONE, file=sys.stderr, nl=False)

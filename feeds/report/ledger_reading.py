@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from plotfeed.feeds.console.progress import with_progress
+from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.recording.recorded_session import (
     RecordedSettings,
