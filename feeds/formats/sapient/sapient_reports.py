@@ -137,14 +137,7 @@ class SapientReports:
         alike = tuple(pair for pair in model.properties if pair[0] != "id")
         place = f"sapient-{sector.scan}-{sector.index}"
         return [
-            Message(
-                topic=model.topic,
-                payload=payload,
-                content_type=CONTENT_TYPE,
-                due_utc_ns=model.due_utc_ns,
-                qos=model.qos,
-                properties=(("id", f"{place}-{n}"), *alike),
-            )
+            replace(model, payload=payload, properties=(("id", f"{place}-{n}"), *alike))
             for n, payload in enumerate(payloads)
         ]
 

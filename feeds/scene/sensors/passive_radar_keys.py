@@ -29,10 +29,12 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     SensorGeometry,
     TrackingSensorKeys,
     VolumeKeys,
+    gain_or_of_beam,
+    long_integration,
 )
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.propagation import C_M_S, beam_gain_dbi
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import MAN_MADE, Illuminator, external_noise_db
 
@@ -157,7 +159,12 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
         """The model, with the transmitters as the receiver sees them."""
         converted = {
             "transmitters": tuple(self._transmitter(t, site) for t in self.transmitters),
-            "gain_rx_dbi": self._gain_rx_dbi(),
+            "gain_rx_dbi": gain_or_of_beam(
+                self.gain_rx_dbi,
+                self.azimuth_beamwidth_deg,
+                self.elevation_beamwidth_deg,
+                self.antenna_efficiency,
+            ),
             "azimuth_cover": self.azimuth_cover,
             "multipath": multipath_of(self.multipath),
             "doppler": self._doppler(),
@@ -182,15 +189,6 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
             period_s=self.scan.period_s,
         )
 
-    def _gain_rx_dbi(self) -> float:
-        if self.gain_rx_dbi is not None or self.elevation_beamwidth_deg is None:
-            return self.gain_rx_dbi or 0.0
-        return float(
-            beam_gain_dbi(
-                self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg, self.antenna_efficiency
-            )
-        )
-
     def _transmitter(self, part: IlluminatorKeys, site: Site) -> Illuminator:
         east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part.place)
         return Illuminator(
@@ -205,12 +203,7 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
         """An integration longer than a scan, and what lies near a baseline."""
         model = self.model(site)
         azimuths_deg, _, baselines_m = enu_to_aer(model.positions_enu_m)
-        found = []
-        if self.integration_s > self.scan.period_s:
-            found.append(
-                f"integration_s is {self.integration_s:g}, but a scan lasts "
-                f"{self.scan.period_s:g} s: integrate less, or scan slower"
-            )
+        found = long_integration(self.integration_s, self.scan)
         for part, azimuth_deg, baseline_m in zip(
             self.transmitters, azimuths_deg, baselines_m, strict=True
         ):

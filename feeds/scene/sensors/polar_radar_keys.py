@@ -33,9 +33,11 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     SensorGeometry,
     TrackingSensorKeys,
     VolumeKeys,
+    gain_or_of_beam,
+    long_integration,
 )
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.propagation import C_M_S, beam_gain_dbi
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.polar_radar import PolarRadar
@@ -141,7 +143,12 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
         """What the model calls by the same names, its cover and its receive gain."""
         return self.by_name(PolarRadar) | {
             "azimuth_cover": self.azimuth_cover,
-            "gain_rx_dbi": self._gain_rx_dbi(),
+            "gain_rx_dbi": gain_or_of_beam(
+                self.gain_rx_dbi,
+                self.azimuth_beamwidth_deg,
+                self.elevation_beamwidth_deg,
+                self.antenna_efficiency,
+            ),
             "measures_run_length": any(
                 REPORT_FORMATS[name].tells_run_lengths for name in self.report
             ),
@@ -164,16 +171,6 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
             elevation_deg=self.elevation_beamwidth_deg if self.measures_elevation else None,
             doppler=self._doppler(),
             period_s=self.scan.period_s,
-        )
-
-    def _gain_rx_dbi(self) -> float:
-        """Follows from the beamwidths if it is not given."""
-        if self.gain_rx_dbi is not None:
-            return self.gain_rx_dbi
-        return float(
-            beam_gain_dbi(
-                self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg, self.antenna_efficiency
-            )
         )
 
 
@@ -263,12 +260,4 @@ class MimoRadarKeys(PolarRadarKeys):
 
     def warnings(self, site: Site, /) -> list[str]:
         """An integration longer than a scan, and a format coarser than the radar."""
-        return [*self._long_integration(), *super().warnings(site)]
-
-    def _long_integration(self) -> list[str]:
-        if self.integration_s <= self.scan.period_s:
-            return []
-        return [
-            f"integration_s is {self.integration_s:g}, but a scan lasts "
-            f"{self.scan.period_s:g} s: integrate less, or scan slower"
-        ]
+        return [*long_integration(self.integration_s, self.scan), *super().warnings(site)]

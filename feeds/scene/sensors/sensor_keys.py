@@ -33,6 +33,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DriftKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
 from plotfeed.models.beam.scan import AzimuthCover
+from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
 
 
@@ -268,3 +269,22 @@ class TrackingSensorKeys(SensorKeys):
 
     tracks: TracksKeys = TracksKeys()
     """For asterix-062."""
+
+
+def gain_or_of_beam(
+    gain_dbi: float | None, azimuth_deg: float, elevation_deg: float | None, efficiency: float
+) -> float:
+    """An antenna's gain, dBi: the one that is given, or else that of a beam of those widths."""
+    if gain_dbi is not None or elevation_deg is None:
+        return gain_dbi or 0.0
+    return float(beam_gain_dbi(azimuth_deg, elevation_deg, efficiency))
+
+
+def long_integration(integration_s: float, scan: Scan) -> list[str]:
+    """Warnings of an integration that is longer than a scan."""
+    if integration_s <= scan.period_s:
+        return []
+    return [
+        f"integration_s is {integration_s:g}, but a scan lasts "
+        f"{scan.period_s:g} s: integrate less, or scan slower"
+    ]
