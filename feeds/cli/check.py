@@ -23,41 +23,6 @@ from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
 
-
-def draw_predictions(curves: dict[str, Any], path: Path) -> None:
-    """Pd, and rms errors of range and azimuth, against range; PNG, SVG or PDF by the name."""
-    figure, axes = _subplots(3)
-    for name, (ranges_m, predicted) in curves.items():
-        ranges_km = ranges_m / 1000
-        axes[0].plot(ranges_km, predicted.pd, label=name)
-        for axis, sigma in zip(
-            axes[1:], (predicted.sigma_range_m, predicted.sigma_azimuth_deg), strict=True
-        ):
-            if np.isfinite(sigma).any():
-                axis.semilogy(ranges_km, sigma, label=name)
-    for axis, title in zip(
-        axes,
-        ("probability of detection", "rms range error, m", "rms azimuth error, degrees"),
-        strict=True,
-    ):
-        axis.set_title(title)
-        axis.set_xlabel("range, km")
-        axis.grid(visible=True, alpha=0.3)
-        axis.legend()
-    try:
-        figure.savefig(path, dpi=120)
-    except ValueError as error:
-        raise PlotfeedError(f"{path}: {error}") from None
-
-
-def _subplots(count: int) -> tuple[Any, Any]:
-    need_matplotlib()
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5 * count, 4.2), layout="constrained")
-    return figure, figure.subplots(1, count)
-
-
 ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
 DEFAULT_SPEED_M_S = 15.0
@@ -243,3 +208,33 @@ def row_lines(sensor: dict[str, Any]) -> list[str]:
 
 def _cell(value: float | None, width: int, digits: int) -> str:
     return "-".rjust(width) if value is None else f"{value:{width}.{digits}f}"
+
+
+def draw_predictions(curves: dict[str, Any], path: Path) -> None:
+    """Pd, and rms errors of range and azimuth, against range; PNG, SVG or PDF by the name."""
+    need_matplotlib()
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure(figsize=(15, 4.2), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for name, (ranges_m, predicted) in curves.items():
+        ranges_km = ranges_m / 1000
+        axes[0].plot(ranges_km, predicted.pd, label=name)
+        for axis, sigma in zip(
+            axes[1:], (predicted.sigma_range_m, predicted.sigma_azimuth_deg), strict=True
+        ):
+            if np.isfinite(sigma).any():
+                axis.semilogy(ranges_km, sigma, label=name)
+    for axis, title in zip(
+        axes,
+        ("probability of detection", "rms range error, m", "rms azimuth error, degrees"),
+        strict=True,
+    ):
+        axis.set_title(title)
+        axis.set_xlabel("range, km")
+        axis.grid(visible=True, alpha=0.3)
+        axis.legend()
+    try:
+        figure.savefig(path, dpi=120)
+    except ValueError as error:
+        raise PlotfeedError(f"{path}: {error}") from None

@@ -23,6 +23,13 @@ from plotfeed.proto.asterix.encode_025 import StatusEncoder025
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
+OBSERVATIONS_A_SCAN = 4096
+"""Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
+GEOMETRIES = {
+    SensorGeometry.MONOSTATIC: Geometry.MONOSTATIC,
+    SensorGeometry.BISTATIC: Geometry.MULTISTATIC,
+    SensorGeometry.BEARINGS: Geometry.OTHER,
+}
 
 
 class Status025:
@@ -45,15 +52,6 @@ class Status025:
         if not comes_up(SERVICE_PERIOD_NS, sector):
             return []
         return [(25, self._encoder.block(sector.end_ns))]
-
-
-OBSERVATIONS_A_SCAN = 4096
-"""Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
-GEOMETRIES = {
-    SensorGeometry.MONOSTATIC: Geometry.MONOSTATIC,
-    SensorGeometry.BISTATIC: Geometry.MULTISTATIC,
-    SensorGeometry.BEARINGS: Geometry.OTHER,
-}
 
 
 class Asterix015:

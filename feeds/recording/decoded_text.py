@@ -26,6 +26,16 @@ from plotfeed.proto.utc import iso_utc
 
 ENVELOPE = frozenset({"timestamp", "node_id", "destination_id", "additional_information"})
 MAX_TEXT = 2000
+SAPIENT = REPORT_FORMATS["sapient"].message
+OURS: Mapping[str, type[ProtobufMessage]] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+}
+UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
+"""What a message may be."""
+Categories = Mapping[int, Category]
+EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
+"""Of categories that not all senders write alike."""
 
 
 def sapient_line(message: Mapping[str, Any]) -> str:
@@ -73,20 +83,6 @@ def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
     for name, value in fields.items():
         if isinstance(value, int | float):
             yield f"{name} {value:.9g}"
-
-
-SAPIENT = REPORT_FORMATS["sapient"].message
-OURS: Mapping[str, type[ProtobufMessage]] = {
-    kind.DESCRIPTOR.full_name: kind
-    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
-}
-UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
-"""What a message may be."""
-
-
-Categories = Mapping[int, Category]
-EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
-"""Of categories that not all senders write alike."""
 
 
 def categories_of(editions: Iterable[str]) -> Categories:

@@ -21,6 +21,8 @@ from plotfeed.models.state import Looks, Plots
 from plotfeed.models.truth import Trajectories
 
 NS_IN_MS = 1e6
+AHEAD_NS = 10_000_000
+"""A sector is worked out this long before its messages are due, so that only sending is left."""
 
 
 class EmulatedSensor:
@@ -77,7 +79,3 @@ class EmulatedSensor:
         site, plots = self._beam.site, seen.plots
         told = plots.but(t_utc_ns=plots.t_utc_ns + site.clock_ahead_ns)
         return replace(seen, plots=told, truth_at=site.apparent_at)
-
-
-AHEAD_NS = 10_000_000
-"""A sector is worked out this long before its messages are due, so that only sending is left."""

@@ -15,24 +15,11 @@ from plotfeed.proto.sapient.decode_sapient import restamped
 from plotfeed.proto.sapient.encode_node import registration, status
 from plotfeed.proto.utc import NS, iso_utc
 
-MAX_LATE_NS = 800_000_000
-"""A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""
-
-
-def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:
-    """The message as it leaves at that time, or None if it is dropped."""
-    if t_utc_ns - message.due_utc_ns <= MAX_LATE_NS or rule == "send":
-        return message
-    if rule == "drop":
-        return None
-    with contextlib.suppress(DecodeError):  # of a message that the link has corrupted
-        return replace(message, payload=restamped(message.payload, t_utc_ns))
-    return message
-
-
 CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
 REGISTRATION = ("type", "plotfeed.sapient.registration")
 STATUS = ("type", "plotfeed.sapient.status")
+MAX_LATE_NS = 800_000_000
+"""A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""
 
 
 class SapientAnnouncer:
@@ -81,3 +68,14 @@ class SapientAnnouncer:
 def is_registration(message: Message) -> bool:
     """Whether a message is the first that a node sends."""
     return REGISTRATION in message.properties
+
+
+def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:
+    """The message as it leaves at that time, or None if it is dropped."""
+    if t_utc_ns - message.due_utc_ns <= MAX_LATE_NS or rule == "send":
+        return message
+    if rule == "drop":
+        return None
+    with contextlib.suppress(DecodeError):  # of a message that the link has corrupted
+        return replace(message, payload=restamped(message.payload, t_utc_ns))
+    return message

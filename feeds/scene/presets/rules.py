@@ -16,6 +16,13 @@ from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import PlotfeedError
 
+SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
+"""What a sensor predicts of a target does not depend on where on Earth both are."""
+MARGIN = 1e-9
+"""By how much a goal is overshot, so that rounding does not leave the model below it."""
+BRACKETS = {"_w": (1e-9, 1e9), "_db": (-200.0, 200.0), "_deg": (0.0, 90.0), "_m": (0.0, 1e4)}
+"""Where the value of a key of that unit is looked for."""
+
 
 def short(value: float) -> str:
     """A number to five digits, such as 2.4e9."""
@@ -189,14 +196,6 @@ METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[A
     ),
 }
 """Methods by their keys in a rule: the value of a rule, and how people read it."""
-
-
-SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
-"""What a sensor predicts of a target does not depend on where on Earth both are."""
-MARGIN = 1e-9
-"""By how much a goal is overshot, so that rounding does not leave the model below it."""
-BRACKETS = {"_w": (1e-9, 1e9), "_db": (-200.0, 200.0), "_deg": (0.0, 90.0), "_m": (0.0, 1e4)}
-"""Where the value of a key of that unit is looked for."""
 
 
 def derive(
