@@ -1,1 +1,1 @@
-"""Bytes to values and back, pure: ASTERIX and plotfeed's own protobuf messages."""
+"""Bytes to values and back, pure: ASTERIX, SAPIENT and plotfeed's own protobuf messages."""

@@ -1,1 +1,1 @@
-"""Where a beam is when: scans, sectors, cover, and which drones it meets."""
+"""When a sensor looks where: scans, sectors and cover, which drones a beam meets, whose draws."""

@@ -1,1 +1,1 @@
-"""What a sensor models only if it is asked to: each effect a small function of arrays."""
+"""What a sensor models only if it is asked to; of what is not asked for, nothing runs here."""

@@ -1,1 +1,5 @@
-"""The sensors of the paper: looks in, plots and false alarms out, each by its equations."""
+"""The sensors of the paper, a file each, on what they share.
+
+That is `sensor_model`, for all, and `echo_radar` and `polar_radar`, for radars. A new sensor is a
+`SensorModel`, or a `CellSensor` where resolution cells alarm.
+"""
