@@ -9,8 +9,7 @@ import numpy as np
 
 from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.proto.asterix.cat015 import CAT015
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import Reports, looked_up, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, looked_up, measured
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 MEASUREMENT_PLOT = 1  # I015/000/MT

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plotfeed.proto.asterix.cat016 import CAT016
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position
 from plotfeed.proto.units import TIME_LSB_NS
 
 SYSTEM, COMPONENTS = 1, 2  # I016/000

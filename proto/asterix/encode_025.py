@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 
 from plotfeed.proto.asterix.cat025 import CAT025
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.codec.report_profiles import Reports, checked_position
 from plotfeed.proto.units import TIME_LSB_NS
 
 SERVICE_AND_SYSTEM_STATUS = 1  # I025/000/RTYP

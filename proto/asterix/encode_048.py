@@ -9,8 +9,7 @@ from __future__ import annotations
 from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.cat034 import CAT034
 from plotfeed.proto.asterix.cat048 import CAT048
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Encoder, blocks_of
-from plotfeed.proto.asterix.codec.report_profiles import Reports, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Encoder, Reports, blocks_of, measured
 from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS
 
 RHO_LSB_M = NM_M / 256  # I048/040

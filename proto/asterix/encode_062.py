@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.cat062 import CAT062
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import Reports, checked_position, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position, measured
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 MONOSENSOR, GEOMETRIC_HEIGHT, RADAR_3D = 1, 1, 2  # I062/080: MON, MRH, SRC

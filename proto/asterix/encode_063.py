@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from plotfeed.proto.asterix.cat063 import CAT063
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import Reports
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports
 from plotfeed.proto.units import TIME_LSB_NS
 
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from plotfeed.proto.asterix.cat129 import CAT129
 from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
-from plotfeed.proto.asterix.codec.report_profiles import Reports, checked_position
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.units import TIME_LSB_NS
 

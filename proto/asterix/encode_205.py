@@ -14,12 +14,7 @@ import numpy as np
 
 from plotfeed.models.state import Floats, Ints, Plots, Texts
 from plotfeed.proto.asterix.cat205 import CAT205
-from plotfeed.proto.asterix.codec.report_profiles import (
-    Reports,
-    checked_position,
-    looked_up,
-    measured,
-)
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position, looked_up, measured
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 

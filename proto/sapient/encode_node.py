@@ -33,7 +33,7 @@ NodeType = Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Field:
+class FieldOfView:
     """Where a sensor looks: a cone of the extents, which are whole angles, about its middle."""
 
     azimuth_deg: float
@@ -65,7 +65,7 @@ class Node:
     longitude_deg: float
     height_m: float
     """Height above the ellipsoid."""
-    field: Field
+    field: FieldOfView
     scanning: bool
     settle_s: float
     """Time until everything within cover has been looked at once."""
@@ -223,7 +223,7 @@ def _seconds(field: str, value_s: float) -> Registration.Duration:
     return Registration.Duration(units=Registration.TimeUnits.TIME_UNITS_SECONDS, value=value_s)
 
 
-def _cone(field: Field) -> RangeBearingCone:
+def _cone(field: FieldOfView) -> RangeBearingCone:
     check_number("azimuth", field.azimuth_deg, 0, 360)
     check_number("horizontal_extent", field.horizontal_extent_deg, 0, 360)
     check_number("elevation", field.elevation_deg, -90, 90)

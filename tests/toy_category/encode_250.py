@@ -5,7 +5,7 @@ from __future__ import annotations
 from toy_category.cat250 import CAT250
 
 from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.codec.report_profiles import Reports, measured
+from plotfeed.proto.asterix.codec.encode import Reports, measured
 from plotfeed.proto.units import TIME_LSB_NS
 
 

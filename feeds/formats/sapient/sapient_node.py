@@ -24,7 +24,7 @@ from plotfeed.proto.sapient.encode_detections import (
     TRANSMITTER,
     Manner,
 )
-from plotfeed.proto.sapient.encode_node import Field, Node, SapientQuantity
+from plotfeed.proto.sapient.encode_node import FieldOfView, Node, SapientQuantity
 from plotfeed.proto.sapient.envelope import node_id
 from plotfeed.proto.utc import NS
 
@@ -166,7 +166,7 @@ def _predicted(site: Site, sensor: Sensor) -> Prediction:
     return sensor.model(site).predict(Targets.of_one(signature, enu_m))
 
 
-def _field(sensor: Sensor) -> Field:
+def _field(sensor: Sensor) -> FieldOfView:
     """The cover; all directions where the sensor has no limits."""
     azimuths = [
         getattr(sensor, f"azimuth_{end}_deg", d) for end, d in (("min", -180), ("max", 180))
@@ -174,7 +174,7 @@ def _field(sensor: Sensor) -> Field:
     elevations = [
         getattr(sensor, f"elevation_{end}_deg", d) for end, d in (("min", -90), ("max", 90))
     ]
-    return Field(
+    return FieldOfView(
         azimuth_deg=float(wrap_360(sum(azimuths) / 2)),
         horizontal_extent_deg=float(azimuths[1] - azimuths[0]),
         elevation_deg=sum(elevations) / 2,

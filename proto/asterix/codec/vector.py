@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.proto.asterix.codec.layout import Overflow
 from plotfeed.proto.asterix.codec.machine_words import Word, cells
-from plotfeed.proto.asterix.codec.scaling import ScalingRule
+from plotfeed.proto.asterix.codec.scalar import ScalingRule
 from plotfeed.proto.errors import EncodeError
 
 Integers = NDArray[np.int64]

@@ -14,7 +14,13 @@ from plotfeed.models.state import Plots
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import decode, decode_answer
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder, Manner, Positions
-from plotfeed.proto.sapient.encode_node import Field, Node, SapientQuantity, registration, status
+from plotfeed.proto.sapient.encode_node import (
+    FieldOfView,
+    Node,
+    SapientQuantity,
+    registration,
+    status,
+)
 from plotfeed.proto.sapient.envelope import MAX_IDS, Ulids, node_id
 
 T_NS = 1_700_000_000_123_456_789
@@ -28,7 +34,7 @@ NODE = Node(
     latitude_deg=40.45,
     longitude_deg=-3.73,
     height_m=650.0,
-    field=Field(
+    field=FieldOfView(
         azimuth_deg=0.0,
         horizontal_extent_deg=360.0,
         elevation_deg=10.0,
