@@ -26,7 +26,7 @@ from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, ReplayTransport, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
-from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.files import RepeatableRecording, open_repeatable
 from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
@@ -105,7 +105,7 @@ async def _replay(
     *,
     as_json: bool,
 ) -> int:
-    control, totals = ReplayControl(), ReplayTotals()
+    control, totals = ReplayControl(), ReplayCounters()
     async with open_transports(to, waits=settings.fastest) as outs:
         with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
             if not as_json:
@@ -149,13 +149,13 @@ def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
     sys.stdout.flush()
 
 
-def _position(control: ReplayControl, totals: ReplayTotals) -> str:
+def _position(control: ReplayControl, totals: ReplayCounters) -> str:
     lap, position_ns = control.position
     where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(control.speed):g}"
     return f"{where}{'  paused' if control.is_paused else ''}  messages {totals.messages}"
 
 
-def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
+def _line(totals: ReplayCounters, settings: ReplaySettings, took_s: float) -> str:
     text = f"messages {totals.messages}  octets {totals.octets}  in {took_s:.2f} s"
     if settings.fastest:
         text += f", {totals.messages / max(took_s, 1e-9):.0f} a second"
@@ -170,7 +170,7 @@ def _line(totals: ReplayTotals, settings: ReplaySettings, took_s: float) -> str:
 
 
 def _summary(
-    totals: ReplayTotals, outs: Sequence[ReplayTransport], took_s: float
+    totals: ReplayCounters, outs: Sequence[ReplayTransport], took_s: float
 ) -> dict[str, float | dict[str, int]]:
     p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
     return {

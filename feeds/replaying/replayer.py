@@ -12,7 +12,7 @@ from plotfeed.feeds.replaying.destinations import ReplayTransport
 from plotfeed.feeds.replaying.read_ahead import ReadAhead, ReplayItem, ReplayReader, undisturbed
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.restamp import Restamper
-from plotfeed.feeds.replaying.routes import Departure, ReplayTotals, Routes
+from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.feeds.transport.mqtt.client import MqttLink
@@ -50,14 +50,14 @@ async def replay(
     *,
     control: ReplayControl | None = None,
     clock: Clock | None = None,
-    totals: ReplayTotals | None = None,
-) -> ReplayTotals:
+    totals: ReplayCounters | None = None,
+) -> ReplayCounters:
     """Replay a recording over open transports, until its end or until it is stopped.
 
     `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
     are filled in meanwhile. Raises what reading the source raises, and `ReplayError`.
     """
-    totals = ReplayTotals() if totals is None else totals
+    totals = ReplayCounters() if totals is None else totals
     own = RushClock() if settings.fastest else WallClock()
     replayer = Replayer(
         source,
@@ -85,7 +85,7 @@ class Replayer:
         settings: ReplaySettings,
         *,
         clock: Clock,
-        totals: ReplayTotals,
+        totals: ReplayCounters,
         control: ReplayControl,
     ) -> None:
         self._transports = transports

@@ -50,7 +50,7 @@ _FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
 
 
 @dataclass(slots=True)
-class ReplayTotals(SessionCounters):
+class ReplayCounters(SessionCounters):
     """What a replay has done so far."""
 
     worst_ns: int = 0
@@ -111,7 +111,7 @@ class Routes:
         *,
         clock: Clock,
         schedule: Schedule,
-        totals: ReplayTotals,
+        totals: ReplayCounters,
     ) -> None:
         self.later_ns = 0
         """How far the replay's time is ahead of the recorded one, at its beginning."""

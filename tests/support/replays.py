@@ -11,7 +11,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
-from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -96,7 +96,7 @@ async def simulated(
     control: ReplayControl | None = None,
     on_message: Callable[[Message], object] = lambda _: None,
     begin_utc_ns: int = REPLAYED,
-) -> tuple[Ears, ReplayTotals]:
+) -> tuple[Ears, ReplayCounters]:
     """What leaves in a replay under a clock that jumps from deadline to deadline."""
 
     clock = InstantClock(begin_utc_ns)

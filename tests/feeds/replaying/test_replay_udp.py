@@ -22,7 +22,7 @@ from plotfeed.feeds.replaying.destinations import (
 )
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay
-from plotfeed.feeds.replaying.routes import ReplayTotals
+from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded
@@ -32,7 +32,7 @@ async def sent_over(
     outs: Sequence[ReplayTransport],
     recorded: Sequence[Recorded],
     settings: ReplaySettings | None = None,
-) -> ReplayTotals:
+) -> ReplayCounters:
     running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
     return await asyncio.wait_for(running, 30)
 
