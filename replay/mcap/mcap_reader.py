@@ -13,9 +13,17 @@ from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey, Properties, properties_of_json
-from plotfeed.replay.mcap.contents import McapSource, TimeSpan, read_index
 from plotfeed.replay.mcap.mcap_scan import scan
-from plotfeed.replay.mcap.records import HEAD, MAGIC, MESSAGE, attachment_of, unpacked
+from plotfeed.replay.mcap.records import (
+    HEAD,
+    MAGIC,
+    MESSAGE,
+    McapSource,
+    TimeSpan,
+    attachment_of,
+    read_index,
+    unpacked,
+)
 from plotfeed.replay.recorded import (
     LATEST_NS,
     Attachment,

@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap.contents import Contents, McapSource, TimeSpan
 from plotfeed.replay.mcap.records import (
-    FIELDS,
+    CHUNK_FIELDS,
     HEAD,
     MAGIC,
     MESSAGE,
     MESSAGE_FIELDS_OCTETS,
     MOST_SHRUNK,
+    Contents,
     Fields,
+    McapSource,
+    TimeSpan,
     attachment_of,
     unpacked,
 )
@@ -30,7 +32,7 @@ PATIENCE, PATIENCE_OCTETS = 8, 64 << 20
 """Of what is broken, so many times the file's octets are read, and those, before it is given up."""
 _CHUNK = re.compile(rb"\x06(?=(?s:.{36})(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4}))")
 """Where a chunk may begin: its opcode, and its compression in the right place."""
-CHUNK_OCTETS = HEAD.size + FIELDS.size + 4 + 4 + 8
+CHUNK_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8
 """At most, up to its content."""
 _KINDS = frozenset(Opcode)
 
@@ -212,9 +214,9 @@ class _Scan:
             return False
         fields = Fields(self._source.at(at + HEAD.size, CHUNK_OCTETS))
         try:
-            first_ns, last_ns, _, _ = fields.take(FIELDS)
+            first_ns, last_ns, _, _ = fields.take(CHUNK_FIELDS)
             name = fields.text()
-            length = FIELDS.size + 4 + len(name) + 8 + fields.number(8)
+            length = CHUNK_FIELDS.size + 4 + len(name) + 8 + fields.number(8)
         except DecodeError:
             return False
         return name in MOST_SHRUNK and first_ns <= last_ns and length == head[1]
