@@ -19,7 +19,8 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots, plots_in_batch
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.recorded import Recorded, RecordingWriter
+from plotfeed.replay.containers import RecordingWriter
+from plotfeed.replay.recorded import Recorded
 
 COLUMNS = (
     "time_utc",

@@ -1,9 +1,7 @@
-"""What a recording holds, whatever file it is in, and what reads and writes it."""
+"""What a recording holds, whatever file it is in: messages with their times, and damages."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -100,52 +98,3 @@ class AttachmentEntry:
     """Of its data."""
     offset: int
     """Of its record in the file."""
-
-
-class RecordingReader(ABC):
-    """Reads a recording from its start to its end."""
-
-    def __init__(self) -> None:
-        self.damage = Damages()
-        """Found so far. It grows as parts are read that only then show it."""
-
-    @property
-    @abstractmethod
-    def at(self) -> int:
-        """Octets of the file that were read."""
-
-    @property
-    def skipped(self) -> int:
-        """Parts that are whole and hold no message, so far."""
-        return 0
-
-    @abstractmethod
-    def messages(self) -> Iterator[Recorded]:
-        """Messages of the file, once."""
-
-    def attachments(self) -> Sequence[AttachmentEntry]:
-        """Files within the file."""
-        return ()
-
-    def attachment(self, _name: str) -> Attachment | None:
-        """The last attachment of that name that is whole; None if there is none."""
-        return None
-
-
-class RecordingWriter(ABC):
-    """Writes a recording to a file, which stays open."""
-
-    @abstractmethod
-    def write(self, message: Recorded) -> str | None:
-        """Write a message; in a few words why it cannot be held, or None."""
-
-    def attach(self, _attachment: Attachment) -> bool:
-        """Put another file into the file; whether such a file can hold one."""
-        return False
-
-    def notes(self) -> list[str]:
-        """Lines that say what was lost of messages that are in the file."""
-        return []
-
-    def close(self) -> None:  # noqa: B027 - most have nothing left
-        """Write what is still to be written."""

@@ -19,6 +19,7 @@ from plotfeed.feeds.messages.topic_filter import checked, matches
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.replay.containers import RecordingWriter
 from plotfeed.replay.files import (
     FORMATS,
     FileFormat,
@@ -27,7 +28,7 @@ from plotfeed.replay.files import (
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 MAX_REASONS = 100
 MAX_NOTES = 20

@@ -10,7 +10,7 @@ from zlib import crc32
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.asterix_blocks import content_type
-from plotfeed.replay.octets import OctetsReader
+from plotfeed.replay.containers import OctetsReader
 from plotfeed.replay.pcap.link_layers import (
     LINK_TYPES,
     Datagram,

@@ -1,16 +1,68 @@
-"""A binary file taken from its start to its end, in pieces, with the offset of the next octet."""
+"""What all readers and writers of recordings do, and how a file is read from start to end."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from typing import BinaryIO
 
-from plotfeed.replay.recorded import RecordingReader
+from plotfeed.replay.recorded import Attachment, AttachmentEntry, Damages, Recorded
+
+
+class RecordingReader(ABC):
+    """Reads a recording from its start to its end."""
+
+    def __init__(self) -> None:
+        self.damage = Damages()
+        """Found so far. It grows as parts are read that only then show it."""
+
+    @property
+    @abstractmethod
+    def at(self) -> int:
+        """Octets of the file that were read."""
+
+    @property
+    def skipped(self) -> int:
+        """Parts that are whole and hold no message, so far."""
+        return 0
+
+    @abstractmethod
+    def messages(self) -> Iterator[Recorded]:
+        """Messages of the file, once."""
+
+    def attachments(self) -> Sequence[AttachmentEntry]:
+        """Files within the file."""
+        return ()
+
+    def attachment(self, _name: str) -> Attachment | None:
+        """The last attachment of that name that is whole; None if there is none."""
+        return None
+
+
+class RecordingWriter(ABC):
+    """Writes a recording to a file, which stays open."""
+
+    @abstractmethod
+    def write(self, message: Recorded) -> str | None:
+        """Write a message; in a few words why it cannot be held, or None."""
+
+    def attach(self, _attachment: Attachment) -> bool:
+        """Put another file into the file; whether such a file can hold one."""
+        return False
+
+    def notes(self) -> list[str]:
+        """Lines that say what was lost of messages that are in the file."""
+        return []
+
+    def close(self) -> None:  # noqa: B027 - most have nothing left
+        """Write what is still to be written."""
+
 
 CHUNK_OCTETS = 1 << 18
 
 
 class Octets:
-    """Reads in chunks. No piece is larger than what the file holds, whatever is asked for."""
+    """Octets of a file, in pieces. None is larger than what the file holds, whatever is asked for."""
 
     __slots__ = ("_buffer", "_ended", "_file", "_next", "_start")
 
