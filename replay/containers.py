@@ -62,7 +62,7 @@ CHUNK_OCTETS = 1 << 18
 
 
 class Octets:
-    """Octets of a file, in pieces. None is larger than what the file holds, whatever is asked for."""
+    """Octets of a file in pieces, none larger than what the file holds, whatever is asked for."""
 
     __slots__ = ("_buffer", "_ended", "_file", "_next", "_start")
 
