@@ -14,6 +14,7 @@ from plotfeed.feeds.recording.recorded_session import (
     NO_PLOTS,
     RecordedSession,
     SectorKey,
+    Truth,
     WaitingPlots,
     measured_in,
     sector_plots,
@@ -28,7 +29,6 @@ from plotfeed.replay.recorded import WHAT_LEFT, Recorded
 UNKNOWN_DRONE = -2
 """Of a plot of which nothing says whose it is; pages know it."""
 MOST_M, MOST_DEG, MOST_DB = 1e7, 360.0, 300.0
-NAN = float("nan")
 
 
 class DroneNumbers:
@@ -53,13 +53,14 @@ def plots_of(
     """Plots, and whose they are as the ledger says in the same order."""
     merged = np.empty(len(truths), np.object_)
     merged[:] = [tuple(map(drones.of, truth.merged_drones)) for truth in truths]
-    times_ns = _ints(truth.time_utc_ns for truth in truths)
-    return nobody_s(measured.but(t_utc_ns=times_ns)).but(
+    truth = Truth.of(truths)
+    range_m, azimuth_deg, elevation_deg = np.where(truth.of_drone, truth.values.T, np.nan)
+    return nobody_s(measured.but(t_utc_ns=truth.t_utc_ns)).but(
         drone=_ints(drones.of(t.drone) if t.drone else FALSE_ALARM for t in truths),
         merged_drones=merged,
-        true_range_m=_within(MOST_M, (t.range_m if t.drone else NAN for t in truths)),
-        true_azimuth_deg=_within(MOST_DEG, (t.azimuth_deg if t.drone else NAN for t in truths)),
-        true_elevation_deg=_within(MOST_DEG, (t.elevation_deg if t.drone else NAN for t in truths)),
+        true_range_m=_within(MOST_M, range_m),
+        true_azimuth_deg=_within(MOST_DEG, azimuth_deg),
+        true_elevation_deg=_within(MOST_DEG, elevation_deg),
     )
 
 
@@ -185,7 +186,7 @@ class RecordedSectors:
         if not self._is_plausible(told):
             return
         key = SectorKey(self._prefix, told.sensor, told.scan, told.sector)
-        measured = self._waiting.take(key, _ints(plot.time_utc_ns for plot in told.plots))
+        measured = self._waiting.take(key, Truth.of(told.plots))
         if measured is None:
             del told.plots[:]
         yield _Entry(message.log_time_ns, told, NO_PLOTS if measured is None else measured)

@@ -1,4 +1,4 @@
-"""What the page shows: told by the session as it happens, told on to browsers as frames.
+"""What the page shows: told by the session as it happens, told on to browsers as updates.
 
 Everything here is cheap when it is called and worked out once an update, for all sensors together.
 Nothing waits, and whatever is kept is bounded.
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
@@ -31,7 +32,7 @@ _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
 
 
 class Update(NamedTuple):
-    """A frame: what everybody sees, and what follows for who sees the truth."""
+    """An update: what everybody sees, and what follows for who sees the truth."""
 
     public: bytes
     truth: bytes
@@ -52,12 +53,6 @@ class Reported(Protocol):
     @property
     def plots(self) -> Plots:
         """Plots in the order of time."""
-
-
-class ViewCounts(Protocol):
-    """The session's totals: numbers by name."""
-
-    __slots__: Iterable[str]
 
 
 class View:
@@ -167,7 +162,7 @@ class View:
         if any(before.get(key) != value for key, value in state.items()):
             self._tell("session", {**before, **state})
 
-    def totals(self, totals: ViewCounts) -> None:
+    def totals(self, totals: SessionCounters) -> None:
         """Counts of the whole session; told on once a second."""
         self._totals = {
             name: getattr(totals, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,7 +22,8 @@ from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
-from plotfeed.models.state import Ints
+from plotfeed.models.state import Bools, Floats, Ints
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots, batch_in, plots_in_batch, plots_of_batch
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -168,6 +170,37 @@ def sector_plots(message: Recorded, prefix: str, sensor: str) -> SectorPlots | N
     return None if plots is None else SectorPlots(key, number, plots)
 
 
+TRUE_COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+"""Of plots, which the ledger has the truth of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The truth of a sector's plots, in their order."""
+
+    values: Floats
+    """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
+    of_drone: Bools
+    """(n,); the others are false alarms."""
+    t_utc_ns: Ints
+
+    @classmethod
+    def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
+        """The truth as the ledger has it."""
+        rows = [
+            [getattr(plot, name) if plot.HasField(name) else math.nan for name in TRUE_COLUMNS]
+            for plot in plots
+        ]
+        return cls(
+            np.array(rows, np.float64).reshape(-1, len(TRUE_COLUMNS)),
+            np.array([bool(plot.drone) for plot in plots], np.bool_),
+            np.array([plot.time_utc_ns for plot in plots], np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.of_drone)
+
+
 MAX_WAITING_PLOTS = 200_000
 """Plots that wait for what is true of them; then the oldest are given up."""
 
@@ -195,17 +228,14 @@ class WaitingPlots:
         """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
-    def take(self, key: SectorKey, true_times_ns: Ints) -> MeasuredPlots | None:
-        """Plots of a sector, in their order, which wait no longer; None if the truth is of others.
-
-        `true_times_ns` are the times of all its plots, (n,).
-        """
+    def take(self, key: SectorKey, truth: Truth) -> MeasuredPlots | None:
+        """Plots of a sector, in order, which wait no longer; None if the truth is of others."""
         messages = self._forget(key)
         plots = MeasuredPlots.joined([NO_PLOTS, *(messages[n] for n in sorted(messages))])
-        if len(plots) != len(true_times_ns):
+        if len(plots) != len(truth):
             return None
         is_exact = plots.category == 0
-        agree = np.equal(plots.t_utc_ns[is_exact], true_times_ns[is_exact])
+        agree = np.equal(plots.t_utc_ns[is_exact], truth.t_utc_ns[is_exact])
         return plots if agree.all() else None
 
     def _forget(self, key: SectorKey) -> dict[int, MeasuredPlots]:

@@ -15,6 +15,7 @@ from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.recording.recorded_session import (
     RecordedSettings,
     SectorKey,
+    Truth,
     plot_topics,
     recorded_scene,
 )
@@ -22,7 +23,7 @@ from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_record import SessionRecord
 from plotfeed.feeds.report.detection_tally import CELL_M, MAX_CELLS, AlarmsTally, AskedAlarms
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
-from plotfeed.feeds.report.plot_errors import ErrorsTally, MeasuredBesideTruth, Truth
+from plotfeed.feeds.report.plot_errors import ErrorsTally, MeasuredBesideTruth
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -242,7 +243,7 @@ def _without_ledger(damage: list[Damage]) -> str:
 
 
 def _truths(series: list[ChannelKey]) -> dict[tuple[str, Stage], str]:
-    """Prefixes by topic and stage: what left, or else what was heard of the same topic."""
+    """Prefixes by topic and stage: what left, or else what was received of the same topic."""
     found: dict[str, Stage] = {}
     for each in series:
         unlabelled = "messageType=" not in each.content_type

@@ -9,10 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.feeds.recording.recorded_session import SectorKey, WaitingPlots, sector_plots
+from plotfeed.feeds.recording.recorded_session import (
+    TRUE_COLUMNS,
+    SectorKey,
+    Truth,
+    WaitingPlots,
+    sector_plots,
+)
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.state import Bools, Floats, Ints
-from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.models.state import Floats
 from plotfeed.replay.recorded import Recorded
 
 QUANTITIES = {"range": "m", "azimuth": "deg", "elevation": "deg"}
@@ -136,37 +141,8 @@ class ErrorsTally:
         )
 
 
-COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
-"""Of what is measured and of its truth, as `QUANTITIES`."""
 MAX_WAITING_TRUTHS = 200_000
 """Plots whose truth waits for what was measured; then the oldest are given up."""
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """The truth of a sector's plots, in their order."""
-
-    values: Floats
-    """Slant range in metres, azimuth and elevation in degrees; (n, 3)."""
-    of_drone: Bools
-    """(n,); the others are false alarms."""
-    t_utc_ns: Ints
-
-    @classmethod
-    def of(cls, plots: Sequence[pb.PlotTruth]) -> Truth:
-        """The truth as the ledger has it."""
-        rows = [
-            [getattr(plot, name) if plot.HasField(name) else math.nan for name in COLUMNS]
-            for plot in plots
-        ]
-        return cls(
-            np.array(rows, np.float64).reshape(-1, len(QUANTITIES)),
-            np.array([bool(plot.drone) for plot in plots], np.bool_),
-            np.array([plot.time_utc_ns for plot in plots], np.int64),
-        )
-
-    def __len__(self) -> int:
-        return len(self.of_drone)
 
 
 class MeasuredBesideTruth:
@@ -204,9 +180,9 @@ class MeasuredBesideTruth:
             return
         del self._truths[sector]
         self._waiting -= len(truth)
-        plots = self._plots.take(sector, truth.t_utc_ns)
+        plots = self._plots.take(sector, truth)
         if plots is not None:
             drones = plots.rows(truth.of_drone)
-            values = np.stack([getattr(drones, name) for name in COLUMNS], axis=1)
-            sigmas = np.stack([getattr(drones, f"sigma_{name}") for name in COLUMNS], axis=1)
+            values = np.stack([getattr(drones, name) for name in TRUE_COLUMNS], axis=1)
+            sigmas = np.stack([getattr(drones, f"sigma_{name}") for name in TRUE_COLUMNS], axis=1)
             errors.add(values, sigmas, truth.values[truth.of_drone])
