@@ -8,6 +8,8 @@ has that line as a row of `FORMATS`, its facts in `scene.report_formats`, its la
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
@@ -15,6 +17,7 @@ from plotfeed.feeds.formats.asterix_205 import Asterix205
 from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import sapient_format
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
@@ -53,6 +56,19 @@ def carries_plots(topic: str) -> bool:
     return any(topic.endswith(f"/{row.facts.topic}") for row in FORMATS.values())
 
 
+def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
+    """The rule for messages that leave late: as they may leave at a time, or None."""
+    rules = {f"/{row.facts.topic}": row.late for row in FORMATS.values() if row.late is not None}
+
+    def check(message: Message, t_utc_ns: int) -> Message | None:
+        for end, late in rules.items():
+            if message.topic.endswith(end):
+                return late(scene, message, t_utc_ns)
+        return message
+
+    return check
+
+
 def formats_of(scene: Scene, sensor: Sensor) -> list[MessageFormat]:
     """What makes the messages of a sensor: the formats that the scene asks of it, each once."""
     return [FORMATS[name].make(scene, sensor) for name in dict.fromkeys(sensor.report)]
@@ -73,5 +89,6 @@ __all__ = [
     "announcer_of",
     "carries_plots",
     "formats_of",
+    "in_time",
     "register",
 ]

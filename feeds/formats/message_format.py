@@ -78,6 +78,8 @@ class Format:
     """Of ASTERIX, where `proto.asterix.categories` does not have them."""
     plot_items: PlotItems | None = None
     """Where records of its own category tell of plots, where `decode_plots` does not have it."""
+    late: Callable[[Scene, Message, int], Message | None] | None = None
+    """A message as it may leave at a time, or None if it is dropped then, where that matters."""
     announcer: Callable[[Scene, Sensor], Announcer] | None = None
     """What makes the messages of a sensor of itself, if the format has any."""
 

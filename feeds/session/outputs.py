@@ -7,8 +7,7 @@ from functools import partial
 
 from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
-from plotfeed.feeds.formats import Announcer, announcer_of
-from plotfeed.feeds.formats.sapient.sapient_format import in_time
+from plotfeed.feeds.formats import Announcer, announcer_of, in_time
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings

@@ -127,6 +127,18 @@ def test_tracks_need_the_keys_of_tracks() -> None:
             report: Reports = ()
 
 
+def test_a_bistatic_sensor_has_illuminators() -> None:
+    with pytest.raises(TypeError, match="bistatic sensors have illuminators"):
+
+        class _Radar(SensorKeys):
+            label = "some radar"
+            geometry = SensorGeometry.BISTATIC
+            sapient_type = "RADAR"
+            formats = ("asterix-015",)
+            type: Literal["some_radar"]
+            report: Reports = ()
+
+
 def test_no_two_sensors_have_one_type() -> None:
     with pytest.raises(ValueError, match="there is a sensor of type camera already"):
         register(CameraKeys)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -44,22 +42,16 @@ def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
     return plots_in_sapient(payload)
 
 
+def _late(scene: Scene, message: Message, t_utc_ns: int) -> Message | None:
+    from plotfeed.feeds.formats.sapient.announcer import as_it_may_leave
+
+    return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
+
+
 FORMAT = Format(
     facts=REPORT_FORMATS["sapient"],
     make=_reports,
     plots_in=_plots_in,
+    late=_late,
     announcer=_announcer,
 )
-
-
-def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
-    """The rule for messages of SAPIENT that leave late: as they may leave then, or None."""
-
-    def check(message: Message, t_utc_ns: int) -> Message | None:
-        if not message.topic.endswith("/sapient"):
-            return message
-        from plotfeed.feeds.formats.sapient.announcer import as_it_may_leave
-
-        return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
-
-    return check

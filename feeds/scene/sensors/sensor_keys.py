@@ -63,7 +63,7 @@ class IlluminatorKeys(SceneTable):
 
 
 TRAITS = ("label", "geometry", "sapient_type", "formats")
-Reports = Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+Reports = Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]
 """Formats, by the names that `report_formats` has for them; of a sensor, those of its trait."""
 
 
@@ -80,7 +80,7 @@ class SensorKeys(SceneTable):
 
     if TYPE_CHECKING:  # keys of every sensor, which stand where each of them has them
         type: str
-        report: Reports
+        report: tuple[str, ...]
         scan: Scan
         range_max_m: float
 
@@ -114,6 +114,8 @@ class SensorKeys(SceneTable):
         missing = [name for name in TRAITS if not hasattr(cls, name)]
         if missing:
             raise TypeError(f"{cls.__name__} lacks the traits {', '.join(missing)}")
+        if (cls.geometry is SensorGeometry.BISTATIC) == (cls.illuminators is NO_ILLUMINATORS):
+            raise TypeError(f"{cls.__name__}: bistatic sensors have illuminators, others none")
         for name in cls.formats:
             if REPORT_FORMATS[name].tells_tracks and not issubclass(cls, TrackingSensorKeys):
                 raise TypeError(f"{cls.__name__} reports tracks without being TrackingSensorKeys")
@@ -136,7 +138,7 @@ class SensorKeys(SceneTable):
 
     @field_validator("report", check_fields=False)
     @classmethod
-    def _can_report(cls, report: tuple[str, ...]) -> tuple[str, ...]:
+    def _can_report(cls, report: tuple[Any, ...]) -> tuple[str, ...]:
         named = [repr(name) for name in cls.formats]
         expected = f"{', '.join(named[:-1])} or {named[-1]}" if named[1:] else named[0]
         wrong = [
@@ -202,6 +204,9 @@ class SensorKeys(SceneTable):
     def warnings(self, _site: Site, /) -> list[str]:
         """What is legal and still looks wrong; for `check`."""
         return []
+
+
+NO_ILLUMINATORS = SensorKeys.illuminators
 
 
 class AzimuthCoverKeys(SensorKeys):
