@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "feeds"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "sensing"))
 
 from section_4_crowd import START_NS, scene_of
 from support.instructions import text_of

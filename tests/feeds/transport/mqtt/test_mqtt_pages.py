@@ -14,7 +14,7 @@ from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.feeds.session.brokers import broker_address
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAddress
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[4] / "docs"
 REST = """
 [scene]
 name = "pages"
