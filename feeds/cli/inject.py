@@ -21,7 +21,7 @@ from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
@@ -126,7 +126,7 @@ class _Injection:
         settings, topic = self._settings, self._topic
         if not topic.isprintable() or "+" in topic or "#" in topic:
             raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
-        link = MqttLink(
+        link = MqttTransport(
             settings.broker,
             "plotfeed-inject",
             subscribe=[f"{settings.prefix}/errors"],
@@ -144,7 +144,7 @@ class _Injection:
         )
         return 1 if self._undelivered or self._refusals else 0
 
-    async def _send_all(self, link: MqttLink) -> None:
+    async def _send_all(self, link: MqttTransport) -> None:
         settings, encode, content_type = self._settings, encode_protobuf, PROTOBUF
         if settings.encoding == "json":
             encode, content_type = encode_json, JSON

@@ -14,8 +14,8 @@ from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
 from plotfeed.feeds.scene.link_keys import LinkSettings, ReorderSettings
 
 
-class RateQueue:
-    """First in, first out, at a rate that may change; without a rate nobody waits."""
+class RateLimit:
+    """Arithmetic of a queue that leaves at a rate, which may change; it holds no messages."""
 
     def __init__(self, link: LinkSettings) -> None:
         self._ends: deque[int] = deque()
@@ -113,7 +113,7 @@ class Impairment:
 
     def __init__(self, link: LinkSettings, seed: int, name: str) -> None:
         self._draws = Draws(link, seed, name)
-        self._queue = RateQueue(link)
+        self._rate = RateLimit(link)
         self._chain: LossChain | None = None
         self._state = 0
         self._now_utc_ns = self._latest_utc_ns = 0
@@ -128,7 +128,7 @@ class Impairment:
     def change(self, link: LinkSettings) -> None:
         """Do this from now on; what is on its way, the order and the state of loss carry on."""
         self._draws.change(link)
-        self._queue.change(link)
+        self._rate.change(link)
         self._set(link)
 
     def _set(self, link: LinkSettings) -> None:
@@ -167,7 +167,7 @@ class Impairment:
                     return LOST
                 delay_ns += self._waits_ns[repeats]
         if self._is_plain:
-            free_utc_ns = self._queue.free_utc_ns
+            free_utc_ns = self._rate.free_utc_ns
             sent_utc_ns = t_utc_ns if t_utc_ns > free_utc_ns else free_utc_ns
             return _new(
                 Outcome, (SENT, (_new(Copy, (self._in_order(sent_utc_ns + delay_ns), None)),))
@@ -201,7 +201,7 @@ class Impairment:
         self, t_utc_ns: int, octets: int, delay_ns: int, i: int, *, again: bool = False
     ) -> Copy | None:
         """A copy of the i-th message, or its second one `again`; None if the queue is full."""
-        sent_utc_ns = self._queue.take(t_utc_ns, octets)
+        sent_utc_ns = self._rate.take(t_utc_ns, octets)
         if sent_utc_ns is None:
             return None
         if self._reorder is not None and self._overtakes(self._reorder, i, again=again):

@@ -19,12 +19,12 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.geometry import site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import PlotfeedError
 
 
@@ -157,6 +157,6 @@ async def receiving_tracks(
         except PlotfeedError as error:
             view.track_problem(str(error))
 
-    link = MqttLink(address, "plotfeed-page", subscribe=[topic], on_message=take)
+    link = MqttTransport(address, "plotfeed-page", subscribe=[topic], on_message=take)
     async with alongside(link.run(), "page-tracks"):
         yield

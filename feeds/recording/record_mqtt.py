@@ -15,7 +15,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     BrokerAddress,
     without_secrets,
 )
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.utc import utc_ns
 from plotfeed.replay.recorded import Recorded
 
@@ -56,7 +56,7 @@ class BrokerSource:
 
     async def open(self, receive: Callable[[Recorded], None]) -> None:
         """Call `receive` with each message from now on; raises `PlotfeedError` without a broker."""
-        link = MqttLink(
+        link = MqttTransport(
             self._address,
             self._name,
             subscribe=[self.topic_filter],

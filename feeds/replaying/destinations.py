@@ -14,8 +14,8 @@ from plotfeed.feeds.delivery.delivery import Delivery, Transport
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
-from plotfeed.feeds.transport.udp import UdpError, UdpLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.udp import UdpError, UdpTransport
 from plotfeed.proto.content_types import ASTERIX
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ def is_datagram(message: Message) -> bool:
     )
 
 
-class ReplayUdp(UdpLink):
+class ReplayUdp(UdpTransport):
     """One UDP destination, for every datagram of a recording."""
 
     def __init__(
@@ -152,7 +152,7 @@ class RecordedUdp:
         return link
 
 
-class ReplayMqtt(MqttLink):
+class ReplayMqtt(MqttTransport):
     """A broker, which is given everything."""
 
     def __init__(self, address: BrokerAddress, *, waits: bool = False) -> None:

@@ -15,7 +15,7 @@ from plotfeed.feeds.replaying.restamp import Restamper
 from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Pace
 
@@ -232,7 +232,7 @@ class Replayer:
         """Let others have their turn, and a broker that is slow take its time."""
         self._routes.flush()
         await asyncio.sleep(0)
-        for broker in (t for t in self._transports if isinstance(t, MqttLink)):
+        for broker in (t for t in self._transports if isinstance(t, MqttTransport)):
             while broker.is_full and not self._control.stopped:
                 self._news.clear()
                 waits = [asyncio.create_task(x) for x in (broker.room(), self._news.wait())]

@@ -18,12 +18,11 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.feeds.session.brokers import Brokers, brokers_of
 from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Observer, Tap, cares
-from plotfeed.feeds.session.outputs import Outputs
+from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
 from plotfeed.feeds.session.status import session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
@@ -180,12 +179,14 @@ class Session:
     ) -> None:
         """Connect, work until the end, say goodbye."""
         with contextlib.ExitStack() as sockets:
-            for udp_link in self._outputs.udp:
-                sockets.callback(udp_link.close)
-                udp_link.open()
+            for udp in self._outputs.udp:
+                sockets.callback(udp.close)
+                udp.open()
             async with asyncio.TaskGroup() as tasks:
-                links = self._outputs.links
-                running = [tasks.create_task(x.run(), name=f"link[{x.name}]") for x in links]
+                running = [
+                    tasks.create_task(each.run(), name=f"link[{each.name}]")
+                    for each in self._outputs.connected
+                ]
                 try:
                     await _first_of(self._connected(), stop)
                     if stop.is_set():
@@ -200,8 +201,8 @@ class Session:
                         task.cancel()
 
     async def _connected(self) -> None:
-        for link in self._outputs.links:
-            await link.wait_until_up(FIRST_CONNECTION_S)
+        for transport in self._outputs.connected:
+            await transport.wait_until_up(FIRST_CONNECTION_S)
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)

@@ -71,7 +71,7 @@ class SapientError(PlotfeedError):
     exit_code = 1
 
 
-class SapientTcpLink:
+class SapientTcpTransport:
     """One sensor's connection: kept up while `run` runs, publishing once it is registered."""
 
     waiting = 0

@@ -23,7 +23,7 @@ class UdpError(PlotfeedError):
     exit_code = 1
 
 
-class UdpLink:
+class UdpTransport:
     """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
 
     waiting = 0

@@ -33,7 +33,7 @@ SLICE = 100
 """Messages that are sent before others have their turn in the loop."""
 
 
-class MqttLink:
+class MqttTransport:
     """One client's link: kept up while `run` runs.
 
     What cannot leave at once waits, or is dropped, as the settings of the queue have it. Messages
@@ -50,7 +50,7 @@ class MqttLink:
         subscribe: Sequence[str] = (),
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
-        on_connect: Callable[[MqttLink], None] | None = None,
+        on_connect: Callable[[MqttTransport], None] | None = None,
         queue: MqttQueueKeys | None = None,
     ) -> None:
         if address.tls:

@@ -23,7 +23,7 @@ from plotfeed.feeds.recording.record_udp import UdpSource
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -242,7 +242,7 @@ async def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded
 
     async def listen() -> list[Recorded]:
         async with Listener(BrokerSource(address, "plotfeed/#")) as listener:
-            link = MqttLink(address, "test")
+            link = MqttTransport(address, "test")
             running = asyncio.create_task(link.run())
             try:
                 await link.wait_until_up(PATIENCE_S)

@@ -30,7 +30,7 @@ from plotfeed.feeds.transport.sapient_tcp import (
     MAX_MESSAGE_OCTETS,
     Deframer,
     SapientError,
-    SapientTcpLink,
+    SapientTcpTransport,
     framed,
 )
 from plotfeed.proto.errors import DecodeError
@@ -46,8 +46,8 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpLink]:
-    link = SapientTcpLink(address, "radar", HERALD, WallClock())
+async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpTransport]:
+    link = SapientTcpTransport(address, "radar", HERALD, WallClock())
     running = asyncio.create_task(link.run())
     try:
         if wait:

@@ -26,7 +26,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.scene import SceneError, load
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.transport.udp import UdpError, UdpLink
+from plotfeed.feeds.transport.udp import UdpError, UdpTransport
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"
@@ -153,7 +153,7 @@ def test_datagrams_may_go_as_far_as_the_scene_says(group: str, ttl: int) -> None
             kind = socket.IPV6_HOPLIMIT
         ears.setsockopt(level, wanted, 1)
         settings = UdpDestination(destination=place(ears), ttl=ttl, interface=interface_of(group))
-        link = UdpLink(settings)
+        link = UdpTransport(settings)
         link.open()
         try:
             assert taken(link, block())
@@ -176,7 +176,7 @@ def block(octets: int = 3) -> Message:
 
 
 def test_what_the_system_does_not_take_is_not_delivered() -> None:
-    link = UdpLink(UdpDestination(destination="127.0.0.1:8600"))
+    link = UdpTransport(UdpDestination(destination="127.0.0.1:8600"))
     assert not taken(link, block())  # not open
     link.open()
     try:

@@ -23,7 +23,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     BrokerAccess,
     BrokerAddress,
 )
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttError
 
 ME, PASSWORD = "surveyor", "open sesame"
@@ -119,7 +119,7 @@ def brokers(request: pytest.FixtureRequest) -> Brokers:
 
 async def version_spoken(address: BrokerAddress) -> int:
     """Connect and go; raises what a session would say after its first attempt."""
-    link = MqttLink(address, "test")
+    link = MqttTransport(address, "test")
     running = asyncio.create_task(link.run())
     try:
         await until(lambda: link.connections or link.last_error)

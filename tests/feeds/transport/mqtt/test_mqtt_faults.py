@@ -22,7 +22,7 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, gmqtt_client, socket_buffer
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_OCTETS
 
@@ -52,9 +52,9 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def linked(port: int, **queue: object) -> AsyncIterator[MqttLink]:
+async def linked(port: int, **queue: object) -> AsyncIterator[MqttTransport]:
     address = BrokerAddress("127.0.0.1", port, (5,))
-    link = MqttLink(address, "test", queue=MqttQueueKeys.model_validate(queue))
+    link = MqttTransport(address, "test", queue=MqttQueueKeys.model_validate(queue))
     running = asyncio.create_task(link.run())
     try:
         await link.wait_until_up(PATIENCE_S)
@@ -64,7 +64,7 @@ async def linked(port: int, **queue: object) -> AsyncIterator[MqttLink]:
         await asyncio.gather(running, return_exceptions=True)
 
 
-async def publish(deliveries: Deliveries, link: MqttLink, n: int, **how: int) -> None:
+async def publish(deliveries: Deliveries, link: MqttTransport, n: int, **how: int) -> None:
     """In small bursts, with the network at work in between."""
     for start in range(0, n, 20):
         deliveries.publish(link, min(20, n - start), **how)
@@ -76,7 +76,7 @@ def pause(process: subprocess.Popen[bytes]) -> None:
     os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOWAIT)
 
 
-async def drained(link: MqttLink) -> None:
+async def drained(link: MqttTransport) -> None:
     await link.drain(PATIENCE_S)
     assert (link.waiting, link.unacknowledged) == (0, 0)
 
@@ -95,7 +95,7 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
 ) -> None:
     """It is killed at work, or when it has read nothing for a while."""
 
-    async def with_the_first(port: int, proxy: Proxy, link: MqttLink) -> list[int]:
+    async def with_the_first(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
         with listening(port, 5, "t") as ears:
             await publish(deliveries, link, 500)
             if mid_sentence:
@@ -109,7 +109,7 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
             await asyncio.to_thread(ears.wait_until_cut_off)
             return heard_by(ears)
 
-    async def with_the_second(port: int, proxy: Proxy, link: MqttLink) -> list[int]:
+    async def with_the_second(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
         with listening(port, 5, "t") as ears:  # before the link can be there
             proxy.is_closed = False
             await publish(deliveries, link, 500)

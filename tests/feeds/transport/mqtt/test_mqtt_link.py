@@ -20,7 +20,7 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, socket_buffer
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttLink
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttError
 from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS
@@ -32,7 +32,7 @@ BUSY = 0x89
 @asynccontextmanager
 async def linked(
     broker: ScriptedBroker, *subscribe: str, tls: Certificates | None = None, **queue: object
-) -> AsyncIterator[MqttLink]:
+) -> AsyncIterator[MqttTransport]:
     context, address = None, "mqtt"
     access = BrokerAccess()
     if tls is not None:
@@ -41,7 +41,7 @@ async def linked(
         address, access = "mqtts", BrokerAccess(ca_file=tls.ca)
     async with serving(broker, context):
         url = f"{address}://127.0.0.1:{broker.port}"
-        link = MqttLink(
+        link = MqttTransport(
             BrokerAddress.parse(url, versions=(5,), access=access),
             "test",
             subscribe=subscribe,
@@ -56,7 +56,7 @@ async def linked(
             await asyncio.gather(running, return_exceptions=True)
 
 
-async def end_connection(broker: ScriptedBroker, link: MqttLink, *, code: int = 0) -> None:
+async def end_connection(broker: ScriptedBroker, link: MqttTransport, *, code: int = 0) -> None:
     """The next ones are answered with that code."""
     broker.code = code
     broker.hang_up()
