@@ -4,6 +4,7 @@ import json
 import math
 import signal
 import subprocess
+import sys
 import time
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -29,6 +30,15 @@ def is_one_line(text: str) -> bool:
 def test_the_entry_point_is_the_command() -> None:
     (script,) = entry_points(group="console_scripts", name="plotfeed")
     assert script.value == "plotfeed.feeds.cli.main:main"
+
+
+def test_help_waits_for_no_library_of_a_session() -> None:
+    code = (
+        "import sys, plotfeed.feeds.cli.main\n"
+        "print({'numpy', 'pydantic', 'google', 'asyncio', 'gmqtt', 'mcap'} & sys.modules.keys())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
 def test_help_names_every_command() -> None:
