@@ -16,7 +16,7 @@ from plotfeed.feeds.accuracy_chart.chart import charted
 from plotfeed.feeds.accuracy_chart.chart_command import as_values, verdict
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, errors_text, ns_text, share_text
-from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.scene.scene import example
 
 DOCS = Path(__file__).parents[1]

@@ -26,7 +26,7 @@ from plotfeed.feeds.accuracy_chart.chart import (
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
 from plotfeed.feeds.console.extras import need_matplotlib
-from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.scene.scene import Scene
 
 Values = Mapping[str, Any]

@@ -23,10 +23,10 @@ from plotfeed.feeds.cli.options import (
     take_access,
     take_flight_options,
 )
+from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
-INTERRUPTED = 130
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 

@@ -19,7 +19,8 @@ from typing import Any, TextIO
 import click
 
 from plotfeed.feeds.cli.replay_options import ReplayOptions
-from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.feeds.replaying.control import ReplayControl
@@ -32,7 +33,6 @@ from plotfeed.replay.files import RepeatableRecording, open_repeatable
 from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
 
 MAX_DAMAGES_TOLD = 20
-FAILED = 1
 SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
 

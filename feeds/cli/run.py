@@ -18,8 +18,8 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.console.signals import (
-    INTERRUPTED,
+from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.process import (
     collect_seldom,
     keep_freed,
     stopped_by_signals,
@@ -47,7 +47,6 @@ LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""
 FASTEST = "max"
 """In place of a speed."""
-FAILED = 1
 
 RunSession = Callable[..., Coroutine[None, None, SessionCounters]]
 """Given `stop` and `on_ready`."""

@@ -13,8 +13,8 @@ from typing import BinaryIO
 
 import click
 
+from plotfeed.feeds.console.process import part_file
 from plotfeed.feeds.console.status_line import with_progress
-from plotfeed.feeds.console.whole_file import part_file
 from plotfeed.feeds.messages.topic_filter import checked, matches
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError

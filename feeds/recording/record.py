@@ -13,7 +13,8 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.topic_filter import checked
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
@@ -29,7 +30,6 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded
 
 SUFFIX = ".mcap"
-FAILED = 1
 MAX_TOPICS = 65_536
 """That are counted."""
 

@@ -14,7 +14,8 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.console.signals import INTERRUPTED, stopped_by_signals
+from plotfeed.feeds.console import INTERRUPTED
+from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import printable, with_progress
 from plotfeed.feeds.recording.decoded_text import (
     Categories,

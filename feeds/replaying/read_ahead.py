@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import gc
-import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -149,10 +146,6 @@ class ReplayReader:
 
 AHEAD, AHEAD_OCTETS = 4096, 16 << 20
 """Messages, and what they hold, that wait before no more are read."""
-SWITCH_S = 1e-5
-"""So long at most a thread that reads keeps the loop from sending; usually it is 5 ms."""
-GARBAGE = 100_000
-"""Objects more than before, from which on garbage is looked for; messages leave none behind."""
 
 
 class ReadAhead:
@@ -225,19 +218,3 @@ class ReadAhead:
             self._room.clear()
         if was_empty and (items or self.finished):
             self._on_news()
-
-
-@contextlib.contextmanager
-def undisturbed() -> Iterator[None]:
-    """Meanwhile neither a thread nor the garbage collector holds up the loop for long."""
-    switch_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(GARBAGE, *thresholds[1:])
-    sys.setswitchinterval(SWITCH_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(switch_s)
-        gc.set_threshold(*thresholds)
-        gc.unfreeze()

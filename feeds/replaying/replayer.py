@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import count
 
+from plotfeed.feeds.console.process import undisturbed
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import ReplayTransport
-from plotfeed.feeds.replaying.read_ahead import ReadAhead, ReplayItem, ReplayReader, undisturbed
+from plotfeed.feeds.replaying.read_ahead import ReadAhead, ReplayItem, ReplayReader
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.restamp import Restamper
 from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes

@@ -23,7 +23,7 @@ from section_4_crowd import START_NS, scene_of
 from support.instructions import text_of
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
-from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories

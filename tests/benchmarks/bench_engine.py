@@ -33,7 +33,7 @@ from demo_process import COMMAND  # noqa: E402
 from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 
-from plotfeed.feeds.console.signals import collect_seldom, keep_freed  # noqa: E402
+from plotfeed.feeds.console.process import collect_seldom, keep_freed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
 from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402

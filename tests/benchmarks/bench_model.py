@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from section_4_crowd import START_NS, scene_of
 
-from plotfeed.feeds.console.signals import keep_freed
+from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.sensing.sensor_site import SensorSite

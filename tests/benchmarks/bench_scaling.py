@@ -300,7 +300,7 @@ def draw(found: dict[str, list[dict[str, float]]]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["point"]:
-        from plotfeed.feeds.console.signals import keep_freed
+        from plotfeed.feeds.console.process import keep_freed
 
         keep_freed()
         print(json.dumps(point(sys.argv[2], int(sys.argv[3]))))

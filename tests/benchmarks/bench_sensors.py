@@ -196,7 +196,7 @@ def main() -> None:
     """Measures in turns and prints a table."""
     import numpy as np
 
-    from plotfeed.feeds.console.signals import keep_freed
+    from plotfeed.feeds.console.process import keep_freed
 
     keep_freed()
     sensors = models()

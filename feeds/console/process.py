@@ -1,0 +1,122 @@
+"""The process: signals as a request to end, a file that is whole or not there, memory, threads."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import gc
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import BinaryIO
+
+from plotfeed.feeds.console import TERMINATED
+
+GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
+"""Objects more than before at which the garbage collector looks at the youngest."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+"""Of mallopt(3)."""
+KEPT_OCTETS, OF_ITS_OWN_OCTETS = 128 << 20, 32 << 20
+SWITCH_S = 1e-5
+"""So long at most a thread that reads keeps the loop from sending; usually it is 5 ms."""
+
+
+@contextlib.contextmanager
+def stopped_by_signals(stop: Callable[[], object]) -> Iterator[list[signal.Signals]]:
+    """Call `stop` at each SIGINT or SIGTERM; gives the list of those that came."""
+    came: list[signal.Signals] = []
+    loop = asyncio.get_running_loop()
+
+    def note(which: signal.Signals) -> None:
+        came.append(which)
+        stop()
+
+    for which in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(which, note, which)
+    try:
+        yield came
+    finally:
+        for which in (signal.SIGINT, signal.SIGTERM):
+            loop.remove_signal_handler(which)
+
+
+def collect_seldom() -> None:
+    """Let the garbage collector leave alone what stays, and look less often at what goes.
+
+    Sectors leave no cycles behind; each look at hundreds of sensors holds everything up.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(GARBAGE_OF_SESSION, 10, 10)
+
+
+def keep_freed() -> None:
+    """Let the C library keep freed memory for the next array, where that is glibc.
+
+    By default it hands back whatever lies free at the end of the heap: columns of ten thousand
+    targets then cost more in page faults than in arithmetic.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # another C library
+        return
+    mallopt(M_TRIM_THRESHOLD, KEPT_OCTETS)
+    mallopt(M_MMAP_THRESHOLD, OF_ITS_OWN_OCTETS)
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let neither a thread nor the garbage collector, which finds nothing, hold up the loop."""
+    switch_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(GARBAGE_OF_REPLAY, *thresholds[1:])
+    sys.setswitchinterval(SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(switch_s)
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()
+
+
+@contextlib.contextmanager
+def part_file(target: Path) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
+    """A hidden file beside `target` that takes its place if it is kept and nothing is raised.
+
+    Else it is gone, after SIGTERM too, which ends the process with 143: for the main thread only.
+    """
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    kept = False
+
+    def keep(wanted: bool) -> None:
+        nonlocal kept
+        kept = wanted
+
+    with _terminated_in_order():
+        try:
+            with part.open("wb") as file:
+                yield file, keep
+            if kept:
+                part.replace(target)
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                part.unlink()
+
+
+@contextlib.contextmanager
+def _terminated_in_order() -> Iterator[None]:
+    """SIGTERM raises `SystemExit` meanwhile, so that what is open is tidied up."""
+
+    def end(_: int, __: FrameType | None) -> None:
+        sys.exit(TERMINATED)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
