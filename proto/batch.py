@@ -1,4 +1,4 @@
-"""plotfeed's own messages from the structures of arrays."""
+"""plotfeed's own messages from structures of arrays, and plots from them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from google.protobuf.message import DecodeError as ProtobufDecodeError
 from numpy.typing import NDArray
 
 from plotfeed.models.state import FALSE_ALARM, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.units import decibels
 
 _PLOT_COLUMNS = (
@@ -145,3 +148,29 @@ def _add_merged_drones(entry: pb.Ledger, plots: Plots, drones: Sequence[str]) ->
 def _rows(columns: Sequence[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
     """Row by row, as numbers of Python's own, which protobuf takes faster than NumPy's."""
     return zip(*(column.tolist() for column in columns), strict=True)
+
+
+def batch_in(payload: bytes) -> pb.PlotBatch:
+    """Batch of plots of our own format; raises `DecodeError`."""
+    try:
+        return pb.PlotBatch.FromString(payload)
+    except ProtobufDecodeError:
+        raise DecodeError(f"{len(payload)} octets that are not a PlotBatch") from None
+
+
+def plots_in_batch(payload: bytes, _near_utc_ns: int = 0) -> MeasuredPlots:
+    """Plots of an encoded batch, whose times need none that is near; raises `DecodeError`."""
+    return plots_of_batch(batch_in(payload))
+
+
+def plots_of_batch(batch: pb.PlotBatch) -> MeasuredPlots:
+    """Plots of a batch."""
+    return MeasuredPlots.of(
+        {
+            "t_utc_ns": plot.time_utc_ns,
+            "sensor": batch.sensor,
+            "channel": plot.channel,
+            **{field.name: value for field, value in plot.ListFields()},
+        }
+        for plot in batch.plots
+    )

@@ -8,12 +8,9 @@ from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
-from google.protobuf.message import DecodeError as ProtobufDecodeError
 from numpy.typing import NDArray
 
 from plotfeed.models.state import Columns, Floats, Ints, Texts
-from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import DecodeError
 
 NOT_TOLD = -1
 
@@ -75,29 +72,3 @@ _ABSENT: Mapping[str, tuple[Any, type]] = {
     "channel": (NOT_TOLD, np.int64),
 }
 """What stands for what is not told, and the type of the column, where that is not NaN."""
-
-
-def batch_in(payload: bytes) -> pb.PlotBatch:
-    """Batch of plots of our own format; raises `DecodeError`."""
-    try:
-        return pb.PlotBatch.FromString(payload)
-    except ProtobufDecodeError:
-        raise DecodeError(f"{len(payload)} octets that are not a PlotBatch") from None
-
-
-def plots_in_batch(payload: bytes, _near_utc_ns: int = 0) -> MeasuredPlots:
-    """Plots of an encoded batch, whose times need none that is near; raises `DecodeError`."""
-    return plots_of_batch(batch_in(payload))
-
-
-def plots_of_batch(batch: pb.PlotBatch) -> MeasuredPlots:
-    """Plots of a batch."""
-    return MeasuredPlots.of(
-        {
-            "t_utc_ns": plot.time_utc_ns,
-            "sensor": batch.sensor,
-            "channel": plot.channel,
-            **{field.name: value for field, value in plot.ListFields()},
-        }
-        for plot in batch.plots
-    )

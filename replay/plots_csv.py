@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.proto.asterix.decode_plots import plots_readable_in
+from plotfeed.proto.batch import plots_in_batch
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots, plots_in_batch
+from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.containers import RecordingWriter

@@ -24,8 +24,9 @@ from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.batch import batch_in, plots_in_batch, plots_of_batch
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.proto.measured_plots import MeasuredPlots, batch_in, plots_in_batch, plots_of_batch
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
