@@ -112,8 +112,7 @@ class PlotEncoder015:
         if not len(plots):
             return []
         columns: dict[str, Floats | Ints] = {"I015/145": plots.t_utc_ns}
-        optional = {path: getattr(plots, name) for path, name in self._optional.items()}
-        columns |= measured({path: c for path, c in optional.items() if c is not None})
+        columns |= measured({path: getattr(plots, name) for path, name in self._optional.items()})
         snr = measured({"I015/630/RPS": plots.snr})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:

@@ -17,12 +17,12 @@ PRIMARY = 1  # I048/020/TYP: single primary detection
 NORTH_MARKER, SECTOR_CROSSING = 1, 2  # I034/000
 
 OPTIONAL = {
-    "run_length_deg": "I048/130/PRL",
-    "amplitude_dbm": "I048/130/PAM",
-    "height_m": "I048/110",
-    "range_rate_m_s": "I048/120/CAL/CAL",
+    "I048/130/PRL": "run_length_deg",
+    "I048/130/PAM": "amplitude_dbm",
+    "I048/110": "height_m",
+    "I048/120/CAL/CAL": "range_rate_m_s",
 }
-"""The columns of plots which a radar may not measure, and the parts that are then not sent."""
+"""Parts that are sent where their columns are measured."""
 
 
 class PlotEncoder048:
@@ -68,8 +68,7 @@ class PlotEncoder048:
         """
         if not len(plots):
             return []
-        columns = {path: getattr(plots, name) for name, path in OPTIONAL.items()}
-        optional = measured({p: column for p, column in columns.items() if column is not None})
+        optional = measured({path: getattr(plots, name) for path, name in OPTIONAL.items()})
         if "I048/110" in optional and self._geoid_undulation_m:
             optional["I048/110"] = plots.height_m - self._geoid_undulation_m
         return self._reports.blocks(

@@ -171,12 +171,16 @@ def _belongs(slot: str, path: str) -> bool:
     return is_at(slot, path.partition("*")[0])
 
 
-def measured(columns: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Columns that hold numbers; one of nothing but NaN is not measured.
+def measured(columns: Mapping[str, Floats | None]) -> dict[str, Floats]:
+    """Columns that hold numbers; None and one of nothing but NaN are not measured.
 
     The encoder finds a NaN among numbers by itself.
     """
-    return {path: column for path, column in columns.items() if _is_measured(path, column)}
+    return {
+        path: column
+        for path, column in columns.items()
+        if column is not None and _is_measured(path, column)
+    }
 
 
 def _is_measured(path: str, column: Floats) -> bool:
