@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models.numerics import unit_interval
 from plotfeed.models.state import Floats, Ints
 
-_BLOCK_ELEMENTS = 1 << 22
+BLOCK_ELEMENTS = 1 << 22
 """Size of the tables behind a draw: 32 MB."""
 _QUADRATURE_POINTS = 128
 _TAIL = 36.0
@@ -38,7 +38,7 @@ def draw_outlasting(
     snrs: Floats, multiplier: float, n_samples: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Sums of looks that outlast their samples, and the sums of these; (n, K) in, (n,) out."""
-    block = max(1, _BLOCK_ELEMENTS // (snrs.shape[-1] * (n_samples + 1)))
+    block = max(1, BLOCK_ELEMENTS // (snrs.shape[-1] * (n_samples + 1)))
     starts = range(0, max(len(snrs), 1), block)
     parts = [_draw_block(snrs[i : i + block], multiplier, n_samples, rng) for i in starts]
     powers, samples = zip(*parts, strict=True)

@@ -136,7 +136,7 @@ def test_detected_powers_follow_the_raw_process(snrs_db, pfa, n, trials, seed):
 def test_draws_of_many_targets_are_each_their_own():
     """Targets of different ratios in one call, over several blocks of the tables."""
     snrs = np.tile(linear([[20.0, 3.0], [-100.0, 12.0]]), (40_000, 1))
-    assert snrs.size * (32 + 1) > looks_chain._BLOCK_ELEMENTS
+    assert snrs.size * (32 + 1) > looks_chain.BLOCK_ELEMENTS
     rng = np.random.default_rng(21)
     power, _ = detection.draw_detected_power_noncoherent(snrs, 1e-4, 32, rng)
     for kind in (0, 1):

@@ -189,6 +189,7 @@ class Category:
 _ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}
 _OVERFLOW = {None: Overflow.SATURATE, "refused": Overflow.REFUSE}
 _ROW = re.compile(r"^(\d+) +(\w+/\w+) +(\S+) +(.*(?:\n +.*)*)", re.MULTILINE)
+_HEAD = re.compile(r"^FRN .*", re.MULTILINE)
 _EXPLICIT = "octets behind their count"
 _REPEATED = "repeated: "
 _SUBFIELD = re.compile(r"(\w+) \((.*)\)")
@@ -205,6 +206,8 @@ def category(number: int, table: str, base: Category | None = None) -> Category:
 
     Raises `ValueError` for what is not in the notation.
     """
+    if rest := _HEAD.sub("", _ROW.sub("", table)).strip():
+        raise ValueError(f"{rest!r} is no row of an item")
     items: dict[int, Item | None] = dict(enumerate(base.uap, 1)) if base else {}
     for frn, name, _, parts in _ROW.findall(table):
         items[int(frn)] = _item(name, " ".join(parts.split()))

@@ -30,6 +30,12 @@ def test_what_is_not_in_the_notation_is_refused(parts: str) -> None:
         category(1, f"1    I001/010  1       {parts}.")
 
 
+@pytest.mark.parametrize("row", ["I001/020 1 B 8", "2 I001/020 B", "2 I001 1 B 8"])
+def test_a_row_that_is_none_is_refused(row: str) -> None:
+    with pytest.raises(ValueError, match="no row"):
+        category(1, f"1 I001/010 1 A 8\n{row}")
+
+
 def test_parts_must_fill_octets() -> None:
     with pytest.raises(ValueError, match="9 bits"):
         Group((Raw("A", 8), Spare(1)))
