@@ -14,9 +14,9 @@ from plotfeed.models.state import NS, Plots
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix, plots_readable_in
 from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.encode_048 import PlotEncoder048
-from plotfeed.proto.batch import plot_batch
+from plotfeed.proto.batch import plot_batch, plots_in_batch
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots, plots_in_batch
+from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.utc import DAY_NS
 
 T_NS = 1_767_268_800 * NS
