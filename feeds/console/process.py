@@ -15,6 +15,7 @@ from types import FrameType
 from typing import BinaryIO
 
 from plotfeed.feeds.console import TERMINATED
+from plotfeed.proto.errors import PlotfeedError
 
 GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
 """Objects more than before at which the garbage collector looks at the youngest."""
@@ -82,6 +83,11 @@ def undisturbed() -> Iterator[None]:
         sys.setswitchinterval(switch_s)
         gc.set_threshold(*thresholds)
         gc.unfreeze()
+
+
+def already_there(path: Path) -> PlotfeedError:
+    """The error where a file stands that nobody said to replace."""
+    return PlotfeedError(f"{path}: is there already; --force writes another in its place")
 
 
 @contextlib.contextmanager

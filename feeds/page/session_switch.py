@@ -16,7 +16,7 @@ from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession
-from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
 from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
@@ -259,7 +259,6 @@ def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:
     return found
 
 
-SUFFIX = ".mcap"
 LIBRARY = "plotfeed "
 """What those of plotfeed say that they were written by, before its version."""
 MAX_LISTED = 50

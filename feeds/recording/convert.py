@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import click
 
-from plotfeed.feeds.console.process import part_file
+from plotfeed.feeds.console.process import already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.topic_filter import checked, matches
 from plotfeed.feeds.replaying.replay_settings import Moment
@@ -132,7 +132,7 @@ def _new_file(
             yield file, lambda _: None
         return
     if there and not force:
-        raise PlotfeedError(f"{target}: is there already; --force writes another in its place")
+        raise already_there(target)
     if target.is_dir() or not target.parent.is_dir():
         raise PlotfeedError(f"{target}: expected the name of a file in a folder that is there")
     with part_file(target) as part:

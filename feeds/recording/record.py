@@ -14,12 +14,12 @@ from typing import Any
 import click
 
 from plotfeed.feeds.console import FAILED, INTERRUPTED
-from plotfeed.feeds.console.process import stopped_by_signals
+from plotfeed.feeds.console.process import already_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.topic_filter import checked
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.feeds.recording.record_udp import UdpSource
-from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
     DEFAULT_PORTS,
@@ -29,7 +29,6 @@ from plotfeed.feeds.transport.mqtt.address import (
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded
 
-SUFFIX = ".mcap"
 MAX_TOPICS = 65_536
 """That are counted."""
 
@@ -81,7 +80,7 @@ def record_source(url: str, target: Path, access: dict[str, Any], settings: Reco
             f"{target}: expected a name that ends in {SUFFIX}, of which plotfeed convert makes more"
         )
     if target.exists() and not settings.force:
-        raise PlotfeedError(f"{target}: is there already; --force writes another in its place")
+        raise already_there(target)
     return asyncio.run(_Recording(source, target, settings).run())
 
 

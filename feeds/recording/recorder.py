@@ -15,13 +15,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Self
 
-from plotfeed.proto.errors import PlotfeedError
+from plotfeed.feeds.console.process import already_there
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded
 
 FLUSH_EVERY_S = 0.25
 MAX_WAITING_CHUNKS = 64
 """Of 256 KiB, for a disk that stands still; then messages are dropped, and counted."""
+SUFFIX = ".mcap"
 SCENE_NAME = "scene.toml"
 """The attachment that holds a session's scene."""
 
@@ -58,9 +59,7 @@ class Recorder:
         try:
             self._file = path.open("wb" if force else "xb", buffering=0)
         except FileExistsError:
-            raise PlotfeedError(
-                f"{path}: is there already; --force writes another in its place"
-            ) from None
+            raise already_there(path) from None
         self._thread = ThreadPoolExecutor(1, "record")
         try:
             self._mcap = McapWriter(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Self
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import SCENE_NAME, Recorder
+from plotfeed.feeds.recording.recorder import SCENE_NAME, SUFFIX, Recorder
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
@@ -24,7 +24,6 @@ from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 SESSION_TOPIC = "/session"
 CONTROL_TOPIC = "/control"
-SUFFIX = ".mcap"
 
 
 class SessionRecorder(Observer):
