@@ -51,24 +51,29 @@ class MeasuredPlots(Columns):
     def of(cls, plots: Iterable[Mapping[str, Any]]) -> Self:
         """Plots from what is told of each, by the names of the columns; other names are ignored."""
         rows = list(plots)
-        columns = {}
-        for field in fields(cls):
-            absent, dtype = _ABSENT.get(field.name, _NUMBER)
-            column: NDArray[Any] = np.empty(len(rows), dtype)
-            column[:] = [row.get(field.name, absent) for row in rows]
-            columns[field.name] = column
-        return cls.holding(columns)
+        told = set().union(*rows)
+        return cls.holding(
+            {
+                name: np.array([row.get(name, absent[0]) for row in rows], absent.dtype)
+                if name in told
+                else absent[: len(rows)]
+                for name, absent in _ABSENT.items()
+            }
+        )
 
 
-_NUMBER = (math.nan, np.float64)
-_ABSENT: Mapping[str, tuple[Any, type]] = {
-    "t_utc_ns": (None, np.object_),
-    "sensor": ("", np.object_),
-    "kind": ("", np.object_),
-    "identity": ("", np.object_),
-    "category": (0, np.int64),
-    "sac": (NOT_TOLD, np.int64),
-    "sic": (NOT_TOLD, np.int64),
-    "channel": (NOT_TOLD, np.int64),
+def _endless(value: object, dtype: type) -> NDArray[Any]:
+    """A column of the same throughout, of any length, which takes no memory and no time."""
+    return np.broadcast_to(np.array(value, dtype), 1 << 40)
+
+
+_ABSENT: Mapping[str, NDArray[Any]] = {
+    **dict.fromkeys(
+        (field.name for field in fields(MeasuredPlots)), _endless(math.nan, np.float64)
+    ),
+    "t_utc_ns": _endless(None, np.object_),
+    **dict.fromkeys(("sensor", "kind", "identity"), _endless("", np.object_)),
+    **dict.fromkeys(("sac", "sic", "channel"), _endless(NOT_TOLD, np.int64)),
+    "category": _endless(0, np.int64),
 }
-"""What stands for what is not told, and the type of the column, where that is not NaN."""
+"""What stands in the columns of which no plot of a message tells anything."""

@@ -109,6 +109,8 @@ def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
 
 
 def _where_told(column: NDArray[Any]) -> list[Any]:
+    if not column.strides[0]:  # nothing is told
+        return [""] * len(column)
     if column.dtype == np.object_:
         return list(column)
     absent = column == NOT_TOLD if column.dtype == np.int64 else np.isnan(column)
