@@ -20,7 +20,7 @@ class ControlError(PlotfeedError):
 
 
 class ClockCommand(SceneTable):
-    """Of a simulated clock alone: real time cannot be held."""
+    """Asked of a simulated clock alone: real time cannot be held."""
 
     paused: bool | None = None
     speed: float | None = Field(default=None, ge=0.001, le=10_000)

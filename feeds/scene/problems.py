@@ -15,10 +15,10 @@ MAX_SHOWN = 80
 
 def in_a_line(problems: Iterable[tuple[str, str]]) -> str:
     """Problems, each of a key or of the whole, as one printable line."""
-    return printable("; ".join(f"{key}: {text}" if key else text for key, text in problems))
+    return printable_line("; ".join(f"{key}: {text}" if key else text for key, text in problems))
 
 
-def printable(line: str) -> str:
+def printable_line(line: str) -> str:
     """A line in which what cannot be printed is a space."""
     return "".join(c if c.isprintable() else " " for c in line)
 

@@ -26,7 +26,7 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
-from plotfeed.feeds.scene.problems import printable, problems_of
+from plotfeed.feeds.scene.problems import printable_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
 
@@ -44,7 +44,7 @@ class SceneError(PlotfeedError):
 
     def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
         lines = [f"{path}: {key}: {text}" if key else f"{path}: {text}" for key, text in problems]
-        super().__init__("\n".join(printable(line) for line in lines))
+        super().__init__("\n".join(printable_line(line) for line in lines))
         self.path = path
         self.problems = problems
 

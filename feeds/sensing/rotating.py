@@ -13,7 +13,6 @@ from plotfeed.models.beam.scan_draws import ScanDraws
 from plotfeed.models.beam.sweep import Border, meetings
 from plotfeed.models.chance import Purpose
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 
@@ -103,7 +102,7 @@ class RotatingBeam:
         met = meetings(sectors, site.axes, site.trajectories, self._border, self.model.range_max_m)
         looks, detections = (
             self._observed_among_neighbours(sectors, met.truth)
-            if isinstance(self.model, PolarRadar) and self.model.merging is not None
+            if getattr(self.model, "merging", None) is not None
             else self._observed(sectors, met.truth)
         )
         plots = Plots.joined([detections, *self._false_alarms(sectors)]).in_order_of_time()

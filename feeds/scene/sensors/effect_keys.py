@@ -156,11 +156,6 @@ class MergingKeys(SceneTable):
         )
 
 
-def multipath_of(part: MultipathKeys | None) -> Multipath | None:
-    """Multipath for a model, None where it is not named."""
-    return None if part is None else part.model()
-
-
 def readings_of(
     bias: BiasKeys | None, drift: DriftKeys | None, chance: Chance, period_ns: int
 ) -> Readings | None:

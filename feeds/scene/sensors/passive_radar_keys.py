@@ -20,7 +20,6 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     DopplerKeys,
     MergingKeys,
     MultipathKeys,
-    multipath_of,
 )
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
@@ -166,7 +165,7 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
                 self.antenna_efficiency,
             ),
             "azimuth_cover": self.azimuth_cover,
-            "multipath": multipath_of(self.multipath),
+            "multipath": self.multipath and self.multipath.model(),
             "doppler": self._doppler(),
             "merging": self._merging(),
         }

@@ -25,7 +25,6 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
     MultipathKeys,
     PulsedDopplerKeys,
-    multipath_of,
 )
 from plotfeed.feeds.scene.sensors.scan_keys import Scan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
@@ -152,7 +151,7 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
             "measures_run_length": any(
                 REPORT_FORMATS[name].tells_run_lengths for name in self.report
             ),
-            "multipath": multipath_of(self.multipath),
+            "multipath": self.multipath and self.multipath.model(),
             "doppler": self._doppler(),
             "merging": self._merging(),
         }

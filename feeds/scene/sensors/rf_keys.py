@@ -18,7 +18,7 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
-from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys, multipath_of
+from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.models.sensors.rf import RfDirectionFinder
@@ -160,7 +160,7 @@ class RfKeys(AzimuthCoverKeys):
             "azimuth_beams": max(beams, 1) if self.measures_azimuth else 1,
             "baseline_m": self.baseline_m or 1.0,
             "decodes": frozenset(self.decodes),
-            "multipath": multipath_of(self.multipath),
+            "multipath": self.multipath and self.multipath.model(),
         }
         return RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
 
