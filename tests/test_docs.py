@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
 import subprocess
 import sys
@@ -68,7 +67,8 @@ def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
     assert beside.read_text() == f"{text_of('scene')}\n", "run make pages"
 
 
-def test_the_examples_in_python_do_what_their_page_says(
+@pytest.mark.asyncio
+async def test_the_examples_in_python_do_what_their_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     page = (DOCS / "python.md").read_text()
@@ -81,7 +81,7 @@ def test_the_examples_in_python_do_what_their_page_says(
     assert looks == 60
     assert abs(hits - expected) < 5
     scene = DOCS.parent / "feeds" / "scene" / "examples" / "section-4.toml"
-    n_plots, octets = asyncio.run(names["ten_seconds"](scene))
+    n_plots, octets = await names["ten_seconds"](scene)
     assert 0 < n_plots < octets
     cells = re.findall(r"^\| (`[^|]*`) \| [^|]* \|$", page, re.MULTILINE)
     told = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
