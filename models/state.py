@@ -254,22 +254,22 @@ class Plots(Columns):
         return self.rows(np.argsort(t_utc_ns, kind="stable"))
 
 
-def _endless(value: object, dtype: type) -> NDArray[Any]:
+def endless(value: object, dtype: type) -> NDArray[Any]:
     """A column of the same throughout, as long as anybody asks for: it takes no memory."""
     one: NDArray[Any] = np.empty((), dtype)
     one[()] = value
     return np.broadcast_to(one, 1 << 40)
 
 
-UNDECIDED = _endless(False, np.bool_)
+UNDECIDED = endless(False, np.bool_)
 """What of looks is not known yet, whether they are detected."""
-_UNMEASURED = _endless(np.nan, np.float64)
+_UNMEASURED = endless(np.nan, np.float64)
 _ABSENT = {
-    "drone": _endless(FALSE_ALARM, np.int64),
-    "channel": _endless(0, np.int64),
-    "kind": _endless("", np.object_),
-    "identity": _endless("", np.object_),
-    "merged_drones": _endless((), np.object_),
+    "drone": endless(FALSE_ALARM, np.int64),
+    "channel": endless(0, np.int64),
+    "kind": endless("", np.object_),
+    "identity": endless("", np.object_),
+    "merged_drones": endless((), np.object_),
 }
 """What stands in the columns of plots that a sensor does not fill, where it is not NaN."""
 _PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.state import Columns, Floats, Ints, Texts
+from plotfeed.models.state import Columns, Floats, Ints, Texts, endless
 
 NOT_TOLD = -1
 
@@ -62,18 +62,11 @@ class MeasuredPlots(Columns):
         )
 
 
-def _endless(value: object, dtype: type) -> NDArray[Any]:
-    """A column of the same throughout, of any length, which takes no memory and no time."""
-    return np.broadcast_to(np.array(value, dtype), 1 << 40)
-
-
 _ABSENT: Mapping[str, NDArray[Any]] = {
-    **dict.fromkeys(
-        (field.name for field in fields(MeasuredPlots)), _endless(math.nan, np.float64)
-    ),
-    "t_utc_ns": _endless(None, np.object_),
-    **dict.fromkeys(("sensor", "kind", "identity"), _endless("", np.object_)),
-    **dict.fromkeys(("sac", "sic", "channel"), _endless(NOT_TOLD, np.int64)),
-    "category": _endless(0, np.int64),
+    **dict.fromkeys((field.name for field in fields(MeasuredPlots)), endless(math.nan, np.float64)),
+    "t_utc_ns": endless(None, np.object_),
+    **dict.fromkeys(("sensor", "kind", "identity"), endless("", np.object_)),
+    **dict.fromkeys(("sac", "sic", "channel"), endless(NOT_TOLD, np.int64)),
+    "category": endless(0, np.int64),
 }
 """What stands in the columns of which no plot of a message tells anything."""
