@@ -19,7 +19,8 @@ from plotfeed.proto.utc import iso_utc
 def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:
     """A sensor's status."""
     status.time_utc.FromNanoseconds(now_utc_ns)
-    return _retained(prefix, status.sensor, "status", to_json(status), now_utc_ns)
+    sensor = status.sensor
+    return _retained(f"{prefix}/{sensor}", "status", to_json(status), now_utc_ns, sensor=sensor)
 
 
 def settings_message(
@@ -32,7 +33,8 @@ def settings_message(
         "controlled": controlled,
         "in_force": sensor.model_dump(mode="json", exclude_unset=True, exclude={"event"}),
     }
-    return _retained(prefix, sensor.id, "settings", json.dumps(said).encode(), now_utc_ns)
+    payload, source = json.dumps(said).encode(), f"{prefix}/{sensor.id}"
+    return _retained(source, "settings", payload, now_utc_ns, sensor=sensor.id)
 
 
 def session_message(scene: Scene, start_utc_ns: int) -> Message:
@@ -45,25 +47,16 @@ def session_message(scene: Scene, start_utc_ns: int) -> Message:
         "sensors": [sensor.id for sensor in scene.sensor],
         "plotfeed": version("plotfeed"),
     }
-    return Message(
-        topic=f"{scene.mqtt.prefix}/session",
-        payload=json.dumps(said).encode(),
-        content_type=JSON,
-        due_utc_ns=start_utc_ns,
-        properties=attributes(scene.mqtt.prefix, "session", str(start_utc_ns), start_utc_ns),
-        retain=True,
-        qos=1,
-    )
+    return _retained(scene.mqtt.prefix, "session", json.dumps(said).encode(), start_utc_ns)
 
 
-def _retained(prefix: str, sensor: str, kind: str, payload: bytes, now_utc_ns: int) -> Message:
-    source = f"{prefix}/{sensor}"
+def _retained(source: str, kind: str, payload: bytes, now_utc_ns: int, **more: str) -> Message:
     return Message(
         topic=f"{source}/{kind}",
         payload=payload,
         content_type=JSON,
         due_utc_ns=now_utc_ns,
-        properties=attributes(source, kind, str(now_utc_ns), now_utc_ns, sensor=sensor),
+        properties=attributes(source, kind, str(now_utc_ns), now_utc_ns, **more),
         retain=True,
         qos=1,
     )

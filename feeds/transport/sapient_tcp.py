@@ -76,12 +76,12 @@ class SapientTcpTransport:
 
     waiting = 0
 
-    def __init__(self, address: str, sensor: str, herald: Announcer, clock: Clock) -> None:
+    def __init__(self, address: str, sensor: str, announcer: Announcer, clock: Clock) -> None:
         self.address = address
         self.name = f"sapient-{sensor}"
         self.connections = 0
         self.last_error = ""
-        self._herald = herald
+        self._announcer = announcer
         self._clock = clock
         self._wire: _Wire | None = None
         self._up = asyncio.Event()
@@ -169,8 +169,8 @@ class SapientTcpTransport:
         return wire
 
     async def _register(self, wire: _Wire) -> None:
-        """Say who is there, hear what is said to that, and go on whatever it is."""
-        registration, _ = self._herald.opening(self._clock.now_ns())
+        """Register, take note of the answer, and go on whatever it is."""
+        registration, _ = self._announcer.opening(self._clock.now_ns())
         wire.send(registration.payload)
         either: set[asyncio.Future[Any]] = {wire.acknowledged, wire.lost}
         await asyncio.wait(either, timeout=ACK_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
@@ -181,11 +181,11 @@ class SapientTcpTransport:
         elif not wire.acknowledged.result().accepted:
             why = _said(wire.acknowledged.result())
             log.warning("%s: %s refused the registration%s", self.name, self.address, why)
-        _, status = self._herald.opening(self._clock.now_ns())
+        _, status = self._announcer.opening(self._clock.now_ns())
         wire.send(status.payload)
 
     async def _hang_up(self) -> None:
-        """Let what is unsent leave, and close."""
+        """Let what is not sent yet leave, and close."""
         wire, self._wire = self._wire, None
         if wire is None:
             return

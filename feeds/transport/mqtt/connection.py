@@ -70,15 +70,15 @@ class MqttConnection:
         self._on_received = on_received
         self._counts = counts
         self._on_room = on_room
-        self._in_flight = Qos1Window(counts, on_room)
-        self._unsent: SocketBuffer
+        self._window = Qos1Window(counts, on_room)
+        self._buffer: SocketBuffer
         """There is one as soon as it is open."""
         self._complained = False
         self._largest_payload: int | None = None
         self._client = GmqttClient(
             client_id,
             version,
-            window=self._in_flight,
+            window=self._window,
             will=will,
             username=address.access.username,
             password=address.access.password,
@@ -92,12 +92,12 @@ class MqttConnection:
     @property
     def unacknowledged(self) -> int:
         """Messages of QoS 1 of which it is not known that they have arrived."""
-        return self._in_flight.unacknowledged
+        return self._window.unacknowledged
 
     @property
     def unsent_octets(self) -> int:
         """What the socket has not taken yet."""
-        return self._unsent.octets
+        return self._buffer.octets
 
     async def open(self, timeout_s: float) -> None:
         """Connect, and have the broker's consent; raises `MqttError`."""
@@ -106,19 +106,19 @@ class MqttConnection:
         except BaseException:
             self.abort()
             raise
-        self._unsent = SocketBuffer(self._client.transport, self._on_room)
-        self._client.watch_buffer(self._unsent.hold, self._unsent.release)
+        self._buffer = SocketBuffer(self._client.transport, self._on_room)
+        self._client.watch_buffer(self._buffer.hold, self._buffer.release)
 
     def subscribe(self, topic_filter: str) -> None:
-        """Hear what comes there."""
+        """Have what comes there."""
         as_published = self._on_received is not None and self.version >= 5
         self._client.subscribe(topic_filter, as_published=as_published)
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
-        if not self._unsent.has_room or self.lost.is_set():
+        if not self._buffer.has_room or self.lost.is_set():
             return False
-        return qos == 0 or self._in_flight.has_room
+        return qos == 0 or self._window.has_room
 
     def takes(self, message: Message) -> bool:
         """Whether it is not larger than what the broker says that it takes."""
@@ -136,10 +136,10 @@ class MqttConnection:
             packets.append(message.packets.get(self.version) or self._packet(message))
         self._client.write(b"".join(packets))
         for delivery in deliveries:
-            if self._unsent.given(len(delivery.message.payload)):
+            if self._buffer.given(len(delivery.message.payload)):
                 delivery.settle(delivered=True)
             else:
-                self._unsent.keep(delivery)
+                self._buffer.keep(delivery)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
@@ -154,7 +154,7 @@ class MqttConnection:
         """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
         delivery.leave()
         self._client.publish(delivery)
-        self._unsent.given(len(delivery.message.payload))
+        self._buffer.given(len(delivery.message.payload))
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
@@ -162,18 +162,18 @@ class MqttConnection:
 
     def give_up(self) -> list[Delivery]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
-        self._counts.dropped += self._unsent.give_up()
-        return self._in_flight.take_all()
+        self._counts.dropped += self._buffer.give_up()
+        return self._window.take_all()
 
     def end_if_stuck(self) -> None:
         """Cut a connection whose socket takes nothing any more; to be called now and then."""
         if self.lost.is_set():
             return
-        if self._unsent.is_stuck():
+        if self._buffer.is_stuck():
             self.good_bye = "it takes nothing any more"
             self.abort()
-        elif self._unsent.octets:
-            self._client.note_life(self._unsent.moved_s)
+        elif self._buffer.octets:
+            self._client.note_life(self._buffer.moved_s)
 
     async def close(self) -> None:
         """Say goodbye, if there is still anybody."""
@@ -217,7 +217,7 @@ class MqttConnection:
         for largest in answer.get("maximum_packet_size", ()):
             self._largest_payload = max(0, largest - HEADER_OCTETS)
         for window in answer.get("receive_maximum", ()):
-            self._in_flight.window = min(self._in_flight.window, window)
+            self._window.window = min(self._window.window, window)
 
     def _ended(self, packet: bytes) -> None:
         if packet and self.version >= 5:
@@ -227,7 +227,7 @@ class MqttConnection:
     def _acknowledged(self, packet: bytes) -> None:
         """A PUBACK; those of MQTT 5 may have a reason code."""
         if len(packet) > 2 and packet[2] >= REFUSED:
-            self._in_flight.refuse(int.from_bytes(packet[:2], "big"))
+            self._window.refuse(int.from_bytes(packet[:2], "big"))
             if not self._complained:
                 self._complained = True
                 reason = reason_name(packet[2])

@@ -21,8 +21,8 @@ class QueueCounts:
     """What a link has done with messages other than deliver them."""
 
     dropped: int = 0
-    """Given up unsent: by the policy, too old, too large for the broker, or still in the socket's
-    buffer when a connection was lost."""
+    """Given up before they left: by the policy, too old, too large for the broker, or still in the
+    socket's buffer when a connection was lost."""
     superseded: int = 0
     """Retained messages that gave way to a newer one on their topic, which is all that counts."""
     repeated: int = 0

@@ -57,7 +57,7 @@ class Link:
 class Case:
     """An outbox with everything around it, in simulated time."""
 
-    def __init__(self, links: Sequence[Link] = (), settings: Any = None, **ways: Any) -> None:
+    def __init__(self, links: Sequence[Link] = (), settings: Any = None, **more: Any) -> None:
         self.now = InstantClock(0)
         self.schedule, self.totals = Schedule(), SessionCounters()
         self.entries: list[Sequence[pb.Sent]] = []
@@ -66,7 +66,7 @@ class Case:
             links,
             schedule=self.schedule,
             totals=self.totals,
-            **ways,
+            **more,
             link=None if settings is None else LinkSettings.model_validate(settings),
             impair=lambda link: Impairment(link, 1, "radar"),
         )

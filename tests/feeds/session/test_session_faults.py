@@ -262,23 +262,23 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
         with start(tmp_path, port) as process:
             session_of = at_work(what, proxy.port)
             session = await session_of.__aenter__()
-            desk = session.session.sensor_tasks["radar"]
+            task = session.session.sensor_tasks["radar"]
             await until(lambda: len(session.entries) > 5)
             proxy.is_closed = True
             process.kill()
             process.wait()
-        await until(lambda: desk.outbox.waiting >= KEPT)
-        full, sectors = desk.outbox.waiting, len(session.sectors)
+        await until(lambda: task.outbox.waiting >= KEPT)
+        full, sectors = task.outbox.waiting, len(session.sectors)
         if policy == "wait":
             await asyncio.sleep(20 * SECTOR_S)
             assert len(session.sectors) == sectors
         else:
             await session.sectors_more(2 * KEPT)
-            assert desk.outbox.waiting <= full
+            assert task.outbox.waiting <= full
         with start(tmp_path, port), listening(port, 5, "plotfeed/radar/plots") as ears:
             back_ns = session.clock.now_ns()
             proxy.is_closed = False
-            await until(lambda: not desk.outbox.waiting)
+            await until(lambda: not task.outbox.waiting)
             await session.sectors_more(5)
             await session_of.__aexit__(None, None, None)
             last = place(session.sectors[-1].sector)

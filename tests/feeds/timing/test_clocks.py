@@ -138,31 +138,31 @@ async def test_the_best_timer_of_the_system_waits() -> None:
 
 @given(st.lists(st.integers(0, 20), max_size=60))
 def test_things_are_done_in_the_order_of_their_deadlines(due: list[int]) -> None:
-    agenda, done = Schedule(), list[tuple[int, int]]()
+    schedule, done = Schedule(), list[tuple[int, int]]()
     for order, t in enumerate(due):
-        agenda.put(t, lambda t=t, order=order: done.append((t, order)))  # type: ignore[misc]
+        schedule.put(t, lambda t=t, order=order: done.append((t, order)))  # type: ignore[misc]
     for now in range(21):
-        for due_ns, action in agenda.due_by(now):
+        for due_ns, action in schedule.due_by(now):
             assert due_ns <= now
             action()
         assert all(t <= now for t, _ in done)
     assert done == sorted((t, order) for order, t in enumerate(due))
-    assert agenda.next_due_ns() is None
+    assert schedule.next_due_ns() is None
 
 
 def test_what_is_put_meanwhile_is_done_if_it_is_due() -> None:
-    agenda, done = Schedule(), list[str]()
+    schedule, done = Schedule(), list[str]()
 
     def first() -> None:
         done.append("first")
-        agenda.put(3, lambda: done.append("late"))
+        schedule.put(3, lambda: done.append("late"))
 
-    agenda.put(5, first)
-    agenda.put(7, lambda: done.append("last"))
-    for _, action in agenda.due_by(6):
+    schedule.put(5, first)
+    schedule.put(7, lambda: done.append("last"))
+    for _, action in schedule.due_by(6):
         action()
     assert done == ["first", "late"]
-    assert agenda.next_due_ns() == 7
+    assert schedule.next_due_ns() == 7
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from plotfeed.feeds.transport.sapient_tcp import (
 from plotfeed.proto.errors import DecodeError
 
 SCENE = scene([radar(report=["sapient"])], seed=1)
-HERALD = SapientAnnouncer(SCENE, SCENE.sensor[0])
+ANNOUNCER = SapientAnnouncer(SCENE, SCENE.sensor[0])
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @asynccontextmanager
 async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcpTransport]:
-    link = SapientTcpTransport(address, "radar", HERALD, WallClock())
+    link = SapientTcpTransport(address, "radar", ANNOUNCER, WallClock())
     running = asyncio.create_task(link.run())
     try:
         if wait:
@@ -59,7 +59,7 @@ async def linked(address: str, *, wait: bool = True) -> AsyncIterator[SapientTcp
 
 
 def status(octets: int = 0) -> Message:
-    (message,) = HERALD.regular(WallClock().now_ns())
+    (message,) = ANNOUNCER.regular(WallClock().now_ns())
     if octets:
         big = SapientMessage.FromString(message.payload)
         big.additional_information = "x" * octets
@@ -86,7 +86,7 @@ async def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
     async with listening() as middleware, linked(middleware.address) as link:
         other = Message(topic="t", payload=b"x", content_type="text/plain", due_utc_ns=0)
         assert taken(link, other)
-        assert taken(link, HERALD.opening(WallClock().now_ns())[0])
+        assert taken(link, ANNOUNCER.opening(WallClock().now_ns())[0])
         assert taken(link, status())
         (peer,) = middleware.peers
         await until(lambda: len(peer.heard) == 3)

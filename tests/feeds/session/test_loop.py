@@ -44,7 +44,7 @@ class Case:
     def receive(self, topic: str, _p: bytes, _c: str | None, t_utc_ns: int) -> None:
         self.done.append((topic, t_utc_ns))
 
-    def hear(self, topic: str) -> None:
+    def come_in(self, topic: str) -> None:
         self.loop.queue_input(topic, b"", None)
 
 
@@ -67,7 +67,7 @@ async def test_what_is_due_together_is_done_before_what_can_wait() -> None:
 async def test_what_comes_in_is_taken_as_of_a_time_between_what_is_done_and_what_is_not() -> None:
     case = Case()
     case.at(5, "five")
-    case.loop.schedule.put(7, lambda: case.hear("in"))
+    case.loop.schedule.put(7, lambda: case.come_in("in"))
     case.at(7, "seven")
     case.at(9, "nine")
     await case.loop.work(10)
@@ -276,7 +276,7 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     working = asyncio.create_task(case.loop.work(None))
     await until(lambda: "ledger" in names(case))
     await until(lambda: clock.is_paused)
-    case.hear("in")
+    case.come_in("in")
     case.loop.later(case.note("later"))  # as when a broker acknowledges
     await until(lambda: {"in", "later"} <= names(case))
     assert "next" not in names(case)
