@@ -31,8 +31,6 @@ from plotfeed.models import looks_chain
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats
 
-_QUADRATURE_POINTS = 128
-
 
 def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Threshold of a cell-averaging CFAR over the *sum* of its reference cells (eq 6)."""
@@ -202,7 +200,7 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     """
     mean = 1.0 + as_floats(snr)[..., None]
     alpha = cfar_multiplier(pfa, n_reference)
-    nodes, weights = unit_interval(_QUADRATURE_POINTS)
+    nodes, weights = unit_interval()
     gamma = gammaincinv(n_reference, nodes)
     y = alpha * gamma / (mean + alpha)
     return np.asarray(np.exp(y) * exp1(y) / mean @ weights)

@@ -15,7 +15,6 @@ from plotfeed.models.detection import pd_noncoherent_swerling2, threshold_noncoh
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Floats
 
-_QUADRATURE_POINTS = 128
 _SMALLEST_SNR = 1e-12
 
 
@@ -44,7 +43,7 @@ def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Float
     Error variances go as that. Gauss and Legendre average over the tail, whose dense end, just
     above the threshold, gets most of the points.
     """
-    root, weights = unit_interval(_QUADRATURE_POINTS)
+    root, weights = unit_interval()
     mean_snr = np.asarray(snr, dtype=np.float64)[..., None]
     energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
     return as_floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))

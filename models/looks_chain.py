@@ -24,7 +24,6 @@ from plotfeed.models.state import Floats, Ints
 
 BLOCK_ELEMENTS = 1 << 22
 """Size of the tables behind a draw: 32 MB."""
-_QUADRATURE_POINTS = 128
 _TAIL = 36.0
 """Means of an exponential beyond which 2e-16 of it lies."""
 
@@ -60,7 +59,7 @@ def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
     largest = (1 + snrs.max(axis=-1)) * (n_looks + _TAIL) / n_samples
     low = np.log(multiplier)
     width = np.log(np.maximum(largest, multiplier)) + _TAIL / n_samples - low
-    nodes, weights = unit_interval(_QUADRATURE_POINTS)
+    nodes, weights = unit_interval()
     integral = np.zeros(width.shape)
     for node, weight in zip(nodes, weights, strict=True):
         y = np.exp(low + width * node)

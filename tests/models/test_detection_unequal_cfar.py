@@ -19,6 +19,7 @@ from support import mimo_equations
 from support.significance import assert_chance, assert_mean, assert_sum
 
 from plotfeed.models import detection, looks_chain
+from plotfeed.models.numerics import unit_interval
 
 snr_dbs = st.floats(-100, 100)
 pfas = st.floats(-15, -1).map(lambda exponent: 10.0**exponent)
@@ -181,7 +182,7 @@ def test_mean_inverse_power_needs_no_more_points(monkeypatch):
         ]
 
     coarse = values()
-    monkeypatch.setattr(looks_chain, "_QUADRATURE_POINTS", 400)
+    monkeypatch.setattr(looks_chain, "unit_interval", lambda: unit_interval(400))
     np.testing.assert_allclose(coarse, values(), rtol=1e-8)
 
 
