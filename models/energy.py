@@ -44,7 +44,7 @@ def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Float
     above the threshold, gets most of the points.
     """
     root, weights = unit_interval()
-    mean_snr = np.asarray(snr, dtype=np.float64)[..., None]
+    mean_snr = as_floats(snr)[..., None]
     energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
     return as_floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
 

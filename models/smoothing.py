@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solveh_banded
 
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Floats
 
 ACCELERATION_DENSITY_M2_S3 = 1.0
@@ -31,8 +32,8 @@ def smooth(
     which is the natural cubic smoothing spline with lambda = sigma^2 / q. One sample has no
     velocity but zero; two give a straight line.
     """
-    t = np.asarray(t_s, dtype=np.float64)
-    y = np.asarray(position_m, dtype=np.float64)
+    t = as_floats(t_s)
+    y = as_floats(position_m)
     h = np.diff(t)
     if not np.all(h > 0):
         raise ValueError("times must be strictly increasing")

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import LocalFrame
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
     NS,
     Emitter,
@@ -127,7 +128,7 @@ class Trajectories:
         position = frame.to_ecef(np.zeros(3))
         velocity = np.full(3, np.nan)
         if velocity_enu_m_s is not None:
-            velocity = np.asarray(velocity_enu_m_s, dtype=np.float64)
+            velocity = as_floats(velocity_enu_m_s)
         if np.isnan(velocity).any():
             fitted = fit_velocity(
                 [*track.t_utc_ns[-MAX_FIT_SAMPLES + 1 :], t_utc_ns],
@@ -151,7 +152,7 @@ class Trajectories:
     ) -> None:
         """A scripted path: constant velocity between knots (k, 3), gone after the last one."""
         track = _Track(FOREVER_NS, 0)
-        positions = np.asarray(position_ecef_m, dtype=np.float64)
+        positions = as_floats(position_ecef_m)
         for (t0, p0), (t1, p1) in pairwise(zip(t_utc_ns, positions, strict=True)):
             velocity = (p1 - p0) / ((t1 - t0) / NS)
             track.append(t0, p0, velocity)

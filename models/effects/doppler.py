@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy
-from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats, Ints
 
 
@@ -22,7 +22,7 @@ def range_rate_m_s(
     position_enu_m: Floats, velocity_enu_m_s: Floats, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Floats:
     """How fast targets recede from a place, m/s; (..., 3) in, (...) out. NaN right at it."""
-    sight = position_enu_m - np.asarray(from_enu_m, dtype=np.float64)
+    sight = position_enu_m - as_floats(from_enu_m)
     along = (sight * velocity_enu_m_s).sum(axis=-1)
     return np.asarray(along / np.linalg.norm(sight, axis=-1))
 

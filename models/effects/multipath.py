@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.propagation import two_ray_factor
 from plotfeed.models.state import Floats
 
@@ -25,7 +26,7 @@ class Multipath:
         self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Floats:
         """Factor of power one way between places, (..., 3), east, north and up; (...) out."""
-        other_enu_m = np.asarray(from_enu_m, dtype=np.float64)
+        other_enu_m = as_floats(from_enu_m)
         offset_m = place_enu_m - other_enu_m
         return two_ray_factor(
             self.antenna_height_m + other_enu_m[..., 2],

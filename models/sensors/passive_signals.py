@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam.scan import Volume
 from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.state import Floats
@@ -36,7 +36,7 @@ class NoiseLine:
     @nan_without_warnings
     def median_db(self, frequency_hz: ArrayLike) -> Floats:
         """F_am, dB; NaN outside the line's frequencies."""
-        frequency_mhz = np.asarray(frequency_hz, dtype=np.float64) / 1e6
+        frequency_mhz = as_floats(frequency_hz) / 1e6
         given = (frequency_mhz >= self.min_mhz) & (frequency_mhz <= self.max_mhz)
         return np.where(given, self.c_db - self.d_db * np.log10(frequency_mhz), np.nan)
 

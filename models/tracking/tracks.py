@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, with_room
 from plotfeed.models.tracking.track_lives import TrackLives, TrackRule
 
@@ -39,7 +40,7 @@ class AlphaBeta:
     def position_variance(self, misses: ArrayLike) -> Floats:
         """Variance of x after so many periods without a plot, as a multiple of a plot's own."""
         position, both, velocity = self._stationary()
-        n = np.asarray(misses, dtype=np.float64)
+        n = as_floats(misses)
         return position + n * (2.0 * both + n * velocity)
 
     def velocity_variance(self) -> float:
