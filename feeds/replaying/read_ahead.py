@@ -149,7 +149,7 @@ AHEAD, AHEAD_OCTETS = 4096, 16 << 20
 
 
 class ReadAhead:
-    """A bounded queue between a reader and whoever sends."""
+    """What is read ahead of whoever sends: all of it is sent, and reading waits at a limit."""
 
     def __init__(self, reader: ReplayReader, on_news: Callable[[], object]) -> None:
         """`on_news` is called when there is something after there was nothing, or the end is."""

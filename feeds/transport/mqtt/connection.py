@@ -94,11 +94,6 @@ class MqttConnection:
         """Messages of QoS 1 of which it is not known that they have arrived."""
         return self._window.unacknowledged
 
-    @property
-    def unsent_octets(self) -> int:
-        """What the socket has not taken yet."""
-        return self._buffer.octets
-
     async def open(self, timeout_s: float) -> None:
         """Connect, and have the broker's consent; raises `MqttError`."""
         try:
@@ -133,7 +128,8 @@ class MqttConnection:
         for delivery in deliveries:
             delivery.leave()
             message = delivery.message
-            packets.append(message.packets.get(self.version) or self._packet(message))
+            packet = message.packets.get(self.version)
+            packets.append(packet or publish_packet(message, self.version))
         self._client.write(b"".join(packets))
         for delivery in deliveries:
             if self._buffer.given(len(delivery.message.payload)):
@@ -145,10 +141,7 @@ class MqttConnection:
         """Make the packets of what will be sent soon."""
         for message in messages:
             if not message.qos:
-                message.packets[self.version] = self._packet(message)
-
-    def _packet(self, message: Message) -> bytes:
-        return publish_packet(message, self.version)
+                message.packets[self.version] = publish_packet(message, self.version)
 
     def send_until_acknowledged(self, delivery: Delivery) -> None:
         """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
@@ -158,7 +151,7 @@ class MqttConnection:
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
-        return not self.unacknowledged and not self.unsent_octets
+        return not self.unacknowledged and not self._buffer.octets
 
     def give_up(self) -> list[Delivery]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
@@ -217,7 +210,7 @@ class MqttConnection:
         for largest in answer.get("maximum_packet_size", ()):
             self._largest_payload = max(0, largest - HEADER_OCTETS)
         for window in answer.get("receive_maximum", ()):
-            self._window.window = min(self._window.window, window)
+            self._window.limit = min(self._window.limit, window)
 
     def _ended(self, packet: bytes) -> None:
         if packet and self.version >= 5:

@@ -63,7 +63,7 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
     def __init__(self, counts: QueueCounts, on_room: Callable[[], None]) -> None:
         """`on_room` is called whenever one message less is on its way."""
         super().__init__()
-        self.window = MAX_UNACKNOWLEDGED
+        self.limit = MAX_UNACKNOWLEDGED
         self.sending: Delivery | None = None
         """What gmqtt is told to publish now; it answers with the id that it gave it."""
         self._deliveries: dict[int, Delivery] = {}
@@ -79,7 +79,7 @@ class Qos1Window(PersistentStorage):  # type: ignore[misc]
     @property
     def has_room(self) -> bool:
         """Whether another message may be sent."""
-        return len(self._deliveries) < self.window and self._octets < MAX_UNACKNOWLEDGED_OCTETS
+        return len(self._deliveries) < self.limit and self._octets < MAX_UNACKNOWLEDGED_OCTETS
 
     def push_message(self, mid: int, raw_package: bytes) -> None:
         """Note what is being sent, under this id."""
