@@ -208,7 +208,7 @@ class RecordedSectors:
         return _Entry(message.log_time_ns, told, timed)
 
     def _sectors(self, entries: Sequence[_Entry]) -> Iterator[RecordedSector]:
-        """Their columns are made at once, and cut."""
+        """Columns of all entries, made at once and cut."""
         has_ledger = self._recording.ledger is not None
         measured = MeasuredPlots.joined([NO_PLOTS, *(entry.measured for entry in entries)])
         truths = list(chain.from_iterable(entry.told.plots for entry in entries))

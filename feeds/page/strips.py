@@ -163,7 +163,7 @@ class Rates:
         self._begin()
 
     def plots(self, sensor: int, count: int) -> None:
-        """So many plots of a sensor, by its number, were delivered."""
+        """Count that many plots of a sensor, by its number, as delivered."""
         self._plots[sensor] += count
 
     def sent(self, lateness_ns: int) -> None:

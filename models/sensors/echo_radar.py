@@ -55,7 +55,7 @@ class EchoRadar(SensorModel, ABC):
 
     @cached_property
     def _detailed(self) -> DetailedDetector | None:
-        """Where it models more than the usual."""
+        """The detector of a radar that models more than the usual; None for any other."""
         if self.doppler is None and self.merging is None:
             return None
         return DetailedDetector(doppler=self.doppler, merging=self.merging, odds=self._odds)

@@ -20,7 +20,7 @@ from plotfeed.models.state import Floats
 
 @dataclass(frozen=True, kw_only=True)
 class MimoTransmitter:
-    """Where it stands, east, north and up of the receiver, and what it radiates on average."""
+    """A transmitter, east, north and up of the receiver, and what it radiates on average."""
 
     position_enu_m: tuple[float, float, float]
     power_w: float

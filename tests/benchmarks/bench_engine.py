@@ -208,7 +208,7 @@ def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | No
 
 
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
-    """The same of the engine: one agenda, one clock."""
+    """The same of the engine: one schedule, one clock."""
     clock = WallClock()
     engine = SessionLoop(
         clock,

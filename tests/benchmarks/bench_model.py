@@ -83,7 +83,7 @@ def measure(n: int) -> dict[str, list[float]]:
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = EmulatedSensor(scene, scene.sensor[0], trajectories)
-    eye = StaringBeam(
+    beam = StaringBeam(
         scene.sensor[0].model(scene.scene.site),
         SensorSite.of(scene.sensor[0], station.frame, trajectories, Chance(1, "staring")),
     )
@@ -103,7 +103,7 @@ def measure(n: int) -> dict[str, list[float]]:
         watches = Stopwatches(PATH | DETAIL)
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
-            eye.look(sector)
+            beam.look(sector)
             reports += 1
         watches.take_off()
         found["random"].append(_timed_ns(lambda: _random_numbers(n), 10) / n)

@@ -51,9 +51,9 @@ class AtWork(Observer):
         self.sectors: list[SectorReport] = []
         self.entries: list[pb.Ledger] = []
         self.taken = 0
-        """Messages taken out of the inbox: telemetry and commands, accepted or not."""
+        """Messages taken out of the queue: telemetry and commands, accepted or not."""
         self.most_waiting = 0
-        """In the inbox, whenever a sector was reported."""
+        """Waiting in the queue, whenever a sector was reported."""
 
     def begun(self, session: Session) -> None:
         self.session, self.totals = session, session.totals

@@ -161,7 +161,7 @@ def distance_m(a: PositionReport, b: PositionReport) -> float:
 
 
 def _why(reports: Sequence[PositionReport], flown: Sequence[int], i: int) -> str:
-    """What it would have taken to fly here from the nearest report in time that is kept."""
+    """The speed that it takes to fly here from the nearest report in time that is kept."""
     near = reports[min(flown, key=lambda j: abs(reports[j].t_utc_ns - reports[i].t_utc_ns))]
     dt_s = abs(near.t_utc_ns - reports[i].t_utc_ns) / NS
     climb_m = abs(near.altitude_m - reports[i].altitude_m)
