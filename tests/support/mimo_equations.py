@@ -11,30 +11,22 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
-
-BOLTZMANN_J_K = 1.380649e-23
-LIGHT_M_S = 299_792_458.0
-
-Floats = NDArray[np.float64]
-
-
-def _linear(db: float) -> float:
-    return float(10 ** (db / 10))
+from support.radar_equations import BOLTZMANN_J_K, LIGHT_M_S, Floats, linear
 
 
 def signal_snrs(sensor: dict[str, Any], enu_m: ArrayLike, rcs_m2: float = 0.01) -> Floats:
     """Equation 17 over equation 21, by transmitter, for a target seen from the receiver."""
     target = np.asarray(enu_m, dtype=np.float64)
     wavelength_m = LIGHT_M_S / sensor["frequency_hz"]
-    noise_w_hz = BOLTZMANN_J_K * 290.0 * _linear(sensor["noise_figure_db"])
+    noise_w_hz = BOLTZMANN_J_K * 290.0 * linear(sensor["noise_figure_db"])
     snrs = []
     for transmitter in sensor["transmitters"]:
         place = [transmitter[k] for k in ("east_m", "north_m", "above_site_m")]
         ranges_m2 = np.sum(target**2) * np.sum((target - place) ** 2)
         gain_tx_dbi = transmitter.get("gain_tx_dbi", sensor["gain_tx_dbi"])
-        gains = _linear(gain_tx_dbi + sensor["gain_rx_dbi"] - sensor["loss_db"])
+        gains = linear(gain_tx_dbi + sensor["gain_rx_dbi"] - sensor["loss_db"])
         echo_w = transmitter["power_w"] * gains * wavelength_m**2 * rcs_m2
         snrs.append(echo_w / ((4 * np.pi) ** 3 * ranges_m2) * sensor["integration_s"] / noise_w_hz)
     return np.array(snrs)

@@ -18,15 +18,15 @@ LIGHT_M_S = 299_792_458.0
 Floats = NDArray[np.float64]
 
 
-def _linear(db: float) -> float:
+def linear(db: float) -> float:
     return float(10 ** (db / 10))
 
 
 def mean_snr(sensor: dict[str, Any], range_m: ArrayLike, rcs_m2: ArrayLike = 0.01) -> Floats:
     """Equation 1, with one range for both ways."""
     wavelength_m = LIGHT_M_S / sensor["frequency_hz"]
-    gains = _linear(sensor["gain_tx_dbi"] + sensor["gain_rx_dbi"] - sensor["loss_db"])
-    noise_w_hz = BOLTZMANN_J_K * 290.0 * _linear(sensor["noise_figure_db"])
+    gains = linear(sensor["gain_tx_dbi"] + sensor["gain_rx_dbi"] - sensor["loss_db"])
+    noise_w_hz = BOLTZMANN_J_K * 290.0 * linear(sensor["noise_figure_db"])
     echo_w = sensor["power_w"] * gains * wavelength_m**2 * np.asarray(rcs_m2)
     echo_w = echo_w / ((4 * np.pi) ** 3 * np.asarray(range_m) ** 4)
     return np.asarray(echo_w * sensor["integration_s"] / noise_w_hz)
