@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from plotfeed.feeds.accuracy_chart.chart import (
     LITTLE,
@@ -26,6 +25,7 @@ from plotfeed.feeds.accuracy_chart.chart import (
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
 from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.scene.scene import Scene
 
@@ -103,7 +103,7 @@ def _sensor_values(sensor: ChartedSensor) -> dict[str, Any]:
                         "method": m.method.name,
                         "ns": _time_values(m.time),
                         "errors": dict(m.method.errors),
-                        "share": _finite(m.share),
+                        "share": finite(m.share),
                         "ours": m.method.ours,
                         "on_front": i in stage.front,
                     }
@@ -133,13 +133,8 @@ def _configuration_values(found: Configuration | None) -> dict[str, Any] | None:
         "methods": dict(found.names),
         "ns": found.ns,
         "errors": dict(found.errors),
-        "share": _finite(found.share),
+        "share": finite(found.share),
     }
-
-
-def _finite(share: float) -> float | None:
-    """JSON has no infinity: of an error where the sensor itself has none."""
-    return share if np.isfinite(share) else None
 
 
 def lines(chart: Values) -> Iterator[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
+from plotfeed.feeds.console.printed import aligned
 from plotfeed.feeds.scene.presets.preset import Preset, names, preset
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
 
@@ -103,7 +104,11 @@ def _list_lines(found: list[dict[str, Any]]) -> list[str]:
         )
         for each in found
     ]
-    return [*_aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows]), "", DISCLAIMER]
+    return [
+        *aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows], "<<<<"),
+        "",
+        DISCLAIMER,
+    ]
 
 
 def detail_lines(found: dict[str, Any]) -> list[str]:
@@ -115,7 +120,7 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
         "",
     ]
     rows = [(key["key"], shown_value(key["value"]), key["mark"], why(key)) for key in found["keys"]]
-    lines += _aligned([("key", "value", "mark", "why"), *rows])
+    lines += aligned([("key", "value", "mark", "why"), *rows], "<<<")
     for other in found["other_targets"]:
         lines += [
             "",
@@ -132,12 +137,3 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
 def why(key: dict[str, Any]) -> str:
     """The rule by which a key was derived, if it was, and its note."""
     return f"{key['rule']}. {key['note']}" if key["rule"] else str(key["note"])
-
-
-def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
-    """Columns as wide as their widest cell; the last one runs on."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-1]
-    return [
-        "  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[-1]])
-        for row in rows
-    ]

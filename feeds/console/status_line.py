@@ -41,11 +41,6 @@ def show_last_status(text: str) -> None:
     click.echo(f"\r\033[K{text}" if sys.stdout.isatty() else text)
 
 
-def printable(text: str) -> str:
-    """Text that others sent, so that it does not move the cursor of a terminal."""
-    return text if text.isprintable() else ascii(text)
-
-
 def with_progress(
     things: Iterable[T], what: str, done: Callable[[], int], all_: int
 ) -> Iterator[T]:

@@ -7,12 +7,12 @@ Nothing waits, and whatever is kept is bounded.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
@@ -268,14 +268,5 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
     try:
         text = json.dumps(told, separators=(",", ":"), default=str, allow_nan=False)
     except ValueError:
-        text = json.dumps(_finite(told), separators=(",", ":"), default=str)
+        text = json.dumps(finite(told), separators=(",", ":"), default=str)
     return news(text.encode(), kind)
-
-
-def _finite(value: Any) -> Any:
-    """A tree with null for numbers that JSON does not know."""
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

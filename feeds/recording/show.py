@@ -15,8 +15,9 @@ from typing import Any
 import click
 
 from plotfeed.feeds.console import INTERRUPTED
+from plotfeed.feeds.console.printed import aligned, printable
 from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.console.status_line import printable, with_progress
+from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.decoded_text import (
     Categories,
     categories_of,
@@ -205,14 +206,7 @@ def _table(summary: Summary) -> Iterator[str]:
         rate = f"{series.messages / summary.duration_s:.1f}" if summary.duration_s else ""
         named = (printable(topic), *([str(stage)] if staged else []), printable(kind))
         rows.append((*named, str(series.messages), rate, str(series.octets)))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    names = len(rows[0]) - 3
-    for row in rows:
-        cells = [
-            cell.ljust(width) if place < names else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield "  " + "  ".join(cells)
+    yield from (f"  {line}" for line in aligned(rows, f"{'<<<' if staged else '<<'}>>>"))
 
 
 def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:

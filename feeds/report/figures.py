@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.report.detection_tally import AlarmFigures, PdFigures, pd_by_range, pd_of_all
 from plotfeed.feeds.report.ledger_reading import Counted, SensorTally
 from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
@@ -134,18 +133,8 @@ def _notes(found: Counted) -> list[str]:
 
 def as_values(told: LedgerReport) -> dict[str, Any]:
     """The report for JSON: times also as text, and null for what is not there."""
-    values: dict[str, Any] = _plain(asdict(told))
+    values: dict[str, Any] = finite(asdict(told))
     for each in (values, *values["links"]):
         for end in ("first", "last"):
             each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
     return values
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

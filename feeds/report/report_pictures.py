@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.console.extras import need_matplotlib
-from plotfeed.feeds.console.status_line import printable
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures
 from plotfeed.feeds.report.plot_errors import QUANTITIES

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from plotfeed.feeds.console.status_line import printable
+from plotfeed.feeds.console.printed import Row, aligned, printable, widths
 from plotfeed.feeds.report.detection_tally import PdFigures
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share
@@ -16,7 +16,6 @@ from plotfeed.proto.utc import NS, iso_utc
 
 MAX_DELAYS_SHOWN = 5
 NOTHING = "-"
-Row = Sequence[str]
 
 
 def link_text(link: object) -> str:
@@ -62,21 +61,14 @@ def table(
     """
     yield ""
     yield title
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+    rows = [header, *rows]
     if groups:
-        yield _over(groups, widths)
-    for row in (header, *rows):
-        cells = (f"{cell:{side}{n}}" for cell, side, n in zip(row, sides, widths, strict=True))
-        yield f"  {'  '.join(cells)}".rstrip()
-
-
-def _over(groups: Mapping[int, str], widths: Sequence[int]) -> str:
-    """A line of texts, each from the left edge of its column on."""
-    line = ""
-    for column, text in groups.items():
-        at = 2 + sum(widths[:column]) + 2 * column
-        line = f"{line:{at}}{text}"
-    return line
+        over, wide = "", widths(rows)
+        for column, text in groups.items():
+            over = f"{over:{2 + sum(wide[:column]) + 2 * column}}{text}"
+        yield over
+    for line in aligned(rows, sides):
+        yield f"  {line}".rstrip()
 
 
 BURSTS_SHOWN = 10

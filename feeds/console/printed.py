@@ -1,0 +1,36 @@
+"""What commands print: columns of text, JSON of any numbers, text that others sent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+Row = Sequence[str]
+
+
+def widths(rows: Sequence[Row]) -> list[int]:
+    """Characters of the widest cell of each column."""
+    return [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+
+def aligned(rows: Sequence[Row], sides: str) -> Iterator[str]:
+    """Rows as lines, each column to its side: `<` or `>`; columns without a side run on."""
+    wide = widths(rows)
+    for row in rows:
+        cells = (f"{cell:{side}{n}}" for cell, side, n in zip(row, sides, wide, strict=False))
+        yield "  ".join([*cells, *row[len(sides) :]])
+
+
+def finite(value: Any) -> Any:
+    """A tree with null for numbers that JSON does not know."""
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def printable(text: str) -> str:
+    """Text that others sent, so that it does not move the cursor of a terminal."""
+    return text if text.isprintable() else ascii(text)
