@@ -1,6 +1,6 @@
 """Formats, from plots to messages and back: a file for each, and `FORMATS`, their one table.
 
-A new category of ASTERIX is three new files, its layout, its encoder and its format, and a line:
+A new category of ASTERIX is two new files, its layout with its encoder and its format, and a line:
 `register(FORMAT, ActiveRadarKeys)`, after which scenes may ask for it. One that comes with plotfeed
 has that line as a row of `FORMATS`, its facts in `scene.report_formats`, its layout in
 `proto.asterix.categories`, and its name among the `formats` of the sensors that report in it.

@@ -16,10 +16,9 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import LocalFrame
-from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
-from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
-from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
-from plotfeed.proto.asterix.encode_025 import StatusEncoder025
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
+from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}

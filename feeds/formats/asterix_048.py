@@ -6,7 +6,7 @@ from plotfeed.feeds.formats.message_format import Seen, Topics, max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 
 
 class Asterix048:

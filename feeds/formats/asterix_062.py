@@ -22,8 +22,8 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.tracking.track_lives import TrackRule, stated_covariance_m2
 from plotfeed.models.tracking.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
-from plotfeed.proto.asterix.encode_062 import TrackEncoder062, Tracks
-from plotfeed.proto.asterix.encode_063 import SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
+from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
 
 
 class Asterix062:

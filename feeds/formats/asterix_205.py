@@ -8,7 +8,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.geometry import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.asterix.encode_205 import BearingEncoder205
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 REPORTS_A_SCAN = 16
 """Numbers set aside for the reports of a scan, so that they do not depend on earlier ones."""

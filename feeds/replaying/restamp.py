@@ -12,7 +12,7 @@ from typing import Any
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
-from plotfeed.proto.asterix.encode_129 import is_block_129
+from plotfeed.proto.asterix.decode_129 import is_block_129
 from plotfeed.proto.content_types import ASTERIX, JSON, MESSAGE_TYPE, PROTOBUF
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from plotfeed.proto.asterix.encode_048 import RHO_LSB_M
+from plotfeed.proto.asterix.cat048 import RHO_LSB_M
 from plotfeed.proto.content_types import asterix_content_type, protobuf_content_type
 
 PLOT_BATCH = "plotfeed.v1.PlotBatch"

@@ -11,7 +11,7 @@ from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.asterix.encode_129 import TargetEncoder129
+from plotfeed.proto.asterix.cat129 import TargetEncoder129
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.utc import NS
 

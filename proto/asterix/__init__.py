@@ -1,5 +1,5 @@
-"""ASTERIX: of each category a layout, `catNNN`, and what writes its records, `encode_NNN`.
+"""ASTERIX: of each category a file, `catNNN`: its layout, and what writes its records.
 
 `categories` is the table of those that are read, `decode_plots` says where their records tell of
-plots, and `codec` is what all of them share.
+plots, `decode_129` reads unmanned aircraft, and `codec` is what all categories share.
 """

@@ -1,11 +1,18 @@
-"""Category 062, system tracks; editions 1.19 to 1.21, and CAT062_1_18.
+"""Category 062, system tracks: layout, and encoder for sensors that track.
 
-EUROCONTROL-SPEC-0149-9; `codec.layout` explains the table. I062/380 is what an aircraft says of
-itself: IAS counts 2^-14 NM/s, or 0.001 Mach where IM is set. I062/390 is the flight plan. LMC is a
-flight level. Earlier editions have fewer groups of I062/080.
+EUROCONTROL-SPEC-0149-9, editions 1.19 to 1.21, and CAT062_1_18; `codec.layout` explains the table.
+I062/380 is what an aircraft says of itself: IAS counts 2^-14 NM/s, or 0.001 Mach where IM is set.
+I062/390 is the flight plan. LMC is a flight level. Earlier editions have fewer groups of I062/080.
 """
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from plotfeed.models.state import Bools, Columns, Floats, Ints
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position, measured
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 CAT062 = category(
     62,
@@ -83,3 +90,116 @@ CAT062_1_18 = category(
     base=CAT062,
 )
 """Editions up to 1.18, which have no height below 0 in I062/340."""
+
+MONOSENSOR, GEOMETRIC_HEIGHT, RADAR_3D = 1, 1, 2  # I062/080: MON, MRH, SRC
+ALTITUDE_LSB_M = 6.25 * FOOT_M  # I062/130
+CLIMB_LSB_M_S = 6.25 * FOOT_M / 60  # I062/220
+
+OPTIONAL = {
+    "I062/130": "height_m",
+    "I062/220": "climb_m_s",
+    "I062/290/PSR": "age_s",
+    "I062/500/APC/X": "sigma_east_m",
+    "I062/500/APC/Y": "sigma_north_m",
+}
+"""Parts that are sent where their columns hold numbers."""
+
+STATUS_OF_OTHERS = "SPI FPC AFF STP KOS AMA MD4 ME MI MD5 SSR MDS ADS SUC AAC"
+"""Parts of I062/080 that say 0: of transponders, flight plans and other sensors."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracks(Columns):
+    """Tracks of a sensor at their own times; columns (n,), NaN for what it does not estimate.
+
+    East and north are from the system's reference point, height is above the WGS-84 ellipsoid,
+    age is that of the last plot in a track. `coasted` tracks are predicted without one, `first`
+    and `last` reports begin and end a track.
+    """
+
+    track: Ints
+    t_utc_ns: Ints
+    latitude_deg: Floats
+    longitude_deg: Floats
+    east_m: Floats
+    north_m: Floats
+    velocity_east_m_s: Floats
+    velocity_north_m_s: Floats
+    height_m: Floats
+    climb_m_s: Floats
+    age_s: Floats
+    sigma_east_m: Floats
+    sigma_north_m: Floats
+    tentative: Bools
+    coasted: Bools
+    first: Bools
+    last: Bools
+
+
+class TrackEncoder062:
+    """Tracks of one sensor, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
+
+    That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC).
+    """
+
+    def __init__(
+        self, sac: int, sic: int, *, simulated: bool = True, max_octets: int = UDP_OCTETS
+    ) -> None:
+        status = {f"I062/080/{name}": 0 for name in STATUS_OF_OTHERS.split()}
+        self._reports = Reports(
+            CAT062,
+            (
+                "I062/010",
+                "I062/070",
+                "I062/105",
+                "I062/100",
+                "I062/185",
+                "I062/040",
+                "I062/080",
+                "I062/080/CST",
+            ),
+            ("I062/130", "I062/220", "I062/290/PSR", "I062/500/APC"),
+            constants={
+                "I062/010/SAC": sac,
+                "I062/010/SIC": sic,
+                **status,
+                "I062/080/MON": MONOSENSOR,
+                "I062/080/MRH": GEOMETRIC_HEIGHT,
+                "I062/080/SIM": int(simulated),
+            },
+            lsb={
+                "I062/070": TIME_LSB_NS,
+                "I062/130": ALTITUDE_LSB_M,
+                "I062/220": CLIMB_LSB_M_S,
+            },
+            max_octets=max_octets,
+        )
+
+    def blocks(self, tracks: Tracks) -> list[bytes]:
+        """Data blocks of all tracks, in their order, none longer than `max_octets`.
+
+        A column of nothing but NaN is not estimated; one with some NaN is an EncodeError.
+        """
+        if not len(tracks):
+            return []
+        checked_position(tracks.latitude_deg, tracks.longitude_deg, field="I062/105")
+        optional = measured({path: getattr(tracks, name) for path, name in OPTIONAL.items()})
+        return self._reports.blocks(
+            {
+                "I062/070": tracks.t_utc_ns,
+                "I062/105/LAT": tracks.latitude_deg,
+                "I062/105/LON": tracks.longitude_deg,
+                "I062/100/X": tracks.east_m,
+                "I062/100/Y": tracks.north_m,
+                "I062/185/VX": tracks.velocity_east_m_s,
+                "I062/185/VY": tracks.velocity_north_m_s,
+                "I062/040": tracks.track,
+                "I062/080/SRC": RADAR_3D if "I062/130" in optional else 0,
+                "I062/080/CNF": tracks.tentative,
+                "I062/080/TSE": tracks.last,
+                "I062/080/TSB": tracks.first,
+                "I062/080/CST": tracks.coasted,
+                "I062/080/PSR": tracks.coasted,
+                **optional,
+            }
+        )

@@ -1,10 +1,18 @@
-"""Category 063, status of the sensors of a tracker; edition 1.7.
+"""Category 063, status of the sensors of a tracker: layout and encoder.
 
-EUROCONTROL-SPEC-0149-10; `codec.layout` explains the table. Earlier editions have fewer groups of
-I063/060.
+EUROCONTROL-SPEC-0149-10, edition 1.7; `codec.layout` explains the table. Earlier editions have
+fewer groups of I063/060.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.units import TIME_LSB_NS
 
 CAT063 = category(
     63,
@@ -26,3 +34,53 @@ FRN  item      octets  parts: bits, LSB and unit
 14   I063/SP   1+n     octets behind their count
 """,
 )
+
+
+class Condition(IntEnum):
+    """How a sensor is connected, I063/060/CON."""
+
+    OPERATIONAL = 0
+    DEGRADED = 1
+    INITIALISING = 2
+    NOT_CONNECTED = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorStatus:
+    """A sensor by its source, and how it does; `radar_fails` is of its primary radar."""
+
+    sac: int
+    sic: int
+    condition: Condition = Condition.OPERATIONAL
+    radar_fails: bool = False
+
+
+class SensorStatusEncoder063:
+    """Sensors' status, a record a sensor, as I063/010, 030, 050 and the first octet of 060.
+
+    The source is that of the system which says so.
+    """
+
+    def __init__(self, sac: int, sic: int, *, max_octets: int = UDP_OCTETS) -> None:
+        self._reports = Reports(
+            CAT063,
+            ("I063/010", "I063/030", "I063/050", "I063/060"),
+            constants={"I063/010/SAC": sac, "I063/010/SIC": sic}
+            | dict.fromkeys([f"I063/060/{name}" for name in ("SSR", "MDS", "ADS", "MLT")], 0),
+            lsb={"I063/030": TIME_LSB_NS},
+            max_octets=max_octets,
+        )
+
+    def blocks(self, t_utc_ns: int, sensors: Sequence[SensorStatus]) -> list[bytes]:
+        """Data blocks of all sensors, in their order, none longer than `max_octets`."""
+        if not sensors:
+            return []
+        return self._reports.blocks(
+            {
+                "I063/030": t_utc_ns,
+                "I063/050/SAC": [sensor.sac for sensor in sensors],
+                "I063/050/SIC": [sensor.sic for sensor in sensors],
+                "I063/060/CON": [sensor.condition for sensor in sensors],
+                "I063/060/PSR": [int(sensor.radar_fails) for sensor in sensors],
+            }
+        )

@@ -1,7 +1,7 @@
-"""Category 129, identification and position of unmanned aircraft; edition 1.2. One record a block.
+"""Category 129, unmanned aircraft that say where they are, one record a block: layout and encoder.
 
-EUROCONTROL-SPEC-0149-29; `codec.layout` explains the table. No decoder that the tests can run reads
-the category: the layout is as published descriptions of edition 1.2 have it.
+EUROCONTROL-SPEC-0149-29, edition 1.2; `codec.layout` explains the table. No decoder that the tests
+can run reads the category: the layout is as published descriptions of edition 1.2 have it.
 
 I129/090 is above mean sea level, I129/100 above ground; I129/185 is east and north. An accuracy
 (circular error, 50 %) of 0 says unknown or above 255 m. No encoding is stated for a serial number;
@@ -9,7 +9,18 @@ it is read as ASCII. The standard gives I129/120 one octet in a table but three 
 which is followed here; it describes the first of them. Sent from the air, the source is 0/0.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.units import TIME_LSB_NS
 
 CAT129 = category(
     129,
@@ -32,3 +43,77 @@ FRN  item      octets  parts: bits, LSB and unit
 15   I129/220  3       _4, VZ ±20: 0.01 m/s
 """,
 )
+
+SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
+
+
+class TargetEncoder129:
+    """Reports of unmanned aircraft of one make, as I129/010, 040, 050, 070, 080 and what is given.
+
+    That is 020 and 030 here, 090, 100, 110, 185 and 220 with each call. The source is 0/0 for what
+    comes from the air, as the standard advises.
+    """
+
+    def __init__(
+        self,
+        sac: int = 0,
+        sic: int = 0,
+        *,
+        country: str,
+        manufacturer: str = "",
+        model: str = "",
+    ) -> None:
+        constants: dict[str, float | str] = {
+            "I129/010/SAC": sac,
+            "I129/010/SIC": sic,
+            "I129/050": _padded(country, COUNTRY_LENGTH, "I129/050"),
+        }
+        for path, name in (("I129/020", manufacturer), ("I129/030", model)):
+            if name:
+                constants[path] = _padded(name, MAKER_LENGTH, path)
+        always = ("I129/010", "I129/040", "I129/070", "I129/080")
+        self._reports = Reports(
+            CAT129,
+            (*always, *(path for path in constants if path.count("/") == 1)),
+            ("I129/090", "I129/100", "I129/110", "I129/185", "I129/220"),
+            constants=constants,
+            lsb={"I129/070": TIME_LSB_NS},
+            one_a_block=True,
+        )
+
+    def blocks(
+        self,
+        serials: Sequence[str],
+        t_utc_ns: ArrayLike,
+        latitude_deg: ArrayLike,
+        longitude_deg: ArrayLike,
+        *,
+        altitude_m: ArrayLike | None = None,
+        height_m: ArrayLike | None = None,
+        accuracy_m: ArrayLike | None = None,
+        velocity_m_s: ArrayLike | None = None,
+    ) -> list[bytes]:
+        """A data block for each serial number, of columns (n,); velocity is (n, 3), east-north-up.
+
+        The standard wants an altitude above mean sea level or a height above ground.
+        """
+        checked_position(latitude_deg, longitude_deg, field="I129/080")
+        columns: dict[str, Any] = {
+            "I129/040": [_padded(serial, SERIAL_LENGTH, "I129/040") for serial in serials],
+            "I129/070": t_utc_ns,
+            "I129/080/LAT": latitude_deg,
+            "I129/080/LON": longitude_deg,
+        }
+        optional = {"I129/090": altitude_m, "I129/100": height_m, "I129/110": accuracy_m}
+        columns |= {path: column for path, column in optional.items() if column is not None}
+        if velocity_m_s is not None:
+            velocity = np.asarray(velocity_m_s, dtype=np.float64).reshape(-1, 3)
+            axes = ("I129/185/VX", "I129/185/VY", "I129/220")
+            columns |= dict(zip(axes, velocity.T, strict=True))
+        return self._reports.blocks(columns) if len(serials) else []
+
+
+def _padded(text: str, length: int, path: str) -> str:
+    if not text.isascii() or not text.isprintable() or len(text) > length:
+        raise EncodeError(f"{text!r} is not up to {length} characters of ASCII", field=path)
+    return text.ljust(length)

@@ -1,10 +1,9 @@
-"""The categories that are read: a new one is a layout, an encoder, and a row here."""
+"""The categories that are read: a new one is a file of layout and encoder, and a row here."""
 
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025
-from plotfeed.proto.asterix.cat034 import CAT034
-from plotfeed.proto.asterix.cat048 import CAT048
+from plotfeed.proto.asterix.cat048 import CAT034, CAT048
 from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.cat063 import CAT063
 from plotfeed.proto.asterix.cat129 import CAT129

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from plotfeed.proto.asterix.cat015 import MEASUREMENT_PLOT, Geometry
+from plotfeed.proto.asterix.cat205 import Message205
 from plotfeed.proto.asterix.codec.decode import Record, decode, decode_lenient
-from plotfeed.proto.asterix.encode_015 import MEASUREMENT_PLOT, Geometry
-from plotfeed.proto.asterix.encode_205 import Message205
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.units import FOOT_M, NM_M
 from plotfeed.proto.utc import NS, nearest_utc_ns

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.models.state import NS, Plots
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.cat048 import PlotEncoder048
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix, plots_readable_in
-from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048
 from plotfeed.proto.batch import plot_batch, plots_in_batch
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots

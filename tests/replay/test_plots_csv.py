@@ -14,9 +14,9 @@ from support.recordings import START_NS, block, block_048, message, written
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048
-from plotfeed.proto.asterix.encode_205 import BearingEncoder205
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.cat048 import PlotEncoder048
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 from plotfeed.replay.plots_csv import COLUMNS, PlotsCsvWriter, plots_in
 from plotfeed.replay.recorded import Recorded
 

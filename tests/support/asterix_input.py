@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.cat062 import Tracks
 from plotfeed.proto.asterix.codec.layout import (
     Category,
     Characters,
@@ -20,7 +21,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
 )
 from plotfeed.proto.asterix.codec.profile import Slot, profile
-from plotfeed.proto.asterix.encode_062 import Tracks
 
 ETHERNET, UDP = 14, 8
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 
+from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import (
     Category,
     Characters,
@@ -118,5 +118,4 @@ def _lsb(part: Quantity) -> str:
 
 if __name__ == "__main__":
     for number in sys.argv[1:]:
-        module = import_module(f"plotfeed.proto.asterix.cat{number}")
-        print(table(getattr(module, f"CAT{number}")), "\n")
+        print(table(CATEGORIES[int(number)]), "\n")

@@ -1,9 +1,8 @@
-"""The third file: category 250 as a format that sensors report in."""
+"""The second file: category 250 as a format that sensors report in."""
 
 from __future__ import annotations
 
-from toy_category.cat250 import CAT250
-from toy_category.encode_250 import PlotEncoder250
+from toy_category.cat250 import CAT250, PlotEncoder250
 
 from plotfeed.feeds.formats import Format, Seen
 from plotfeed.feeds.formats.message_format import Topics, max_block_octets

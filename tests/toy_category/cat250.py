@@ -1,6 +1,11 @@
-"""Category 250, plots of a radar that does not exist: the first of its three files, the layout."""
+"""Category 250, plots of a radar that does not exist: layout and encoder."""
 
+from __future__ import annotations
+
+from plotfeed.models.state import Plots
+from plotfeed.proto.asterix.codec.encode import Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.units import TIME_LSB_NS
 
 CAT250 = category(
     250,
@@ -12,3 +17,30 @@ FRN  item      octets  parts: bits, LSB and unit
 4    I250/040  2       EL ±16: 180/2^15 deg
 """,
 )
+
+
+class PlotEncoder250:
+    """Plots, as I250/010, 020, 030, and 040 if they have elevations."""
+
+    def __init__(self, sac: int, sic: int, *, max_octets: int) -> None:
+        self._reports = Reports(
+            CAT250,
+            ("I250/010", "I250/020", "I250/030"),
+            ("I250/040",),
+            constants={"I250/010/SAC": sac, "I250/010/SIC": sic},
+            lsb={"I250/020": TIME_LSB_NS},
+            max_octets=max_octets,
+        )
+
+    def blocks(self, plots: Plots) -> list[bytes]:
+        """Data blocks of all plots, in their order."""
+        if not len(plots):
+            return []
+        return self._reports.blocks(
+            {
+                "I250/020": plots.t_utc_ns,
+                "I250/030/R": plots.range_m,
+                "I250/030/AZ": plots.azimuth_deg,
+                **measured({"I250/040": plots.elevation_deg}),
+            }
+        )

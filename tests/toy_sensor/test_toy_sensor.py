@@ -24,7 +24,7 @@ from plotfeed.feeds.schema.flows import types_that_report
 from plotfeed.feeds.schema.published import text_of
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.encode_015 import Geometry
+from plotfeed.proto.asterix.cat015 import Geometry
 
 TRUE_DEG = [(10.0, 20.0), (80.0, 5.0)]
 WITHIN_DEG = 1.0

@@ -21,7 +21,7 @@ from plotfeed.feeds.page.tracker_tracks import (
 )
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
-from plotfeed.proto.asterix.encode_062 import TrackEncoder062
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import DAY_NS
 

@@ -16,7 +16,7 @@ from plotfeed.feeds.recording.recorded_session import (
 )
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048
+from plotfeed.proto.asterix.cat048 import PlotEncoder048
 from plotfeed.replay.recorded import Recorded
 
 KEY = SectorKey("plotfeed", "north", 7, 3)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.asterix_input import plots
 from support.asterix_readers import items_of, read_blocks, values_of
 
+from plotfeed.proto.asterix.cat205 import BearingEncoder205, Message205
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.encode_205 import BearingEncoder205, Message205
 from plotfeed.proto.errors import EncodeError
 
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73}

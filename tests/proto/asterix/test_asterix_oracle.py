@@ -13,8 +13,7 @@ from support.shared_files import shared
 
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
-from plotfeed.proto.asterix.cat034 import CAT034
-from plotfeed.proto.asterix.cat048 import CAT048
+from plotfeed.proto.asterix.cat048 import CAT034, CAT048, PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.cat063 import CAT063
 from plotfeed.proto.asterix.cat205 import CAT205
@@ -22,7 +21,6 @@ from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.units import FOOT_M, NM_M
 
 RECORDING = "recordings/croatia_cat_034_048.pcap"

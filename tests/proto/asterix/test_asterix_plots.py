@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from support.asterix_input import plots
 
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.asterix_input import plots
 from support.asterix_readers import items_of, read_blocks, values_of
 
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.errors import EncodeError
 
 MANY = 100

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from support.asterix_input import plots, tracks
 
-from plotfeed.proto.asterix.encode_015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
-from plotfeed.proto.asterix.encode_025 import Operation, State, StatusEncoder025
-from plotfeed.proto.asterix.encode_062 import TrackEncoder062
-from plotfeed.proto.asterix.encode_063 import Condition, SensorStatus, SensorStatusEncoder063
-from plotfeed.proto.asterix.encode_205 import BearingEncoder205
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
+from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "reports.json").read_text())
 SOURCE = 25, 3

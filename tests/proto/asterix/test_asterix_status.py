@@ -11,10 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks, values_of
 
+from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.asterix.encode_016 import Component, Pair, SystemEncoder016
-from plotfeed.proto.asterix.encode_025 import Operation, State, StatusEncoder025
-from plotfeed.proto.asterix.encode_063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.asterix_input import tracks
 from support.asterix_readers import items_of, read_blocks, values_of
 
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.asterix.encode_062 import TrackEncoder062
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import FOOT_M
 

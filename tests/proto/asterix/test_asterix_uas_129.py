@@ -10,8 +10,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from plotfeed.proto.asterix.cat129 import TargetEncoder129
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.asterix.encode_129 import TargetEncoder129, read_129
+from plotfeed.proto.asterix.decode_129 import read_129
 from plotfeed.proto.errors import DecodeError, EncodeError
 
 NOON_NS = 1_700_006_400 * 10**9 + 43_200 * 10**9

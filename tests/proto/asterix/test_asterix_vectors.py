@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from support.asterix_input import plots
 
-from plotfeed.proto.asterix.encode_048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "vectors.json").read_text())
 SOURCE = VECTORS["sac"], VECTORS["sic"]
