@@ -7,8 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, Transport
-from plotfeed.feeds.delivery.ledger import LedgerEntry, OnComplete
+from plotfeed.feeds.delivery.delivery import Delivery, LedgerEntry, OnComplete, Transport
 from plotfeed.feeds.impairment.link import Fate, Impairment, flip
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import Message

@@ -1,7 +1,8 @@
-"""Laws of delay, of the shapes that netem has, and the delays of successive messages."""
+"""Laws of delay, of the shapes that netem has; delays of successive and of repeated messages."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -143,6 +144,26 @@ def _sample_cdf(sample: Floats, x: Floats) -> Floats:
     part = np.divide(gone, step, out=np.zeros(x.shape), where=step > 0)
     inside = (low + part) / max(last, 1)
     return np.where(rank < 0, 0.0, np.where(rank >= last, 1.0, inside))
+
+
+LEAST_MARGIN_MS = 200.0
+MOST_WAIT_MS = 120_000.0
+MOST_REPEATS = 15
+"""As Linux, which then gives up; here the last of them arrives, since nothing is to be lost."""
+
+
+def waits_ns(law: DelayLaw) -> tuple[int, ...]:
+    """Time from a message's first sending to its n-th repeat, for n from 0 to the most.
+
+    The way back is taken to be like the way there, and to vary on its own.
+    """
+    deviation_ms = math.sqrt(2) * law.mean_deviation_ms()
+    time_out_ms = 2 * law.mean_ms() + max(LEAST_MARGIN_MS, 4 * deviation_ms)
+    waits, total_ms = [0], 0.0
+    for n in range(MOST_REPEATS):
+        total_ms += min(time_out_ms * 2**n, MOST_WAIT_MS)
+        waits.append(round(total_ms * 1e6))
+    return tuple(waits)
 
 
 class DelaySeries:

@@ -1,10 +1,11 @@
-"""A message: what goes out, whatever carries it, what came in."""
+"""A message: what goes out, whatever carries it, what came in, and filters of topics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
 
@@ -57,3 +58,24 @@ class ReceivedMessage:
 
 
 OnReceived = Callable[[ReceivedMessage], None]
+
+
+def checked_topic_filter(topic_filter: str) -> str:
+    """A text that is a topic filter, + a level and # the rest; raises `PlotfeedError` if not."""
+    levels = topic_filter.split("/")
+    for place, level in enumerate(levels):
+        alone = len(level) == 1 and (level == "+" or place == len(levels) - 1)
+        if ("+" in level or "#" in level) and not alone:
+            raise PlotfeedError(f"{topic_filter!r}: + is a whole level, # is the last one")
+    return topic_filter
+
+
+def topic_matches(topic_filter: str, topic: str) -> bool:
+    """Whether a topic is one of those that the filter is for."""
+    wanted, levels = topic_filter.split("/"), topic.split("/")
+    for place, level in enumerate(wanted):
+        if level == "#":
+            return True
+        if place >= len(levels) or level not in ("+", levels[place]):
+            return False
+    return len(wanted) == len(levels)

@@ -15,7 +15,7 @@ import click
 
 from plotfeed.feeds.console.process import already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
-from plotfeed.feeds.messages.topic_filter import checked, matches
+from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
@@ -83,7 +83,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     from_format = FileFormat(settings.from_format) if settings.from_format else None
     form = FileFormat(settings.to_format) if settings.to_format else format_of_suffix(target)
     for topic_filter in settings.topics:
-        checked(topic_filter)
+        checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
     counts = ConversionCounts()
     with (
@@ -166,7 +166,9 @@ def _chosen(
     """Messages that are asked for; the others are counted where nobody asked for fewer."""
     stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
     for message in messages:
-        if settings.topics and not any(matches(each, message.topic) for each in settings.topics):
+        if settings.topics and not any(
+            topic_matches(each, message.topic) for each in settings.topics
+        ):
             continue
         if message.stage in stages:
             yield message

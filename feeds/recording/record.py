@@ -16,7 +16,7 @@ import click
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.process import already_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
-from plotfeed.feeds.messages.topic_filter import checked
+from plotfeed.feeds.messages.message import checked_topic_filter
 from plotfeed.feeds.recording.record_mqtt import BrokerSource
 from plotfeed.feeds.recording.record_udp import UdpSource
 from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
@@ -65,7 +65,7 @@ def source_of(url: str, access: dict[str, Any], interface: str | None) -> Captur
         raise AddressError("--interface: only for udp://")
     expected = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
     source = BrokerSource.parse(url, access, "plotfeed-record", expected=expected)
-    checked(source.topic_filter)
+    checked_topic_filter(source.topic_filter)
     return source
 
 

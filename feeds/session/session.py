@@ -9,8 +9,7 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.delivery.ledger import ledger_message, records
+from plotfeed.feeds.delivery.delivery import Delivery, ledger_message, records
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport

@@ -11,8 +11,8 @@ from scipy import stats
 from support.links import bursts, due_times, link, losses, passed
 from support.significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
 
-from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.link import LinkExpectation, waits_ns
+from plotfeed.feeds.impairment.delays import DelayLaw, waits_ns
+from plotfeed.feeds.impairment.link import LinkExpectation
 
 N = 101_000
 BATCH = 100

@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.delivery.ledger import records
+from plotfeed.feeds.delivery.delivery import Delivery, records
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message

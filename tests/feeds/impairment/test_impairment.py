@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from support.links import NS, OCTETS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.link import Copy, Fate, Impairment, Outcome, flip
-from plotfeed.feeds.impairment.link_draws import rows
+from plotfeed.feeds.impairment.link import Copy, Fate, Impairment, Outcome, flip, random_rows
 from plotfeed.models.chance import Chance
 
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.2, "mean_burst": 4.0}
@@ -90,11 +89,13 @@ def test_links_know_nothing_of_each_other(name: str) -> None:
 
 
 def test_rows_are_the_same_however_they_are_drawn() -> None:
-    whole = rows(Chance(1, "radar"), 7, 0, 100)
+    whole = random_rows(Chance(1, "radar"), 7, 0, 100)
     chance = Chance(1, "radar")
     for first, count in ((90, 10), (0, 3), (3, 40), (43, 1)):
-        np.testing.assert_array_equal(rows(chance, 7, first, count), whole[first : first + count])
-    assert not np.isin(rows(chance, 8, 0, 100), whole).any()
+        np.testing.assert_array_equal(
+            random_rows(chance, 7, first, count), whole[first : first + count]
+        )
+    assert not np.isin(random_rows(chance, 8, 0, 100), whole).any()
 
 
 @pytest.mark.parametrize("rate_hz", [1, 7, 33, 20_000])

@@ -15,7 +15,7 @@ from support.recordings import MS, START_NS, block_048, message, plots, written
 from support.shared_files import shared
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.feeds.messages.topic_filter import checked, matches
+from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
 from plotfeed.feeds.recording.convert import ConvertSettings, convert_recording
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, open_recording, writer_to
@@ -323,7 +323,7 @@ def test_what_cannot_be_written_is_an_error(target: str, expected: str, tmp_path
     ],
 )
 def test_topic_filters_are_those_of_mqtt(topic_filter: str, topic: str, expected: bool) -> None:
-    assert matches(checked(topic_filter), topic) is expected
+    assert topic_matches(checked_topic_filter(topic_filter), topic) is expected
 
 
 @pytest.mark.parametrize("topic_filter", ["a#", "#/a", "a+/b", "##"])
