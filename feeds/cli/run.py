@@ -27,10 +27,10 @@ from plotfeed.feeds.console.process import (
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import served
-from plotfeed.feeds.recording.recorder import Recorder
-from plotfeed.feeds.recording.session_record import (
+from plotfeed.feeds.recording.recorder import (
     RawFile,
     RecordedTelemetry,
+    Recorder,
     SessionRecord,
     SessionRecorder,
     attachments_of,

@@ -16,8 +16,7 @@ from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.page.viewers import refused
 from plotfeed.feeds.recording.recorded_session import RecordedSession
-from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
-from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
+from plotfeed.feeds.recording.recorder import SUFFIX, Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress

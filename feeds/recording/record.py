@@ -17,8 +17,7 @@ from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.process import already_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.message import checked_topic_filter
-from plotfeed.feeds.recording.record_mqtt import BrokerSource
-from plotfeed.feeds.recording.record_udp import UdpSource
+from plotfeed.feeds.recording.record_sources import BrokerSource, UdpSource
 from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (

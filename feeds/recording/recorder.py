@@ -1,23 +1,32 @@
-"""Recording beside what a session, a broker or a socket does, without holding it up.
+"""Recorders: a file that takes messages without delaying anyone, and a session's own record.
 
 Messages are put together where they come in, which takes microseconds. Compressing a chunk and
 writing it, which takes a millisecond and on a slow disk any time, is done by a thread in between.
+A session's record, with its ledger and its scene, can be run again.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Self
 
 from plotfeed.feeds.console.process import already_there
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.proto.content_types import ASTERIX
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 FLUSH_EVERY_S = 0.25
 MAX_WAITING_CHUNKS = 64
@@ -135,3 +144,206 @@ class Recorder:
         self._thread.shutdown(wait=True)
         with contextlib.suppress(OSError):
             self._file.close()
+
+
+SESSION_TOPIC = "/session"
+CONTROL_TOPIC = "/control"
+
+
+class SessionRecorder(Observer):
+    """Records a session from within."""
+
+    def __init__(self, recorder: Recorder, *, ledger_is_sent: bool) -> None:
+        """`ledger_is_sent` says that the ledger is among the messages that leave."""
+        self.recorder = recorder
+        self._ledger_is_sent = ledger_is_sent
+        self._session: RunningSession | None = None
+        self._flushing: asyncio.Task[None] | None = None
+
+    def begun(self, session: RunningSession) -> None:
+        """Keep the file up to date from now on."""
+        self._session = session
+        self._flushing = asyncio.create_task(self.recorder.run(), name="record")
+
+    def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Telemetry and commands, as of the time that counts."""
+        self.recorder.write(
+            Recorded(
+                topic=topic,
+                payload=payload,
+                log_time_ns=t_utc_ns,
+                publish_time_ns=t_utc_ns,
+                content_type=content_type or "",
+                stage=Stage.TELEMETRY,
+            )
+        )
+
+    def before_link(self, message: Message) -> None:
+        """A message is handed to the link when it is due there."""
+        self._write(message, message.due_utc_ns, Stage.BEFORE)
+
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
+        """A message has left."""
+        self._write(message, sent_utc_ns, Stage.AFTER)
+
+    def ledger(self, message: Message) -> None:
+        """The ledger, as if it were published where it is not."""
+        if not self._ledger_is_sent and self._session is not None:
+            self._write(message, self._session.clock.now_ns(), Stage.AFTER)
+
+    def ended(self) -> None:
+        """There is no more."""
+        if self._flushing is not None:
+            self._flushing.cancel()
+
+    def _write(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
+        self.recorder.write(
+            Recorded(
+                topic=message.topic,
+                payload=message.payload,
+                log_time_ns=at_utc_ns,
+                publish_time_ns=message.due_utc_ns,
+                content_type=message.content_type,
+                properties=message.properties,
+                retain=message.retain,
+                qos=message.qos,
+                stage=stage,
+            )
+        )
+
+
+class RawFile(Observer):
+    """Writes the ASTERIX among the messages, raw. A full disk ends the file, not the session."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.failure = ""
+        """Why the file is not whole; empty while it is."""
+        self._file = path.open("wb")
+
+    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
+        """Take what is ASTERIX."""
+        if not self.failure and message.content_type.startswith(ASTERIX):
+            try:
+                self._file.write(message.payload)
+            except OSError as error:
+                self._failed(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            self._failed(error)
+
+    def _failed(self, error: OSError) -> None:
+        if not self.failure:
+            self.failure = f"{self.path}: {error.strerror}; what came after is not in the file"
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+
+def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
+    """The scene's text, and the flights that it flies, by the names that it knows them by."""
+    if scene.text:
+        text = scene.text.encode()
+        yield Attachment(
+            name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
+        )
+    for name in dict.fromkeys(d.flight.file for d in scene.drone if d.flight is not None):
+        data = (scene.folder / name).read_bytes()
+        yield Attachment(
+            name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRecord:
+    """A session's record, to be run again."""
+
+    path: Path
+    start_utc_ns: int
+    end_utc_ns: int
+
+    @classmethod
+    def open(cls, path: Path) -> SessionRecord:
+        """Raises `PlotfeedError` if it is not the record of a session."""
+        with McapReader(path) as mcap:
+            summary = mcap.summary()
+            for message in mcap.messages():
+                if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
+                    break
+            else:
+                raise PlotfeedError(
+                    f"{path}: expected the record of a session, made by run --record"
+                )
+        try:
+            start_utc_ns = int(json.loads(message.payload)["start_utc_ns"])
+        except (ValueError, KeyError, TypeError):
+            raise PlotfeedError(f"{path}: its session does not say when it began") from None
+        return cls(path=path, start_utc_ns=start_utc_ns, end_utc_ns=summary.end_ns or start_utc_ns)
+
+    def scene(self, folder: Path) -> Scene:
+        """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
+        root = folder.resolve()
+        with McapReader(self.path) as mcap:
+            names = [entry.name for entry in mcap.attachments()]
+            if SCENE_NAME not in names:
+                raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
+            for name in names:
+                target = (root / name).resolve()
+                found = mcap.attachment(name)
+                if found is not None and target.is_relative_to(root):  # whoever wrote the file
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(found.data)
+        return load(root / SCENE_NAME)
+
+
+class RecordedTelemetry(Observer):
+    """What came in to a session, taken in by another at the same times of its clock."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def begun(self, session: RunningSession) -> None:
+        """Read from the beginning."""
+        self._session = session
+        self._mcap = McapReader(self._path)
+        self._messages = self._mcap.messages(stages=[Stage.TELEMETRY])
+        self._next: Recorded | None = None
+        self._turn()
+
+    def before_due(self, due_utc_ns: int) -> None:
+        """All that had been taken in before that time; commands to the clock are left out."""
+        while self._next is not None and self._next.log_time_ns < due_utc_ns:
+            message = self._next
+            self._turn()
+            if not _is_of_clock(message):
+                content_type = message.content_type or None
+                self._session.receive(
+                    message.topic, message.payload, content_type, message.log_time_ns
+                )
+
+    def _turn(self) -> None:
+        """Go to the next message; after the last one the file is needed no more."""
+        self._next = next(self._messages, None)
+        if self._next is None:
+            self._mcap.close()
+
+
+def _is_of_clock(message: Recorded) -> bool:
+    """Whether it would hold or hurry the clock: the record has all of its time already."""
+    if not message.topic.endswith(CONTROL_TOPIC):
+        return False
+    try:
+        command = json.loads(message.payload)
+    except ValueError:
+        return False
+    return isinstance(command, dict) and "clock" in command
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file is to be taken for a record and not for a scene."""
+    return path.suffix == SUFFIX

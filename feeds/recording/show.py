@@ -24,7 +24,7 @@ from plotfeed.feeds.recording.decoded_text import (
     message_lines,
     record_line,
 )
-from plotfeed.feeds.recording.record_mqtt import BrokerSource
+from plotfeed.feeds.recording.record_sources import BrokerSource
 from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.content_types import ASTERIX

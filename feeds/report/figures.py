@@ -9,10 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console.printed import finite
-from plotfeed.feeds.report.detection_tally import AlarmFigures, PdFigures, pd_by_range, pd_of_all
 from plotfeed.feeds.report.ledger_reading import Counted, SensorTally
 from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
-from plotfeed.feeds.report.plot_errors import EDGES, ErrorFigures
+from plotfeed.feeds.report.plot_tally import (
+    EDGES,
+    AlarmFigures,
+    ErrorFigures,
+    PdFigures,
+    pd_by_range,
+    pd_of_all,
+)
 from plotfeed.feeds.report.spreads import CELLS, STEPS
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import Damage

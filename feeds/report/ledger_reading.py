@@ -19,11 +19,16 @@ from plotfeed.feeds.recording.recorded_session import (
     plot_topics,
     recorded_scene,
 )
-from plotfeed.feeds.recording.recorder import SCENE_NAME
-from plotfeed.feeds.recording.session_record import SessionRecord
-from plotfeed.feeds.report.detection_tally import CELL_M, MAX_CELLS, AlarmsTally, AskedAlarms
+from plotfeed.feeds.recording.recorder import SCENE_NAME, SessionRecord
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
-from plotfeed.feeds.report.plot_errors import ErrorsTally, MeasuredBesideTruth
+from plotfeed.feeds.report.plot_tally import (
+    CELL_M,
+    MAX_CELLS,
+    AlarmsTally,
+    AskedAlarms,
+    ErrorsTally,
+    MeasuredBesideTruth,
+)
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey

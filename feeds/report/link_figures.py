@@ -286,3 +286,21 @@ def _asked_overtaking(asked: LinkExpectation | None) -> float:
     least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
     kept = link.keeps_order or (least_ms == most_ms and link.reorder is None)
     return 0.0 if kept else math.nan
+
+
+MAX_DELAYS_SHOWN = 5
+
+
+def link_text(link: object) -> str:
+    """A link's keys in a line, as the scene has them."""
+    if not isinstance(link, Mapping):
+        return str(link)[:200]
+    return ", ".join(f"{key} = {_value(value)}" for key, value in link.items()) or "none"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, list) and len(value) > MAX_DELAYS_SHOWN:
+        return f"[{len(value)} of them]"
+    if isinstance(value, Mapping):
+        return f"{{ {link_text(value)} }}"
+    return json.dumps(value)

@@ -14,9 +14,8 @@ import numpy as np
 from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
-from plotfeed.feeds.report.link_figures import LinkFigures
-from plotfeed.feeds.report.plot_errors import QUANTITIES
-from plotfeed.feeds.report.report_text import link_text
+from plotfeed.feeds.report.link_figures import LinkFigures, link_text
+from plotfeed.feeds.report.plot_tally import QUANTITIES
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.proto.errors import PlotfeedError
 

@@ -1,36 +1,24 @@
-"""The report as text: tables whose columns are aligned, a line for each sensor and link setting."""
+"""`plotfeed report`: a recorded ledger as aligned tables or as JSON, and its chart beside them."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
+import click
+
 from plotfeed.feeds.console.printed import Row, aligned, printable, widths
-from plotfeed.feeds.report.detection_tally import PdFigures
-from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
-from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share
-from plotfeed.feeds.report.plot_errors import ErrorFigures
+from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values, report
+from plotfeed.feeds.report.ledger_reading import read
+from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share, link_text
+from plotfeed.feeds.report.plot_tally import ErrorFigures, PdFigures
+from plotfeed.feeds.report.report_pictures import check_picture, draw
 from plotfeed.proto.utc import NS, iso_utc
 
-MAX_DELAYS_SHOWN = 5
 NOTHING = "-"
-
-
-def link_text(link: object) -> str:
-    """A link's keys in a line, as the scene has them."""
-    if not isinstance(link, Mapping):
-        return str(link)[:200]
-    return ", ".join(f"{key} = {_value(value)}" for key, value in link.items()) or "none"
-
-
-def _value(value: object) -> str:
-    if isinstance(value, list) and len(value) > MAX_DELAYS_SHOWN:
-        return f"[{len(value)} of them]"
-    if isinstance(value, Mapping):
-        return f"{{ {link_text(value)} }}"
-    return json.dumps(value)
 
 
 def percent(share: float) -> str:
@@ -307,3 +295,27 @@ def _false_alarms(told: LedgerReport) -> Iterator[str]:
 
 def _share(share: Share) -> Row:
     return percent(share.asked), percent(share.delivered), number(share.z, "+.1f")
+
+
+DAMAGED = 2
+
+
+def print_report(path: Path, *, as_json: bool, chart: Path | None) -> int:
+    """Print what the ledger in a file says, and draw it if there is a place to; the exit code.
+
+    That is 2 if the file is damaged: what is whole of it counts. Raises `PlotfeedError` and
+    `OSError`.
+    """
+    if chart is not None:
+        check_picture(chart)  # before anything is read in vain
+    told = report(path, read(path))
+    if chart is not None:
+        draw(told, chart)
+    if as_json:
+        click.echo(json.dumps(as_values(told)))
+    else:
+        for line in lines(told):
+            click.echo(line)
+    for each in told.damage:
+        click.echo(f"plotfeed: {path}: {each}", err=True)
+    return DAMAGED if told.damage else 0

@@ -11,8 +11,7 @@ from support.links import OCTETS, due_times, passed
 from support.road import START_NS
 
 from plotfeed.feeds.impairment.link import Fate, Outcome
-from plotfeed.feeds.recording.recorder import Recorder
-from plotfeed.feeds.recording.session_record import SessionRecorder, attachments_of
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.report.figures import LedgerReport, report
 from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.scene.link_keys import LinkSettings

@@ -11,7 +11,7 @@ from plotfeed.feeds.delivery.delivery import Delivery, records
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.session_record import RawFile
+from plotfeed.feeds.recording.recorder import RawFile
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.timing.schedule import Schedule

@@ -20,8 +20,7 @@ from plotfeed.feeds.page.page_observer import PageObserver, alongside
 from plotfeed.feeds.page.run_with_page import receiving_tracks
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorder import Recorder
-from plotfeed.feeds.recording.session_record import RecordedTelemetry, SessionRecorder
+from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run

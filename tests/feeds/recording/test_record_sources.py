@@ -18,8 +18,12 @@ from support.waiting import PATIENCE_S
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.recording.record import CaptureSource
-from plotfeed.feeds.recording.record_mqtt import BrokerSource, recorded_of, rfc_3339_ns
-from plotfeed.feeds.recording.record_udp import UdpSource
+from plotfeed.feeds.recording.record_sources import (
+    BrokerSource,
+    UdpSource,
+    recorded_of,
+    rfc_3339_ns,
+)
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -179,7 +183,7 @@ async def test_at_first_no_datagram_is_older_than_the_one_before(
 @on_linux
 @pytest.mark.asyncio
 async def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("plotfeed.feeds.recording.record_udp.BUFFER_OCTETS", 100_000)
+    monkeypatch.setattr("plotfeed.feeds.recording.record_sources.BUFFER_OCTETS", 100_000)
 
     port = free_port()
     source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))

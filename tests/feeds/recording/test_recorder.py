@@ -12,8 +12,7 @@ from support.recordings import MS, SCENE, START_NS, messages
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder
-from plotfeed.feeds.recording.session_record import SessionRecorder
+from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, SessionRecorder
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage

@@ -12,9 +12,15 @@ from support.significance import assert_chance
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.recording.look_tally import LookTally
-from plotfeed.feeds.report.detection_tally import CELL_M, MAX_CELLS, pd_by_range, pd_of_all
 from plotfeed.feeds.report.link_tally import WINDOW, InTurn, Passage, Turn
-from plotfeed.feeds.report.plot_errors import EDGES, ErrorsTally
+from plotfeed.feeds.report.plot_tally import (
+    CELL_M,
+    EDGES,
+    MAX_CELLS,
+    ErrorsTally,
+    pd_by_range,
+    pd_of_all,
+)
 from plotfeed.feeds.report.spreads import (
     CELLS,
     STEPS,

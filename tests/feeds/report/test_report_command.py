@@ -16,8 +16,7 @@ from support.links import link
 from support.recordings import mcap_of
 
 from plotfeed.feeds.report.figures import as_values
-from plotfeed.feeds.report.report_command import print_report
-from plotfeed.feeds.report.report_text import lines
+from plotfeed.feeds.report.report_text import lines, print_report
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 

@@ -16,9 +16,9 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
 from plotfeed.feeds.recording.recorded_session import RecordedSettings
-from plotfeed.feeds.report.detection_tally import AskedAlarms
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values
 from plotfeed.feeds.report.link_figures import LinkFigures
+from plotfeed.feeds.report.plot_tally import AskedAlarms
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
