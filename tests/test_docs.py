@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from support.doc_commands import COMMANDS, DOCS, doc_command
 
-from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.schema import text_of
 from plotfeed.feeds.sensing.simulation import SimulatedPlots
 
 NOT_ON_THE_PAGE = {

@@ -21,7 +21,7 @@ from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.tracker_tracks import decode_tracks
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.schema import text_of
 
 PAGE = Path(__file__).parents[1] / "scene.md"
 INTRODUCTION = """# The scene file

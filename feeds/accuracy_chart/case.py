@@ -12,7 +12,7 @@ import numpy as np
 from plotfeed.feeds.accuracy_chart import precise
 from plotfeed.feeds.accuracy_chart.sample import Flown, Places, Viewpoint, places, targets_at
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, PD, Effort, rms
-from plotfeed.feeds.scene.geometry import enu_from
+from plotfeed.feeds.scene.fields import enu_from
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models import detection, energy

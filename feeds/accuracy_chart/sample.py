@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch

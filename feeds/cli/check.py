@@ -11,8 +11,7 @@ import click
 import numpy as np
 
 from plotfeed.feeds.console.extras import need_matplotlib
-from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.geometry import geodetic, site_frame
+from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch, signature_of

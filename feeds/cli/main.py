@@ -283,7 +283,7 @@ def sensors(name: str | None, *, as_json: bool) -> int:
 @click.argument("what", type=click.Choice(["scene", "messages", "asyncapi"]), default="scene")
 def schema(what: str) -> int:
     """Print the JSON schema of the scene file, the protobuf schema of our messages, or AsyncAPI."""
-    from plotfeed.feeds.schema.published import text_of
+    from plotfeed.feeds.schema import text_of
 
     click.echo(text_of(what))
     return 0

@@ -1,4 +1,4 @@
-"""Formats, from plots to messages and back: a file for each, and `FORMATS`, their one table.
+"""Formats, from plots to messages and back, and `FORMATS`, their one table.
 
 A new category of ASTERIX is two new files, its layout with its encoder and its format, and a line:
 `register(FORMAT, ActiveRadarKeys)`, after which scenes may ask for it. One that comes with plotfeed
@@ -14,9 +14,14 @@ from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
 from plotfeed.feeds.formats.asterix_205 import Asterix205
-from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Seen
-from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.formats.sapient import sapient_format
+from plotfeed.feeds.formats.message_format import (
+    Announcer,
+    Format,
+    MessageFormat,
+    PlotBatches,
+    Seen,
+)
+from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -33,7 +38,7 @@ FORMATS: dict[str, Format] = {
         Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-062"], make=Asterix062, plots_in=None),
-        sapient_format.FORMAT,
+        SAPIENT,
     )
 }
 """By the name that scenes have for it; the first are those that say most of plots."""

@@ -12,7 +12,7 @@ from plotfeed.feeds.formats.message_format import (
     max_block_octets,
 )
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksKeys

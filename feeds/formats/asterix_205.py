@@ -5,7 +5,7 @@ from __future__ import annotations
 from plotfeed.feeds.formats.asterix_015 import Status025
 from plotfeed.feeds.formats.message_format import Seen, Topics
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.asterix.cat205 import BearingEncoder205

@@ -1,4 +1,4 @@
-"""What formats have in common: topics, attributes, sizes of blocks, and what is periodic."""
+"""What formats have in common, and the plainest of them: plotfeed's own batches in protobuf."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.scene.report_formats import ReportFormat
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, ReportFormat
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
@@ -15,6 +15,7 @@ from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.asterix.decode_plots import PlotItems
+from plotfeed.proto.batch import plot_batch
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
@@ -158,3 +159,20 @@ def max_block_octets(scene: Scene, sensor: Sensor) -> int:
 def comes_up(period_ns: int, sector: Sector) -> bool:
     """Whether something periodic, at whole multiples of its period, is due in a sector."""
     return sector.end_ns // period_ns != sector.start_ns // period_ns
+
+
+PLOTS = REPORT_FORMATS["plots"]
+
+
+class PlotBatches:
+    """plotfeed's own protobuf, one message a sector; an empty one says that nothing was found."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self._topics = Topics(scene, sensor)
+        self._sensor = sensor.id
+
+    def messages(self, seen: Seen) -> list[Message]:
+        """The batch of the sector."""
+        sector = seen.sector
+        batch = plot_batch(self._sensor, sector.scan, sector.index, seen.plots)
+        return [self._topics.message(PLOTS.topic, PLOTS.content_type, batch, sector)]

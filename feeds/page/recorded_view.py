@@ -16,7 +16,7 @@ from plotfeed.feeds.page.page_observer import model_differs, tell_settings
 from plotfeed.feeds.page.recorded_sectors import DroneNumbers, RecordedSector, RecordedSectors
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor

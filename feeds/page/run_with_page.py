@@ -17,7 +17,7 @@ from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
-from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import Brokers, brokers_of

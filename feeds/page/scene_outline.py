@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.geometry import enu_from, frame_at, site_frame
+from plotfeed.feeds.scene.fields import Site, enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import BasemapImage
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor

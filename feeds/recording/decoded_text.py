@@ -12,7 +12,7 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.formats.sapient.sapient_format import need_sapient
+from plotfeed.feeds.formats.sapient import need_sapient
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN

@@ -1,13 +1,15 @@
-"""A sensor otherwise than its scene says: by a scripted event, or by control while it runs."""
+"""Sensors otherwise than their scene says, by a scripted event or by a command on control."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
-from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.fields import SceneTable
+from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.proto.errors import PlotfeedError
 
@@ -17,6 +19,10 @@ FIXED = frozenset(
 """Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats."""
 PFA_FACTOR = "pfa_factor"
 """Stands for a `pfa` so many times the scene's own."""
+
+
+MAX_COMMAND_OCTETS = 1 << 16
+EXAMPLE = '{"sensor": "radar", "set": {"link": {"latency_ms": 250}}}'
 
 
 class ChangeError(PlotfeedError):
@@ -77,3 +83,60 @@ def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
         raise ChangeError([(PFA_FACTOR, f"expected a number above 0, not {factor!r}")])
     others = {key: value for key, value in change.items() if key != PFA_FACTOR}
     return {"pfa": pfa * factor, **others}
+
+
+class ControlError(PlotfeedError):
+    """A command that cannot be carried out, in a line."""
+
+
+class ClockCommand(SceneTable):
+    """Asked of a simulated clock alone: real time cannot be held."""
+
+    paused: bool | None = None
+    speed: float | None = Field(default=None, ge=0.001, le=10_000)
+    step_s: float | None = Field(default=None, gt=0, le=3600)
+
+
+class Command(SceneTable):
+    """One message: of one sensor, or of the session's clock."""
+
+    sensor: str | None = None
+    set: dict[str, Any] | None = None
+    """Keys of the sensor as in the scene; null takes one back to its default."""
+    reset: bool = False
+    """The sensor is again as its scene says."""
+    clock: ClockCommand | None = None
+
+    @model_validator(mode="after")
+    def _says_one_thing(self) -> Command:
+        if (self.sensor is None) == (self.clock is None):
+            raise ValueError("expected either sensor or clock")
+        if self.sensor is not None and (self.set is None) != self.reset:
+            raise ValueError('with a sensor, expected either "set" or "reset"')
+        if self.clock is not None and not self.clock.model_fields_set:
+            raise ValueError("clock: expected paused, speed or step_s")
+        return self
+
+
+_COMMAND = TypeAdapter(Command)
+
+
+def parsed(payload: bytes) -> Command:
+    """A command from the wire; raises `ControlError`."""
+    if len(payload) > MAX_COMMAND_OCTETS:
+        raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
+    try:
+        tree = json.loads(payload)
+    except (ValueError, RecursionError):
+        raise ControlError(f"not JSON: expected such as {EXAMPLE}") from None
+    if not isinstance(tree, dict):
+        raise ControlError(f"expected an object such as {EXAMPLE}")
+    return command_of(tree)
+
+
+def command_of(tree: dict[str, Any]) -> Command:
+    """A command from an object; raises `ControlError`."""
+    try:
+        return _COMMAND.validate_python(tree)
+    except ValidationError as error:
+        raise ControlError(in_a_line(problems_of(error, tree))) from None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plotfeed.feeds.formats import FORMATS
-from plotfeed.feeds.scene.commands import Command
+from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry

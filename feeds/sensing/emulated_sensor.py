@@ -9,12 +9,11 @@ from dataclasses import replace
 
 from plotfeed.feeds.formats import Seen, formats_of
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.rotating import RotatingBeam
+from plotfeed.feeds.sensing.beams import Beam, RotatingBeam, StaringBeam
 from plotfeed.feeds.sensing.sensor_site import SensorSite
-from plotfeed.feeds.sensing.staring import Beam, StaringBeam
 from plotfeed.models.beam.scan import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.state import Looks, Plots

@@ -7,8 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.changes import ChangeError
-from plotfeed.feeds.scene.commands import ClockCommand, Command, ControlError, command_of, parsed
+from plotfeed.feeds.scene.changes import (
+    ChangeError,
+    ClockCommand,
+    Command,
+    ControlError,
+    command_of,
+    parsed,
+)
 from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.telemetry.position_report import Reason, Refused

@@ -15,8 +15,8 @@ from plotfeed.feeds.scene.changes import changed, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
-from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
+from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.status import settings_message, status_message
 from plotfeed.feeds.timing.schedule import ActionKind

@@ -14,9 +14,8 @@ from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.cooperative import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch
 from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, is_registration
+from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, is_registration
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import split_address
 from plotfeed.feeds.timing.clock import Clock

@@ -20,10 +20,10 @@ import numpy as np
 from section_4_crowd import START_NS, scene_of
 
 from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.sensing.beams import StaringBeam
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.sensing.sensor_site import SensorSite
-from plotfeed.feeds.sensing.staring import StaringBeam
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.truth import Trajectories

@@ -82,7 +82,7 @@ def flown(scene: Any, n: int) -> Any:
     """Drones of 0.01 m2 all around, 2 to 7 km away, at 15 m/s; nobody hears of them anew."""
     import numpy as np
 
-    from plotfeed.feeds.scene.geometry import site_frame
+    from plotfeed.feeds.scene.fields import site_frame
     from plotfeed.models.frames import aer_to_enu
     from plotfeed.models.state import Signature
     from plotfeed.models.truth import Trajectories

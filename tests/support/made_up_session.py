@@ -19,8 +19,7 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene.changes import changed
-from plotfeed.feeds.scene.commands import ControlError
+from plotfeed.feeds.scene.changes import ControlError, changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor

@@ -17,7 +17,7 @@ from plotfeed.feeds.accuracy_chart.stage import Effort
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.schema import text_of
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.replay.plots_csv import PlotsCsvWriter
 from plotfeed.replay.recorded import Recorded

@@ -20,8 +20,8 @@ from plotfeed.feeds.page.scene_outline import Placements, outline
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import register
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys
+from plotfeed.feeds.schema import text_of
 from plotfeed.feeds.schema.flows import types_that_report
-from plotfeed.feeds.schema.published import text_of
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import Geometry

@@ -1,1 +1,60 @@
-"""SAPIENT: what a node says of itself and its detections, and how it reaches a middleware."""
+"""SAPIENT's row of the formats, which loads plotfeed[sapient] when a scene asks for it.
+
+What a node says of itself is in `sapient_node`, what it says of detections in `sapient_reports`.
+"""
+
+from __future__ import annotations
+
+from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.measured_plots import MeasuredPlots
+
+
+def need_sapient() -> None:
+    """Raise `PlotfeedError` if the extra is not installed."""
+    try:
+        import sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2  # noqa: F401
+    except ImportError:
+        raise PlotfeedError(
+            "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
+        ) from None
+
+
+def _reports(scene: Scene, sensor: Sensor) -> MessageFormat:
+    need_sapient()
+    from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+
+    return SapientReports(scene, sensor)
+
+
+def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
+    need_sapient()
+    from plotfeed.feeds.formats.sapient.sapient_node import SapientAnnouncer
+
+    return SapientAnnouncer(scene, sensor)
+
+
+def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
+    need_sapient()
+    from plotfeed.proto.sapient.decode_sapient import plots_in_sapient
+
+    return plots_in_sapient(payload)
+
+
+def _late(scene: Scene, message: Message, t_utc_ns: int) -> Message | None:
+    from plotfeed.feeds.formats.sapient.sapient_node import as_it_may_leave
+
+    return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
+
+
+FORMAT = Format(
+    facts=REPORT_FORMATS["sapient"],
+    make=_reports,
+    plots_in=_plots_in,
+    late=_late,
+    announcer=_announcer,
+)

@@ -1,20 +1,24 @@
-"""A sensor of the scene as SAPIENT knows it: what it is, where it looks, what it will tell."""
+"""A sensor as a node of SAPIENT: what it is and looks at, and what it announces of itself."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import contextlib
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
 
-from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.fields import Site, frame_at
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Signature
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.sapient.decode_sapient import restamped
 from plotfeed.proto.sapient.encode_detections import (
     AGE,
     BISTATIC_RANGE,
@@ -24,10 +28,21 @@ from plotfeed.proto.sapient.encode_detections import (
     TRANSMITTER,
     Manner,
 )
-from plotfeed.proto.sapient.encode_node import FieldOfView, Node, SapientQuantity
+from plotfeed.proto.sapient.encode_node import (
+    FieldOfView,
+    Node,
+    SapientQuantity,
+    registration,
+    status,
+)
 from plotfeed.proto.sapient.envelope import node_id
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, iso_utc
 
+CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
+REGISTRATION = ("type", "plotfeed.sapient.registration")
+STATUS = ("type", "plotfeed.sapient.status")
+MAX_LATE_NS = 800_000_000
+"""A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""
 MIN_GAP_NS = 80_000_000
 ROUNDING_NS = 2000
 """By which rounding to nanoseconds and microseconds may shorten a gap."""
@@ -211,3 +226,62 @@ def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
     if manner.default_class is not None:
         return (manner.default_class,)
     return sensor.classes
+
+
+class SapientAnnouncer:
+    """Makes the messages of a node besides its detections, stamped when they are asked for."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self.sensor = sensor.id
+        self.every_ns = round(scene.sapient.status_interval_s * NS)
+        self._root = f"{scene.mqtt.prefix}/{sensor.id}"
+        self._node = node_of(scene, sensor)
+
+    def opening(self, now_utc_ns: int) -> list[Message]:
+        """Registration and a first status; on every connection before anything else."""
+        return [
+            self._message(registration(self._node, now_utc_ns), now_utc_ns, REGISTRATION),
+            self._message(status(self._node, now_utc_ns, new=True), now_utc_ns, STATUS),
+        ]
+
+    def regular(self, now_utc_ns: int) -> list[Message]:
+        """News that nothing has changed."""
+        return [self._message(status(self._node, now_utc_ns), now_utc_ns, STATUS)]
+
+    def closing(self, now_utc_ns: int) -> list[Message]:
+        """Goodbye: news, for a status that is unchanged would have to be the last one."""
+        farewell = status(self._node, now_utc_ns, system="GOODBYE", new=True)
+        return [self._message(farewell, now_utc_ns, STATUS)]
+
+    def _message(self, payload: bytes, now_utc_ns: int, kind: tuple[str, str]) -> Message:
+        return Message(
+            topic=f"{self._root}/sapient",
+            payload=payload,
+            content_type=CONTENT_TYPE,
+            due_utc_ns=now_utc_ns,
+            qos=1,
+            properties=(
+                ("specversion", "1.0"),
+                ("id", f"{kind[1].rpartition('.')[2]}-{now_utc_ns}"),
+                ("source", self._root),
+                kind,
+                ("time", iso_utc(now_utc_ns)),
+                ("sensor", self.sensor),
+            ),
+        )
+
+
+def is_registration(message: Message) -> bool:
+    """Whether a message is the first that a node sends."""
+    return REGISTRATION in message.properties
+
+
+def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:
+    """The message as it leaves at that time, or None if it is dropped."""
+    if t_utc_ns - message.due_utc_ns <= MAX_LATE_NS or rule == "send":
+        return message
+    if rule == "drop":
+        return None
+    with contextlib.suppress(DecodeError):  # of a message that the link has corrupted
+        return replace(message, payload=restamped(message.payload, t_utc_ns))
+    return message

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from plotfeed.feeds.formats.message_format import Seen, Topics
-from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE
 from plotfeed.feeds.formats.sapient.sapient_node import (
+    CONTENT_TYPE,
     groups_of,
     manner_of,
     measures_of,
@@ -16,7 +16,7 @@ from plotfeed.feeds.formats.sapient.sapient_node import (
     tells_location,
 )
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam.scan import Sector

@@ -14,8 +14,9 @@ from plotfeed.feeds.scene.fields import (
     Positive,
     Probability,
     Site,
+    enu_from,
+    frame_at,
 )
-from plotfeed.feeds.scene.geometry import enu_from, frame_at
 from plotfeed.feeds.scene.sensors.effect_keys import (
     DopplerKeys,
     MergingKeys,

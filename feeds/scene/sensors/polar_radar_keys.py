@@ -18,8 +18,9 @@ from plotfeed.feeds.scene.fields import (
     Probability,
     Resolution,
     Site,
+    enu_from,
+    frame_at,
 )
-from plotfeed.feeds.scene.geometry import enu_from, frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,

@@ -16,7 +16,7 @@ from support.page_updates import read_frame
 
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
-from plotfeed.feeds.scene.geometry import frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 

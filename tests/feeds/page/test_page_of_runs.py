@@ -29,7 +29,7 @@ from support.live_page import (
 )
 from support.scene_files import scene_file
 
-from plotfeed.feeds.scene.geometry import frame_at, site_frame
+from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb

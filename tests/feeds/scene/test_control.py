@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.scene.commands import MAX_COMMAND_OCTETS, ControlError, parsed
+from plotfeed.feeds.scene.changes import MAX_COMMAND_OCTETS, ControlError, parsed
 
 
 def test_a_command_is_of_a_sensor_or_of_the_clock() -> None:

@@ -14,7 +14,7 @@ from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset
 from plotfeed.feeds.scene.presets.rules import PresetRule, PresetTarget, derive
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
-from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.schema import text_of
 from plotfeed.proto.errors import PlotfeedError
 
 ROOT = Path(__file__).parents[3]

@@ -18,7 +18,7 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import MAX_SCENE_OCTETS, Scene, SceneError, example, from_tree, load
-from plotfeed.feeds.schema.published import text_of
+from plotfeed.feeds.schema import text_of
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.errors import PlotfeedError

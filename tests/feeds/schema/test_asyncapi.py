@@ -19,7 +19,7 @@ from support.road import START_NS, held, radar, rotating, staring, waypoint
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene import sensors
-from plotfeed.feeds.scene.commands import parsed
+from plotfeed.feeds.scene.changes import parsed
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.schema.asyncapi import document
 from plotfeed.feeds.schema.flows import REQUIRED

@@ -9,6 +9,7 @@ import pytest
 from support.road import Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 
 from plotfeed.feeds.sensing import sensor_site
+from plotfeed.feeds.sensing.beams import MOST_TURNS
 from plotfeed.models.beam import sweep
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.active_radar import ActiveRadar
@@ -87,9 +88,7 @@ def test_physics_is_asked_of_those_within_reach_alone(monkeypatch: pytest.Monkey
 
 def sweep_turns() -> int:
     """How many turns are worked out at once, at most."""
-    from plotfeed.feeds.sensing import rotating
-
-    return int(rotating.MOST_TURNS) + 1
+    return MOST_TURNS + 1
 
 
 @pytest.mark.parametrize(

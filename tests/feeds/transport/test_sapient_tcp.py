@@ -20,7 +20,7 @@ from support.road import held, radar, rotating, scene, staring
 from support.sapient_middleware import Middleware, Peer, listening, polite
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.formats.sapient.announcer import CONTENT_TYPE, SapientAnnouncer
+from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, SapientAnnouncer
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import split_address
 from plotfeed.feeds.session.session import run

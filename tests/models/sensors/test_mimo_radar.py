@@ -13,8 +13,7 @@ from scipy.optimize import brentq
 from support import mimo_equations
 from support.significance import assert_mean, assert_sum
 
-from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.geometry import site_frame
+from plotfeed.feeds.scene.fields import Site, site_frame
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.models import detection
