@@ -22,11 +22,13 @@ from plotfeed.feeds.accuracy_chart.stage import (
     in_turns,
     share_of_own,
 )
-from plotfeed.feeds.accuracy_chart.stage_beam import beam_stage
 from plotfeed.feeds.accuracy_chart.stage_detection import detection_stage
-from plotfeed.feeds.accuracy_chart.stage_encoding import encoding_stage
-from plotfeed.feeds.accuracy_chart.stage_errors import errors_stage, false_alarms_stage
-from plotfeed.feeds.accuracy_chart.stage_frames import frames_stage
+from plotfeed.feeds.accuracy_chart.stage_geometry import beam_stage, frames_stage
+from plotfeed.feeds.accuracy_chart.stage_plots import (
+    encoding_stage,
+    errors_stage,
+    false_alarms_stage,
+)
 from plotfeed.feeds.accuracy_chart.stage_propagation import propagation_stage
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Bools, Floats, Ints

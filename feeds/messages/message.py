@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
+MESSAGE_EXPIRY_S = 60
+"""So long a broker keeps a message that it cannot pass on."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:

@@ -9,8 +9,8 @@ from typing import Any
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 
+from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
-from plotfeed.feeds.transport.mqtt.publish_packet import MESSAGE_EXPIRY_S
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON, PROTOBUF
 

@@ -20,12 +20,11 @@ from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
     GmqttClient,
     Qos1Window,
+    publish_packet,
     reason_name,
     refusal_code,
 )
-from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
-from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)

@@ -11,8 +11,8 @@ from support.shared_files import reference
 
 from plotfeed.feeds.accuracy_chart.stage import ChartStage
 from plotfeed.feeds.accuracy_chart.stage_detection import detection_stage
-from plotfeed.feeds.accuracy_chart.stage_errors import errors_stage, false_alarms_stage
-from plotfeed.feeds.accuracy_chart.stage_frames import frame_methods, frames_stage
+from plotfeed.feeds.accuracy_chart.stage_geometry import frame_methods, frames_stage
+from plotfeed.feeds.accuracy_chart.stage_plots import errors_stage, false_alarms_stage
 from plotfeed.models.frames import enu_to_aer, wrap_180
 
 LATITUDES_DEG = (0.0, 40.4168, 78.2232)

@@ -11,8 +11,8 @@ from support.chart_cases import RADAR, SITE, case_of_ratios
 from support.significance import assert_sum
 
 from plotfeed.feeds.accuracy_chart import stage_detection as methods
-from plotfeed.feeds.accuracy_chart import stage_frames as frames
-from plotfeed.feeds.accuracy_chart.stage_errors import PoissonGenerator
+from plotfeed.feeds.accuracy_chart import stage_geometry as frames
+from plotfeed.feeds.accuracy_chart.stage_plots import PoissonGenerator
 from plotfeed.feeds.accuracy_chart.stage_propagation import (
     FREE_SPACE,
     TWO_RAYS,

@@ -20,11 +20,11 @@ from support.mqtt_client import Client, listening
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
-from plotfeed.feeds.transport.mqtt import client, gmqtt_client, socket_buffer
+from plotfeed.feeds.transport.mqtt import client, gmqtt_client, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
-from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_OCTETS
+from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_OCTETS
 
 PAUSE_S = {"drop-oldest": 0.0, "drop-newest": 0.0, "wait": 2.0}
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
@@ -247,7 +247,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     monkeypatch.setattr(client, "WATCH_EVERY_S", 0.02)
     if silently:
         monkeypatch.setattr(gmqtt_client, "KEEP_ALIVE_S", 1)
-        monkeypatch.setattr(socket_buffer, "GIVE_UP_S", 0.3)
+        monkeypatch.setattr(send_queue, "GIVE_UP_S", 0.3)
 
     deliveries = Deliveries()
     port = free_port()

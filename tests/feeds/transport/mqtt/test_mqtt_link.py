@@ -18,12 +18,12 @@ from support.scripted_broker import ScriptedBroker, serving
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
-from plotfeed.feeds.transport.mqtt import client, socket_buffer
+from plotfeed.feeds.transport.mqtt import client, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttError
 from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
-from plotfeed.feeds.transport.mqtt.socket_buffer import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS
+from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS
 
 BUSY = 0x89
 """A refusal that is not for ever."""
@@ -168,7 +168,7 @@ async def test_a_socket_that_takes_nothing_for_long_is_given_up(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(client, "WATCH_EVERY_S", 0.01)
-    monkeypatch.setattr(socket_buffer, "GIVE_UP_S", 0.1)
+    monkeypatch.setattr(send_queue, "GIVE_UP_S", 0.1)
 
     deliveries = Deliveries()
     broker = ScriptedBroker(reads=False)

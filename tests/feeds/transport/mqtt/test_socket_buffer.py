@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
-from plotfeed.feeds.transport.mqtt import socket_buffer
-from plotfeed.feeds.transport.mqtt.socket_buffer import SocketBuffer
+from plotfeed.feeds.transport.mqtt import send_queue
+from plotfeed.feeds.transport.mqtt.send_queue import SocketBuffer
 
 
 class Transport:
@@ -70,7 +70,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
     steps: list[tuple[str, int]],
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(socket_buffer, "MAX_UNSENT_OCTETS", 1000)
+        patch.setattr(send_queue, "MAX_UNSENT_OCTETS", 1000)
         transport, deliveries = Transport(), Deliveries()
         watch = watching(transport, lambda: None)
         ends: list[int] = []
@@ -128,17 +128,17 @@ def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() ->
     assert not watch.is_stuck()  # nothing is to be sent
     transport.write(1000)
     for _ in range(50):
-        now_s += socket_buffer.GIVE_UP_S
+        now_s += send_queue.GIVE_UP_S
         transport.take(1)
         assert watch.has_room
         transport.write(7)
         watch.given(7)
         assert not watch.is_stuck()
-    now_s += socket_buffer.GIVE_UP_S + 0.1
+    now_s += send_queue.GIVE_UP_S + 0.1
     assert watch.is_stuck()
     transport.take(10**6)
     assert not watch.is_stuck()
     transport.closing = True
     assert not watch.has_room
-    now_s += socket_buffer.GIVE_UP_S + 0.1
+    now_s += send_queue.GIVE_UP_S + 0.1
     assert watch.is_stuck()
