@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.shared_files import shared
 
 from plotfeed.feeds.telemetry.flights import read
-from plotfeed.feeds.telemetry.flights.dataflash import gps_to_utc_ns, read_dataflash
+from plotfeed.feeds.telemetry.flights.autopilot_logs import gps_to_utc_ns, read_dataflash
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError

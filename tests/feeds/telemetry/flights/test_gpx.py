@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plotfeed.feeds.telemetry.flights import read_gpx
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
-from plotfeed.feeds.telemetry.flights.read import read_gpx
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 

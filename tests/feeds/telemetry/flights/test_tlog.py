@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plotfeed.feeds.telemetry.flights.autopilot_logs import looks_like_tlog, read_tlog
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
-from plotfeed.feeds.telemetry.flights.tlog import looks_like_tlog, read_tlog
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
