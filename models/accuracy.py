@@ -1,4 +1,4 @@
-"""Measurement errors: what noise leaves of a measurement, floors, and folding over the zenith.
+"""Measurement errors: what noise leaves, floors, folding over the zenith, and covariances.
 
 `snr` is the linear signal-to-noise ratio of the very detection, not the mean of a fluctuating
 target. No signal gives an infinite sigma, an infinite one gives zero: hence the floors.
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.frames import wrap_180, wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Plots
 
 RANGE_CONSTANT = 1.63
 ANGLE_CONSTANT = 1.6
@@ -64,3 +64,40 @@ def fold_over_zenith(azimuth_deg: ArrayLike, elevation_deg: ArrayLike) -> tuple[
     folded = np.where(over, np.copysign(180.0, elevation) - elevation, elevation)
     azimuth = wrap_360(as_floats(azimuth_deg) + np.where(over, 180.0, 0.0))
     return azimuth, folded
+
+
+def stated_covariance_m2(plots: Plots) -> Floats:
+    """East, north and up of the sensor; (n, 3, 3). Nothing of a height that is not measured.
+
+    Of a level covariance where the sensor states one, else of range, azimuth and elevation. NaN
+    for an error without bounds.
+    """
+    level_m2 = np.zeros((len(plots), 3, 3))
+    level_m2[:, 0, 0] = plots.covariance_east_m2
+    level_m2[:, 1, 1] = plots.covariance_north_m2
+    level_m2[:, 0, 1] = level_m2[:, 1, 0] = plots.covariance_east_north_m2
+    is_polar = np.isnan(plots.covariance_east_m2)[:, None, None]
+    covariance_m2 = np.where(is_polar, _polar_covariance_m2(plots), level_m2)
+    covariance_m2[~np.isfinite(covariance_m2).all(axis=(1, 2))] = np.nan
+    return covariance_m2
+
+
+def _polar_covariance_m2(plots: Plots) -> Floats:
+    """Covariance to first order in the errors of range and angles, along their directions."""
+    azimuth = np.radians(plots.azimuth_deg)
+    elevation = np.radians(np.nan_to_num(plots.elevation_deg))
+    sin_az, cos_az = np.sin(azimuth), np.cos(azimuth)
+    sin_el, cos_el = np.sin(elevation), np.cos(elevation)
+    along = np.stack([sin_az * cos_el, cos_az * cos_el, sin_el])
+    right = np.stack([cos_az, -sin_az, np.zeros(len(plots))])
+    above = np.stack([-sin_az * sin_el, -cos_az * sin_el, cos_el])
+    with np.errstate(invalid="ignore"):
+        spread_m = np.stack(
+            [
+                along * plots.sigma_range_m,
+                right * plots.range_m * cos_el * np.radians(plots.sigma_azimuth_deg),
+                above * plots.range_m * np.radians(np.nan_to_num(plots.sigma_elevation_deg)),
+            ]
+        )
+        covariance_m2: Floats = np.einsum("kin,kjn->nij", spread_m, spread_m)
+    return covariance_m2

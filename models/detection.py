@@ -4,6 +4,10 @@
 one resolution cell, in (0, 1]. Powers are in units of the mean noise power of one look. Targets
 fluctuate as Swerling 1 (one look) or 2 (independently from look to look). NaN where an argument
 lies outside its domain. A `miss_...` is one less the Pd, accurate where the Pd rounds to one.
+
+The energy detector compares the sum of the powers of as many as 1e9 samples with a known noise
+power. Signal and noise are Gaussian: the sum of `n_samples` is a gamma variable times 1+S, and its
+Pd is `pd_noncoherent_swerling2`.
 """
 
 from __future__ import annotations
@@ -30,6 +34,9 @@ from scipy.special import (
 from plotfeed.models import looks_chain
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats
+
+_SMALLEST_SNR = 1e-12
+"""What an energy says at least of the signal-to-noise ratio."""
 
 
 def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
@@ -235,6 +242,37 @@ def inverse_detected_power_noncoherent(
     return looks_chain.mean_inverse(power, ratio, n_reference_total)
 
 
+@nan_without_warnings
+def draw_detected_energy(
+    snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike, rng: np.random.Generator
+) -> Floats:
+    """Energies that crossed the threshold: the exact law given the hit; broadcast shape.
+
+    S = 0 makes false alarms.
+    """
+    shape = np.broadcast_shapes(np.shape(snr), np.shape(pfa), np.shape(n_samples))
+    return _energy_exceeded_by(1 - rng.random(shape), snr, pfa, n_samples)
+
+
+@nan_without_warnings
+def estimated_snr(energy: ArrayLike, n_samples: ArrayLike) -> Floats:
+    """What an energy says of the signal-to-noise ratio: always above zero."""
+    return as_floats(np.maximum(as_floats(energy) / as_floats(n_samples) - 1, _SMALLEST_SNR))
+
+
+@nan_without_warnings
+def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Floats:
+    """Mean, over the detections, of one over the estimated SNR; (...) in, (...) out.
+
+    Error variances go as that. Gauss and Legendre average over the tail, whose dense end, just
+    above the threshold, gets most of the points.
+    """
+    root, weights = unit_interval()
+    mean_snr = as_floats(snr)[..., None]
+    energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
+    return as_floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
+
+
 def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tuple[Floats, Floats]:
     """The looks, and the threshold over the reference sum, which broadcasts against (...)."""
     power = _power(snrs)
@@ -276,3 +314,12 @@ def _probability(pfa: ArrayLike) -> Floats:
     """A probability of false alarm; NaN outside (0, 1]."""
     probability = as_floats(pfa)
     return np.where((probability > 0) & (probability <= 1), probability, np.nan)
+
+
+def _energy_exceeded_by(
+    share: Floats, snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike
+) -> Floats:
+    """The energy that this share of the detections exceeds; rounding may not undo a detection."""
+    tail = pd_noncoherent_swerling2(snr, pfa, n_samples)
+    energy = (1 + as_floats(snr)) * gammainccinv(n_samples, share * tail)
+    return as_floats(np.maximum(energy, threshold_noncoherent(pfa, n_samples)))

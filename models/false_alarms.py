@@ -11,7 +11,7 @@ from math import floor
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.beam.scan import AzimuthCover, Sector
+from plotfeed.models.beam import AzimuthCover, Sector
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats

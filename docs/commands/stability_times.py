@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stability_case import Case
 
-from plotfeed.models.beam.scan import Timetable
+from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto.asterix.cat048 import CAT048
@@ -48,7 +48,7 @@ def week() -> Case:
         cure="scan number times period, in integers",
         ours=abs(ours_ns - exact_ns) / NS,
         unit="s",
-        test="models/beam/test_scan.py::test_a_walk_comes_to_the_same_sectors_wherever_it_began",
+        test="models/test_scan.py::test_a_walk_comes_to_the_same_sectors_wherever_it_began",
     )
 
 
@@ -64,7 +64,7 @@ def scan_number() -> Case:
         cure="integer division of nanoseconds",
         ours=float(np.mean(np.array(ours) != scans)),
         unit="of the scans",
-        test="models/beam/test_scan.py::test_every_time_is_in_the_sector_that_it_is_said_to_be_in",
+        test="models/test_scan.py::test_every_time_is_in_the_sector_that_it_is_said_to_be_in",
     )
 
 

@@ -15,7 +15,7 @@ from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, PD, Effort, rms
 from plotfeed.feeds.scene.fields import enu_from
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models import detection, energy
+from plotfeed.models import detection
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -257,8 +257,8 @@ def _(model: RfDirectionFinder, targets: Targets) -> ErrorLaw | None:
     emissions, snr = strongest_emissions(model, targets)
 
     def draw(rng: Rng) -> Floats:
-        detected = energy.draw_detected_energy(snr, model.pfa, model.samples, rng)
-        return energy.estimated_snr(detected, model.samples)
+        detected = detection.draw_detected_energy(snr, model.pfa, model.samples, rng)
+        return detection.estimated_snr(detected, model.samples)
 
     def sigmas(ratio: Floats) -> dict[str, Floats]:
         return {"azimuth_deg": model.sigma_azimuth_deg(emissions.frequency_hz, ratio)}
@@ -268,7 +268,7 @@ def _(model: RfDirectionFinder, targets: Targets) -> ErrorLaw | None:
         sigmas=sigmas,
         printed=None,
         draw=draw,
-        inverse=energy.inverse_estimated_snr(snr, model.pfa, model.samples),
+        inverse=detection.inverse_estimated_snr(snr, model.pfa, model.samples),
     )
 
 

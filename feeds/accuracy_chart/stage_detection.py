@@ -17,8 +17,7 @@ from plotfeed.feeds.accuracy_chart.stage import PD, ChartStage, Method, rms
 from plotfeed.models import detection, looks_chain
 from plotfeed.models.detection import draw_hits
 from plotfeed.models.sensors.acoustic import MicrophoneArray
-from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.mimo_radar import MimoRadar
+from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.rf import RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets

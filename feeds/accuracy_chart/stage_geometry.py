@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.precise import number
 from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
-from plotfeed.models.beam.scan import Sector, Timetable
-from plotfeed.models.beam.sweep import meetings
+from plotfeed.models.beam import Sector, Timetable, meetings
 from plotfeed.models.frames import (
     WGS84_A_M,
     WGS84_E2,

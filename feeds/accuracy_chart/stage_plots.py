@@ -23,7 +23,7 @@ from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.sensing.sensor_site import with_heights
-from plotfeed.models.beam.scan import Sector, Timetable
+from plotfeed.models.beam import Sector, Timetable
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots

@@ -14,7 +14,7 @@ from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016

@@ -16,12 +16,12 @@ from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksKeys
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.accuracy import stated_covariance_m2
+from plotfeed.models.beam import Sector
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
-from plotfeed.models.tracking.track_lives import TrackRule, stated_covariance_m2
-from plotfeed.models.tracking.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
+from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackRule, TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
 from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
 

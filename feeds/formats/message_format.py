@@ -10,7 +10,7 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, ReportFormat
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Ints, Looks, Plots, TruthState
 from plotfeed.proto.asterix.codec.layout import Category

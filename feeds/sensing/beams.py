@@ -9,10 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from plotfeed.feeds.sensing.sensor_site import SensorSite
-from plotfeed.models.beam.scan import Sector, Timetable
-from plotfeed.models.beam.scan_draws import ScanDraws
-from plotfeed.models.beam.sweep import Border, meetings
-from plotfeed.models.chance import Purpose
+from plotfeed.models.beam import Border, Sector, Timetable, meetings
+from plotfeed.models.chance import Purpose, ScanDraws
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel
 from plotfeed.models.state import Ints, Looks, Plots, TruthState

@@ -14,7 +14,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.beams import Beam, RotatingBeam, StaringBeam
 from plotfeed.feeds.sensing.sensor_site import SensorSite
-from plotfeed.models.beam.scan import Sector, Timetable
+from plotfeed.models.beam import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.state import Looks, Plots
 from plotfeed.models.truth import Trajectories

@@ -11,7 +11,7 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam.sweep import CULLED_FROM
+from plotfeed.models.beam import CULLED_FROM
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer

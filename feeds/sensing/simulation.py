@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.scan_keys import in_force
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Columns, Ints, Looks, Plots
 from plotfeed.models.truth import Trajectories

@@ -20,7 +20,7 @@ from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.status import settings_message, status_message
 from plotfeed.feeds.timing.schedule import ActionKind
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import detection
-from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.state import Columns, Floats, Ints, Looks, Texts, rows_where

@@ -1,7 +1,12 @@
-"""The quasi-monostatic active radar: section 3.1.1 of the paper, equations 1 to 15 in right form.
+"""The quasi-monostatic active radar and the MIMO radar: equations 1 to 23 in right form.
 
-One transmitter beside the receiver; a target that fluctuates from scan to scan (Swerling 1); a
-cell-averaging CFAR detector.
+Section 3.1.1 of the paper, equations 1 to 15: one transmitter beside the receiver; a target that
+fluctuates from scan to scan (Swerling 1); a cell-averaging CFAR detector.
+
+Section 3.1.2, equations 16 to 23: transmitters far apart and one receiver that tells their signals
+from each other. A target's echoes fluctuate independently from transmitter to transmitter and from
+scan to scan (Swerling 2); their powers are summed, and a CFAR detector compares the sum with that
+of the reference samples of all signals. Positions are measured from the receiver by both.
 """
 
 from __future__ import annotations
@@ -13,7 +18,7 @@ import numpy as np
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.frames import distance_m
-from plotfeed.models.propagation import C_M_S
+from plotfeed.models.propagation import C_M_S, NEAREST_M
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.state import Floats
 
@@ -55,7 +60,7 @@ class ActiveRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of its one signal; (n, 3) and (n,) in, (n, 1) out."""
-        range_m = np.maximum(distance_m(position_enu_m), propagation.NEAREST_M)
+        range_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
         snr = self.mean_snr(range_m, rcs_m2)
         if self.multipath is not None:
             snr *= self.multipath.power_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
@@ -72,3 +77,69 @@ class ActiveRadar(PolarRadar):
     def inverse_detected(self, snrs: Floats) -> Floats:
         """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
         return detection.inverse_detected_snr(snrs[..., 0], self.pfa, self.n_reference)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MimoTransmitter:
+    """A transmitter, east, north and up of the receiver, and what it radiates on average."""
+
+    position_enu_m: tuple[float, float, float]
+    power_w: float
+    gain_dbi: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MimoRadar(PolarRadar):
+    """`n_reference` counts the reference cells of the CFAR in each transmitter's signal."""
+
+    transmitters: tuple[MimoTransmitter, ...]
+
+    @property
+    def n_signals(self) -> int:
+        """A signal a transmitter."""
+        return len(self.transmitters)
+
+    @property
+    def n_reference_total(self) -> int:
+        """Reference samples of all signals together."""
+        return self.n_reference * self.n_signals
+
+    def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
+        places_enu_m = np.array([t.position_enu_m for t in self.transmitters])
+        range_tx_m = np.linalg.norm(position_enu_m[:, None] - places_enu_m, axis=-1)
+        range_rx_m = np.linalg.norm(position_enu_m, axis=-1)[:, None]
+        snrs = propagation.radar_snr(
+            [t.power_w for t in self.transmitters],
+            [t.gain_dbi for t in self.transmitters],
+            self.gain_rx_dbi,
+            C_M_S / self.frequency_hz,
+            rcs_m2[:, None],
+            self.integration_s,
+            np.maximum(range_tx_m, NEAREST_M),
+            np.maximum(range_rx_m, NEAREST_M),
+            self.loss_db,
+            self.noise_figure_db,
+        )
+        if self.multipath is not None:
+            target_enu_m, wavelength_m = position_enu_m[:, None], C_M_S / self.frequency_hz
+            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m)
+            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m, places_enu_m)
+        return snrs
+
+    def pd(self, snrs: Floats) -> Floats:
+        """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,)."""
+        return detection.pd_noncoherent_unequal_cfar(snrs, self.pfa, self.n_reference_total)
+
+    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Powers a transmitter of detections, and thresholds; (n, K) in, (n,) out."""
+        power, threshold = detection.draw_detected_power_noncoherent(
+            snrs, self.pfa, self.n_reference_total, rng
+        )
+        return power / self.n_signals, threshold / self.n_signals
+
+    def inverse_detected(self, snrs: Floats) -> Floats:
+        """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
+        return self.n_signals * detection.inverse_detected_power_noncoherent(
+            snrs, self.pfa, self.n_reference_total
+        )

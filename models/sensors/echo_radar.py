@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plotfeed.models import detection
-from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.multipath import Multipath

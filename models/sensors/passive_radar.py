@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from plotfeed.models import detection, false_alarms, propagation
-from plotfeed.models.beam.scan import Sector, beam_times_ns
+from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360

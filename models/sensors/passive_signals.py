@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy, detection, propagation
-from plotfeed.models.beam.scan import Volume
+from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, propagation
-from plotfeed.models.beam.scan import Volume
-from plotfeed.models.beam.scan_draws import of_rows
+from plotfeed.models.beam import Volume
+from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.frames import enu_to_aer

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import accuracy, detection, energy, propagation
+from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
@@ -222,7 +222,7 @@ class RfDirectionFinder(CellSensor):
         """Rms over the reports of each target, by the emitters' shares of them; (n_targets,)."""
         if not self.measures_azimuth:
             return np.full(n_targets, np.nan)
-        effective_snr = 1 / energy.inverse_estimated_snr(snr, self.pfa, self.samples)
+        effective_snr = 1 / detection.inverse_estimated_snr(snr, self.pfa, self.samples)
         sigma_deg = self.sigma_azimuth_deg(emissions.frequency_hz, effective_snr)
         reported = pd > 0
         rows, weights = emissions.target[reported], pd[reported]
@@ -259,8 +259,8 @@ class RfDirectionFinder(CellSensor):
 
     def _draw_estimated_snr(self, snr: Floats, rng: np.random.Generator) -> Floats:
         """The SNR that the energy of each detection shows."""
-        detected = energy.draw_detected_energy(snr, self.pfa, self.samples, rng)
-        return energy.estimated_snr(detected, self.samples)
+        detected = detection.draw_detected_energy(snr, self.pfa, self.samples, rng)
+        return detection.estimated_snr(detected, self.samples)
 
     def _plots(
         self, snr: Floats, frequency_hz: Floats, azimuth_deg: Floats, **columns: NDArray[Any]

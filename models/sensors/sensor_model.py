@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import false_alarms
-from plotfeed.models.beam.scan import AzimuthCover, Sector, beam_times_ns
+from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures
 

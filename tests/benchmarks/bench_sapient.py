@@ -24,7 +24,7 @@ from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.beam.scan import Timetable
+from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder
 

@@ -10,7 +10,7 @@ from scipy import integrate
 from scipy.special import gammaincc
 from support.significance import assert_law, assert_mean, assert_sum
 
-from plotfeed.models import energy
+from plotfeed.models import detection
 from plotfeed.models.detection import (
     miss_noncoherent_swerling2,
     pd_noncoherent_swerling2,
@@ -79,7 +79,7 @@ def test_energies_of_detections_have_the_exact_law(n_samples: int, strength: flo
     """Kolmogorov and Smirnov against the truncated gamma distribution; seed 52."""
     snr, pfa = strength / np.sqrt(n_samples), 1e-4
     rng = np.random.default_rng(52)
-    drawn = energy.draw_detected_energy(np.full(5000, snr), pfa, n_samples, rng)
+    drawn = detection.draw_detected_energy(np.full(5000, snr), pfa, n_samples, rng)
     pd = pd_noncoherent_swerling2(snr, pfa, n_samples)
     assert drawn.min() >= threshold_noncoherent(pfa, n_samples)
     assert_law(drawn, lambda x: 1 - gammaincc(n_samples, x / (1 + snr)) / pd, "seed 52")
@@ -93,7 +93,7 @@ def test_energies_of_detections_are_those_of_samples_that_were_detected(
     rng = np.random.default_rng(53)
     found = samples(snr, n_samples, 50_000, rng)
     found = found[found > threshold_noncoherent(1e-2, n_samples)]
-    drawn = np.sort(energy.draw_detected_energy(np.full(100_000, snr), 1e-2, n_samples, rng))
+    drawn = np.sort(detection.draw_detected_energy(np.full(100_000, snr), 1e-2, n_samples, rng))
     assert_law(found, lambda x: np.searchsorted(drawn, x) / len(drawn), "seed 53")
 
 
@@ -103,9 +103,9 @@ def test_mean_inverse_of_the_estimate_is_that_of_draws(n_samples: int, strength:
     """Seed 54."""
     snr, pfa = strength / np.sqrt(n_samples), 1e-4
     rng = np.random.default_rng(54)
-    drawn = energy.draw_detected_energy(np.full(40_000, snr), pfa, n_samples, rng)
-    inverse = 1 / energy.estimated_snr(drawn, n_samples)
-    assert_mean(inverse, float(energy.inverse_estimated_snr(snr, pfa, n_samples)), "seed 54")
+    drawn = detection.draw_detected_energy(np.full(40_000, snr), pfa, n_samples, rng)
+    inverse = 1 / detection.estimated_snr(drawn, n_samples)
+    assert_mean(inverse, float(detection.inverse_estimated_snr(snr, pfa, n_samples)), "seed 54")
 
 
 @pytest.mark.parametrize("snr_db", [10.0, 30.0, 60.0])
@@ -118,7 +118,7 @@ def test_mean_inverse_of_one_strong_sample_by_quadrature(snr_db: float) -> None:
         return float(excess * np.exp(-excess / mean) / mean / (bound + excess - 1))
 
     expected = integrate.quad(integrand, -30, np.log(60 * mean), limit=400)[0]
-    found = energy.inverse_estimated_snr(mean - 1, 1e-6, 1)
+    found = detection.inverse_estimated_snr(mean - 1, 1e-6, 1)
     assert float(found) == pytest.approx(expected, rel=2e-3)
 
 
@@ -132,9 +132,9 @@ def test_detections_always_show_some_signal(
     snr: float, pfa: float, n_samples: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    drawn = energy.draw_detected_energy(np.full(20, snr), pfa, n_samples, rng)
-    estimate = energy.estimated_snr(drawn, n_samples)
+    drawn = detection.draw_detected_energy(np.full(20, snr), pfa, n_samples, rng)
+    estimate = detection.estimated_snr(drawn, n_samples)
     assert np.isfinite(estimate).all()
     assert (estimate > 0).all()
-    inverse = float(energy.inverse_estimated_snr(snr, pfa, n_samples))
+    inverse = float(detection.inverse_estimated_snr(snr, pfa, n_samples))
     assert 0 < inverse < np.inf

@@ -13,7 +13,7 @@ from scipy import special
 from support import mimo_equations
 
 from plotfeed.models import accuracy, detection, propagation
-from plotfeed.models.beam.scan import AzimuthCover, Sector
+from plotfeed.models.beam import AzimuthCover, Sector
 from plotfeed.models.frames import LocalFrame, enu_to_aer, geodetic_to_ecef, wrap_180, wrap_360
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.sensor_model import Targets

@@ -26,7 +26,7 @@ from support.road import (
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.tracking.tracks import AlphaBeta
+from plotfeed.models.tracks import AlphaBeta
 from plotfeed.proto.asterix.codec.decode import Record
 
 TURNS = 120

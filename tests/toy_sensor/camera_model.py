@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
 from plotfeed.models.state import Looks, Plots

@@ -13,7 +13,7 @@ from plotfeed.feeds.scene.fields import Site, frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Signature

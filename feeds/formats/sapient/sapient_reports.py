@@ -19,7 +19,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.frames import WGS84_A_M, LocalFrame, aer_to_enu
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.sapient.encode_detections import (

@@ -38,8 +38,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
 )
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.polar_radar import PolarRadar
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind
 from plotfeed.feeds.page.view import Update, View
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
-from plotfeed.models.beam.scan import Sector
+from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -10,7 +10,7 @@ from support.road import Road, flown, fly, held, radar, rotating, scene, staring
 
 from plotfeed.feeds.sensing import sensor_site
 from plotfeed.feeds.sensing.beams import MOST_TURNS
-from plotfeed.models.beam import sweep
+from plotfeed.models import beam
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.sensor_model import Targets
@@ -62,7 +62,7 @@ def test_what_leaves_is_the_same_with_and_without_those_out_of_reach(
 ) -> None:
     made = scene([SENSORS[kind]], fleet, seed=101)
     with_culling = fly(made, 12)
-    for module in (sensor_site, sweep):
+    for module in (sensor_site, beam):
         monkeypatch.setattr(module, "CULLED_FROM", 1 << 40)
     assert left(fly(made, 12)) == left(with_culling)
     assert any(look.drone.startswith("c") for e in with_culling.ledgers for look in e.looks)

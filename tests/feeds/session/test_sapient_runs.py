@@ -17,7 +17,7 @@ from support.sapient_rules import checked
 from plotfeed.feeds.formats import Seen
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example, from_tree
-from plotfeed.models.beam.scan import Timetable
+from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 

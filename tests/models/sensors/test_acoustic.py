@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from support.significance import assert_chance, assert_law, assert_standard_normal
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.scan import AzimuthCover, Timetable
+from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import Targets

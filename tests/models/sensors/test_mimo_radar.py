@@ -17,11 +17,10 @@ from plotfeed.feeds.scene.fields import Site, site_frame
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.models import detection
-from plotfeed.models.beam.scan import AzimuthCover, Sector
+from plotfeed.models.beam import AzimuthCover, Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import NEAREST_M
-from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.mimo_radar import MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 

@@ -16,7 +16,7 @@ from support.passive_equations import passive_snr
 from support.significance import assert_counts, assert_law, assert_mean, assert_sum
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.scan import AzimuthCover, Timetable
+from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.detection import pd_cfar_swerling1
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import C_M_S

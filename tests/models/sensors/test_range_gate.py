@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.significance import assert_standard_normal, assert_uncorrelated
 
-from plotfeed.models.beam.scan import Timetable
+from plotfeed.models.beam import Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.sensor_model import Targets

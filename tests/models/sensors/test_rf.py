@@ -15,7 +15,7 @@ from scipy.special import gammaincc, gammainccinv
 from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.models import propagation
-from plotfeed.models.beam.scan import AzimuthCover, Timetable
+from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder

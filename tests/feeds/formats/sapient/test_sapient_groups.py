@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.formats.sapient.sapient_node import MIN_GAP_NS, Groups
-from plotfeed.models.beam.scan import Sector, Timetable
+from plotfeed.models.beam import Sector, Timetable
 from plotfeed.proto.sapient.envelope import stamp_ns
 
 schedules = st.tuples(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.beam.scan import AzimuthCover, Timetable
+from plotfeed.models.beam import AzimuthCover, Timetable
 
 S = 1_000_000_000
 

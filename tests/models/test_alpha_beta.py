@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
-from plotfeed.models.tracking.tracks import AlphaBeta
+from plotfeed.models.tracks import AlphaBeta
 
 MEMORIES = pytest.mark.parametrize("scans", [0.1, 0.5, 1.0, 3.0, 10.0, 100.0])
 FLIGHT = np.array([[1.0, 1.0], [0.0, 1.0]])  # a period of x and vT

@@ -8,14 +8,15 @@ from functools import cache
 import numpy as np
 from support.significance import Array, assert_standard_normal, assert_uncorrelated
 
+from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.state import Plots
-from plotfeed.models.tracking.track_lives import TrackRule, stated_covariance_m2
-from plotfeed.models.tracking.tracks import (
+from plotfeed.models.tracks import (
     AlphaBeta,
     LocalStates,
     SmoothedTruth,
     TrackerLooks,
+    TrackRule,
     TrackStates,
 )
 

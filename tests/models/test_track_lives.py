@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.tracking import track_lives
-from plotfeed.models.tracking.track_lives import LivingTracks, TrackLives, TrackRule
+from plotfeed.models import tracks
+from plotfeed.models.tracks import LivingTracks, TrackLives, TrackRule
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -130,7 +130,7 @@ def test_a_beam_may_come_by_half_a_turn_late() -> None:
 
 
 def test_numbers_start_again_and_leave_out_those_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(track_lives, "MAX_TRACKS", 3)
+    monkeypatch.setattr(tracks, "MAX_TRACKS", 3)
     rule = TrackRule(confirm_hits=1, confirm_window=1, drop_misses=1, period_ns=S)
     lives = TrackLives(rule)
     assert feed(lives, 0, (HIT, HIT)).track.tolist() == [1, 2]
