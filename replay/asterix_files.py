@@ -17,8 +17,7 @@ from plotfeed.replay.asterix_blocks import (
     is_asterix,
     time_of_day_ns,
 )
-from plotfeed.replay.containers import OctetsReader, RecordingWriter
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import OctetsReader, Recorded, RecordingWriter
 
 Timed = tuple[bytes, int | None]
 """A data block, and the time of day of its first record if that has one."""

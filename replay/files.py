@@ -12,12 +12,11 @@ from typing import BinaryIO, Protocol
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
-from plotfeed.replay.containers import RecordingReader, RecordingWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
 from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
-from plotfeed.replay.recorded import Damage, Recorded
+from plotfeed.replay.recorded import Damage, Recorded, RecordingReader, RecordingWriter
 
 MCAP_MAGIC = b"\x89MCAP"
 HEAD_OCTETS = 1 << 16

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.containers import RecordingReader, RecordingWriter
-from plotfeed.replay.recorded import LATEST_NS, Recorded, Stage
+from plotfeed.replay.recorded import LATEST_NS, Recorded, RecordingReader, RecordingWriter, Stage
 
 MAX_LINE_OCTETS = 1 << 26
 

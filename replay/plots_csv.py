@@ -20,8 +20,7 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.containers import RecordingWriter
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, RecordingWriter
 
 COLUMNS = (
     "time_utc",

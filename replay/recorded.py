@@ -1,10 +1,14 @@
-"""What a recording holds, whatever file it is in: messages with their times, and damages."""
+"""What a recording holds, whatever file it is in, and what all readers and writers of them do."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import BinaryIO
 
+CHUNK_OCTETS = 1 << 18
 LATEST_NS = (1 << 64) - 1
 """In the year 2554; all that MCAP can hold."""
 
@@ -98,3 +102,128 @@ class AttachmentEntry:
     """Of its data."""
     offset: int
     """Of its record in the file."""
+
+
+class RecordingReader(ABC):
+    """Reads a recording from its start to its end."""
+
+    def __init__(self) -> None:
+        self.damage = Damages()
+        """Found so far. It grows as parts are read that only then show it."""
+
+    @property
+    @abstractmethod
+    def at(self) -> int:
+        """Octets of the file that were read."""
+
+    @property
+    def skipped(self) -> int:
+        """Parts that are whole and hold no message, so far."""
+        return 0
+
+    @abstractmethod
+    def messages(self) -> Iterator[Recorded]:
+        """Messages of the file, once."""
+
+    def attachments(self) -> Sequence[AttachmentEntry]:
+        """Files within the file."""
+        return ()
+
+    def attachment(self, _name: str) -> Attachment | None:
+        """The last attachment of that name that is whole; None if there is none."""
+        return None
+
+
+class RecordingWriter(ABC):
+    """Writes a recording to a file, which stays open."""
+
+    @abstractmethod
+    def write(self, message: Recorded) -> str | None:
+        """Write a message; in a few words why it cannot be held, or None."""
+
+    def attach(self, _attachment: Attachment) -> bool:
+        """Put another file into the file; whether such a file can hold one."""
+        return False
+
+    def notes(self) -> list[str]:
+        """Lines that say what was lost of messages that are in the file."""
+        return []
+
+    def close(self) -> None:  # noqa: B027 - most have nothing left
+        """Write what is still to be written."""
+
+
+class Octets:
+    """Octets of a file in pieces, none larger than what the file holds, whatever is asked for."""
+
+    __slots__ = ("_buffer", "_ended", "_file", "_next", "_start")
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._buffer = b""
+        self._start = 0  # offset of the buffer in the file
+        self._next = 0  # of the buffer
+        self._ended = False
+
+    @property
+    def at(self) -> int:
+        """Offset of the next octet in the file."""
+        return self._start + self._next
+
+    def take(self, octets: int) -> bytes:
+        """The next so many; fewer at the end of the file."""
+        piece = self.peek(octets)
+        self._next += len(piece)
+        return piece
+
+    def peek(self, octets: int, *, ahead: int = 0) -> bytes:
+        """Octets that stay: so many that begin `ahead` of the next one; fewer at the end."""
+        if self._next + ahead + octets > len(self._buffer) and not self._ended:
+            self._fill(ahead + octets)
+        begin = self._next + ahead
+        return self._buffer[begin : begin + octets]
+
+    def skip(self, octets: int) -> int:
+        """Leave so many out, or what there is; how many they were."""
+        left = octets
+        while left and (piece := self.take(min(left, CHUNK_OCTETS))):
+            left -= len(piece)
+        return octets - left
+
+    def skip_behind(self, mark: bytes) -> bool:
+        """Go to the octet that follows `mark`, or to the end of the file; whether it was found."""
+        while True:
+            found = self._buffer.find(mark, self._next)
+            if found >= 0:
+                self._next = found + len(mark)
+                return True
+            # The mark may begin in the last octets.
+            self._next = max(self._next, len(self._buffer) - len(mark) + 1)
+            if len(self.peek(len(mark))) < len(mark):
+                self._next = len(self._buffer)
+                return False
+
+    def _fill(self, octets: int) -> None:
+        """Let the buffer begin at the next octet and have so many, or end with the file."""
+        pieces = [self._buffer[self._next :]]
+        have = len(pieces[0])
+        while have < octets and not self._ended:
+            pieces.append(self._file.read(CHUNK_OCTETS))
+            have += len(pieces[-1])
+            self._ended = not pieces[-1]
+        self._start += self._next
+        self._next = 0
+        self._buffer = b"".join(pieces)
+
+
+class OctetsReader(RecordingReader):
+    """Reads a file whose messages lie one behind the other."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
+        self._octets = Octets(file)
+
+    @property
+    def at(self) -> int:
+        """Octets of the file that were read."""
+        return self._octets.at

@@ -19,7 +19,6 @@ from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
-from plotfeed.replay.containers import RecordingWriter
 from plotfeed.replay.files import (
     FORMATS,
     FileFormat,
@@ -28,7 +27,7 @@ from plotfeed.replay.files import (
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage
 
 MAX_REASONS = 100
 MAX_NOTES = 20

@@ -12,7 +12,6 @@ from typing import BinaryIO, NamedTuple, Self
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.containers import RecordingReader
 from plotfeed.replay.mcap.channels import ChannelKey, Properties, properties_of_json
 from plotfeed.replay.mcap.mcap_scan import scan
 from plotfeed.replay.mcap.records import (
@@ -25,7 +24,14 @@ from plotfeed.replay.mcap.records import (
     read_index,
     unpacked,
 )
-from plotfeed.replay.recorded import LATEST_NS, Attachment, AttachmentEntry, Recorded, Stage
+from plotfeed.replay.recorded import (
+    LATEST_NS,
+    Attachment,
+    AttachmentEntry,
+    Recorded,
+    RecordingReader,
+    Stage,
+)
 
 MAX_HELD_OCTETS = 64 << 20
 """Of chunks whose times overlap, while their messages are put in order."""

@@ -15,7 +15,6 @@ import mcap.records as mcap
 from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import EncodeError
-from plotfeed.replay.containers import RecordingWriter
 from plotfeed.replay.mcap.channels import (
     PROPERTIES,
     ChannelKey,
@@ -26,7 +25,7 @@ from plotfeed.replay.mcap.channels import (
 )
 from plotfeed.replay.mcap.chunk_file import ChunkFile, record_of
 from plotfeed.replay.mcap.records import MAX_RECORD_OCTETS, MESSAGE, MESSAGE_FIELDS_OCTETS
-from plotfeed.replay.recorded import Attachment, Recorded
+from plotfeed.replay.recorded import Attachment, Recorded, RecordingWriter
 
 CHUNK_OCTETS = 256 << 10
 MAX_PAYLOAD_OCTETS = MAX_RECORD_OCTETS // 2

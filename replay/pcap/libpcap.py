@@ -10,7 +10,6 @@ from typing import BinaryIO
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.containers import RecordingWriter
 from plotfeed.replay.pcap.link_layers import ETHERNET, datagram_in, frame
 from plotfeed.replay.pcap.packets import (
     FORMATS,
@@ -26,7 +25,7 @@ from plotfeed.replay.pcap.packets import (
     kept_in,
     ns_header,
 )
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, RecordingWriter
 
 ASTERIX_PORT = 8600
 """Of UDP, where Wireshark takes it for ASTERIX."""

@@ -10,14 +10,13 @@ from zlib import crc32
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.asterix_blocks import content_type
-from plotfeed.replay.containers import OctetsReader
 from plotfeed.replay.pcap.link_layers import (
     LINK_TYPES,
     Datagram,
     datagram_in,
     with_payload,
 )
-from plotfeed.replay.recorded import LATEST_NS, Recorded
+from plotfeed.replay.recorded import LATEST_NS, OctetsReader, Recorded
 
 FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
 """In base64: the header of the file, what is before the payload, what is behind it if anything."""

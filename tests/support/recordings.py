@@ -5,10 +5,9 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterable, Iterator
 
-from plotfeed.replay.containers import RecordingReader, RecordingWriter
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded, Stage
+from plotfeed.replay.recorded import Attachment, Recorded, RecordingReader, RecordingWriter, Stage
 
 START_NS = 1_767_268_800_000_000_000  # 2026-01-01T12:00:00Z
 MS = 1_000_000
