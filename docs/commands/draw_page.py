@@ -16,7 +16,7 @@ from playwright.async_api import Page, async_playwright
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.page_observer import PageObserver, alongside
+from plotfeed.feeds.page.run_with_page import PageObserver, alongside
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.tracker_tracks import decode_tracks

@@ -21,8 +21,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from plotfeed.feeds.page.page_access import PageAccess
-from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import (
+from plotfeed.feeds.page.updates import (
     MAX_COMMAND_OCTETS,
     Controls,
     Viewer,
@@ -30,6 +29,7 @@ from plotfeed.feeds.page.viewers import (
     refused,
     request_in,
 )
+from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:

@@ -1,31 +1,156 @@
-"""Sessions and replays one after the other, with one page beside them all."""
+"""Sessions and replays one after the other, with one page beside them that follows and controls."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.page_observer import PageObserver, alongside
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
-from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.updates import Controls, NoControls
+from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
-from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+
+TRUTH_EVERY_S = 0.1
+CLOCK_CONTROLS = ("pause", "step", "speed")
+REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
+NO_PACE = "A run as fast as possible has no pace to control."
+
+
+class PageObserver(Observer):
+    """Follows one session after the other, and controls the one that runs."""
+
+    def __init__(self, view: View, others: Controls | None = None) -> None:
+        """`others` take commands that are not for a session's sensor or clock."""
+        self._view = view
+        self._others = others or NoControls()
+        self._session: RunningSession | None = None
+        self._basemap: Basemap | None = None
+        self._before: tuple[Sensor, ...] = ()
+        self._refusal = ""
+        self._now_ns = 0
+
+    def scene(self, basemap: Basemap | None) -> None:
+        """The next session has that basemap."""
+        self._basemap = basemap
+
+    # What the session tells.
+
+    def begun(self, session: RunningSession) -> None:
+        """The session stands, and its time begins."""
+        self._session = session
+        self._refusal = ""
+        self._view.scene(session.scene, self._basemap)
+        self._before = tuple(task.sensor for task in session.sensor_tasks.values())
+        for sensor in self._before:
+            self._tell_settings(sensor, new_model=True)
+        self._tell_clock()
+
+    def ended(self) -> None:
+        """The session is over; the page shows what there was."""
+        self._now_ns = self.now_utc_ns()
+        self._session = None
+
+    def report(self, report: SectorReport) -> None:
+        """A sector is reported now."""
+        self._view.report(report)
+
+    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+        """A sector's messages have their fates."""
+        self._view.settled(report, sent)
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
+        before = next((s for s in self._before if s.id == sensor.id), None)
+        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
+        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
+
+    # What the page asks.
+
+    def now_utc_ns(self) -> int:
+        """The session's time; the last one when none runs."""
+        return self._now_ns if self._session is None else self._session.clock.now_ns()
+
+    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """Do as a viewer asks."""
+        if self._session is None or ("sensor" not in command and "clock" not in command):
+            return await self._others.apply(command)
+        in_force = self._session.command(command)
+        self._tell_clock()
+        return {"ok": True, "in_force": in_force}
+
+    async def follow(self) -> None:
+        """Tell the view what changes without anybody saying so, until cancelled."""
+        while True:
+            await asyncio.sleep(TRUTH_EVERY_S)
+            if self._session is not None:
+                self._look_at(self._session)
+
+    def _look_at(self, session: RunningSession) -> None:
+        now_ns = session.clock.now_ns()
+        trajectories = session.trajectories
+        self._view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
+        self._view.totals(session.totals)
+        if session.totals.last_refusal != self._refusal:
+            self._refusal = session.totals.last_refusal
+            self._view.refusal(self._refusal)
+        self._tell_clock()
+
+    def _tell_clock(self) -> None:
+        """The clock's state, which control may have changed from elsewhere, for what is news."""
+        if self._session is not None:
+            self._view.session(clock_state(self._session))
+
+    def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
+        tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)
+
+
+def clock_state(session: RunningSession) -> dict[str, Any]:
+    """What of the clock a page shows, and which of its controls work."""
+    clock = session.clock
+    if isinstance(clock, WallClock):
+        state = {
+            "kind": "wall" if clock.is_real else "simulated",
+            "paused": clock.is_paused,
+            "speed": clock.speed,
+        }
+        refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
+    else:
+        state = {"kind": "instant", "paused": False, "speed": 1.0}
+        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
+    return {"clock": state, "refuses": refusals}
+
+
+@contextlib.asynccontextmanager
+async def alongside(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Do that work for as long as this lasts."""
+    task = asyncio.create_task(work, name=name)
+    try:
+        yield
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
 
 
 async def run_with_page(

@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.page.page_access import PageAccess, PageAddress, listening
+from plotfeed.feeds.page.updates import Controls, Viewer
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import Controls, Viewer
 
 if TYPE_CHECKING:
     import uvicorn

@@ -8,35 +8,37 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
+from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Rates, looks_summary, new_looks
 from plotfeed.feeds.page.tracker_tracks import TrackNews
-from plotfeed.feeds.page.updates import LAYOUTS, SectionKind, UpdateFlag, header, news
+from plotfeed.feeds.page.updates import (
+    LAYOUTS,
+    MAX_WATCHED,
+    SectionKind,
+    Update,
+    UpdateFlag,
+    header,
+    news,
+)
 from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
-MAX_WATCHED = 16
-"""Sensors whose details are worked out for the viewers who look at them."""
 MAX_REASON = 300
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
-
-
-class Update(NamedTuple):
-    """An update: what everybody sees, and what follows for who sees the truth."""
-
-    public: bytes
-    truth: bytes
-    is_snapshot: bool
 
 
 class Reported(Protocol):
@@ -270,3 +272,24 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
     except ValueError:
         text = json.dumps(finite(told), separators=(",", ":"), default=str)
     return news(text.encode(), kind)
+
+
+PROBABILITIES = np.linspace(0, 1, 1001)
+
+
+def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
+    """Show a sensor as it is since then, and the delays that its link is to make."""
+    law = DelayLaw.of(sensor.link or LinkSettings())
+    view.settings(
+        sensor.id,
+        sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
+        asked_latency_ms=law.quantile_ms(PROBABILITIES),
+        since_utc_ns=since_utc_ns,
+        new_model=new_model,
+    )
+
+
+def model_differs(before: Sensor, now: Sensor) -> bool:
+    """Tell whether anything but the link is different."""
+    link = {"link", "event"}
+    return before.model_dump(exclude=link) != now.model_dump(exclude=link)

@@ -18,8 +18,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.updates import Controls
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import Controls
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from support.page_updates import Frame, read_frame
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.page_observer import PageObserver, alongside
-from plotfeed.feeds.page.run_with_page import receiving_tracks
+from plotfeed.feeds.page.run_with_page import PageObserver, alongside, receiving_tracks
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, SessionRecorder

@@ -17,8 +17,8 @@ from support.command import plotfeed
 from support.page_updates import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
+from plotfeed.feeds.page.page_replay import RecordedView
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE
-from plotfeed.feeds.page.recorded_view import RecordedView
 from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View

@@ -18,9 +18,8 @@ from websockets.sync.client import ClientConnection
 
 from plotfeed.feeds.page import application
 from plotfeed.feeds.page.page_access import PageAddress, PageError
-from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.feeds.page.updates import MAX_COMMAND_OCTETS, NoControls, SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.page.viewers import MAX_COMMAND_OCTETS, NoControls
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from support.page_updates import Frame, read_frame
 
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.shown import MAX_KEPT
-from plotfeed.feeds.page.updates import PlotFlag, SectionKind
-from plotfeed.feeds.page.view import Update, View
+from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
+from plotfeed.feeds.page.view import View
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu

@@ -4,8 +4,7 @@ import asyncio
 
 import pytest
 
-from plotfeed.feeds.page.view import Update
-from plotfeed.feeds.page.viewers import MAX_QUEUED, MAX_QUEUED_OCTETS, Viewer
+from plotfeed.feeds.page.updates import MAX_QUEUED, MAX_QUEUED_OCTETS, Update, Viewer
 
 SNAPSHOT = Update(b"all", b"+true", True)
 
