@@ -17,10 +17,9 @@ import numpy as np
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.replaying.replay_settings import Selection
-from plotfeed.feeds.scene.changes import changed
+from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
-from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb

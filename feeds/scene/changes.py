@@ -11,7 +11,9 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
+from plotfeed.feeds.scene.sensors.scan_keys import Event
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 FIXED = frozenset(
     {"id", "type", "preset", "report", "scan", "sac", "sic", "position_enu_m", "event"}
@@ -83,6 +85,22 @@ def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
         raise ChangeError([(PFA_FACTOR, f"expected a number above 0, not {factor!r}")])
     others = {key: value for key, value in change.items() if key != PFA_FACTOR}
     return {"pfa": pfa * factor, **others}
+
+
+def in_force(events: tuple[Event, ...], elapsed_ns: int) -> list[Mapping[str, Any]]:
+    """What the events of a sensor change so long after the beginning, later ones last."""
+    return [
+        event.set
+        for event in events
+        if round(event.from_s * NS) <= elapsed_ns
+        and (event.to_s is None or elapsed_ns < round(event.to_s * NS))
+    ]
+
+
+def instants_ns(events: tuple[Event, ...]) -> list[int]:
+    """When anything begins or ends, after the session has, in order."""
+    edges_s = [e.from_s for e in events] + [e.to_s for e in events if e.to_s is not None]
+    return sorted({round(edge_s * NS) for edge_s in edges_s})
 
 
 class ControlError(PlotfeedError):

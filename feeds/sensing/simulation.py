@@ -11,10 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.scene.changes import changed
+from plotfeed.feeds.scene.changes import changed, in_force
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.scan_keys import in_force
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.beam import Sector

@@ -11,10 +11,9 @@ from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.scene.changes import changed, merged
+from plotfeed.feeds.scene.changes import changed, in_force, instants_ns, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.sensors.scan_keys import in_force, instants_ns
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.context import SessionContext

@@ -1,8 +1,7 @@
-"""How a sensor scans, and what happens to it while the scene runs."""
+"""How a sensor scans, and a scripted event that makes it otherwise while the scene runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -27,22 +26,6 @@ class Event(SceneTable):
         if self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError("to_s: must be above from_s")
         return self
-
-
-def in_force(events: tuple[Event, ...], elapsed_ns: int) -> list[Mapping[str, Any]]:
-    """What the events of a sensor change so long after the beginning, later ones last."""
-    return [
-        event.set
-        for event in events
-        if round(event.from_s * NS) <= elapsed_ns
-        and (event.to_s is None or elapsed_ns < round(event.to_s * NS))
-    ]
-
-
-def instants_ns(events: tuple[Event, ...]) -> list[int]:
-    """When anything begins or ends, after the session has, in order."""
-    edges_s = [e.from_s for e in events] + [e.to_s for e in events if e.to_s is not None]
-    return sorted({round(edge_s * NS) for edge_s in edges_s})
 
 
 class _Periodic(SceneTable):
