@@ -15,7 +15,7 @@ from plotfeed.feeds.scene.changes import (
     command_of,
     parsed,
 )
-from plotfeed.feeds.session.context import SessionContext
+from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver

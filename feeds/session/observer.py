@@ -1,17 +1,20 @@
-"""Whoever follows a session from within: a recorder, a page, metrics, a test."""
+"""Whoever follows a session, as a recorder or a page does, and what its own parts share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -125,3 +128,19 @@ class Tap(Observer):
 def cares(observer: Observer, method: str) -> bool:
     """Whether an observer has that method of its own."""
     return getattr(type(observer), method) is not getattr(Observer, method)
+
+
+KeepLedger = Callable[[SectorReport, str, list[Delivery]], None]
+"""Given a sector, its link's keys then in JSON, and its deliveries, all settled."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionContext:
+    """A session's scene, its time, its counts, and who follows it."""
+
+    scene: Scene
+    clock: Clock
+    schedule: Schedule
+    totals: SessionCounters
+    observers: Sequence[Observer]
+    keep_ledger: KeepLedger

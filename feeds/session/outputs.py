@@ -17,9 +17,8 @@ from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.context import SessionContext
-from plotfeed.feeds.session.observer import cares
-from plotfeed.feeds.session.status import status_message
+from plotfeed.feeds.session.observer import SessionContext, cares
+from plotfeed.feeds.session.sensor_task import status_message
 from plotfeed.feeds.transport.embedded_broker import LOOPBACK, EmbeddedBroker
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport

@@ -1,28 +1,36 @@
-"""What sends in a session: its sensors, sector after sector, and drones that tell of themselves."""
+"""What sends in a session: sensors, sector after sector, and drones that tell of themselves.
+
+Status and settings of a sensor are retained for whoever comes later.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from functools import partial
+from importlib.metadata import version
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
-from plotfeed.feeds.session.context import SessionContext
-from plotfeed.feeds.session.status import settings_message, status_message
+from plotfeed.feeds.session.observer import SessionContext
+from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.utc import NS
+from plotfeed.proto.content_types import JSON
+from plotfeed.proto.utc import NS, iso_utc
 
 STATUS_EVERY_NS = 5 * NS
 
@@ -218,3 +226,49 @@ class CooperativeTask:
 def json_of(link: LinkSettings | None) -> str:
     """A link's keys for the ledger, without those that have their defaults; empty for none."""
     return "" if link is None else link.model_dump_json(exclude_defaults=True)
+
+
+def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:
+    """A sensor's status."""
+    status.time_utc.FromNanoseconds(now_utc_ns)
+    sensor = status.sensor
+    return _retained(f"{prefix}/{sensor}", "status", to_json(status), now_utc_ns, sensor=sensor)
+
+
+def settings_message(
+    prefix: str, sensor: Sensor, controlled: Mapping[str, Any], now_utc_ns: int
+) -> Message:
+    """What a sensor's keys are at the moment, and which of them control has changed."""
+    said = {
+        "sensor": sensor.id,
+        "time_utc": iso_utc(now_utc_ns),
+        "controlled": controlled,
+        "in_force": sensor.model_dump(mode="json", exclude_unset=True, exclude={"event"}),
+    }
+    payload, source = json.dumps(said).encode(), f"{prefix}/{sensor.id}"
+    return _retained(source, "settings", payload, now_utc_ns, sensor=sensor.id)
+
+
+def session_message(scene: Scene, start_utc_ns: int) -> Message:
+    """Which scene runs, and since when."""
+    said = {
+        "scene": scene.scene.name,
+        "seed": scene.scene.seed,
+        "start_utc": iso_utc(start_utc_ns),
+        "start_utc_ns": start_utc_ns,
+        "sensors": [sensor.id for sensor in scene.sensor],
+        "plotfeed": version("plotfeed"),
+    }
+    return _retained(scene.mqtt.prefix, "session", json.dumps(said).encode(), start_utc_ns)
+
+
+def _retained(source: str, kind: str, payload: bytes, now_utc_ns: int, **more: str) -> Message:
+    return Message(
+        topic=f"{source}/{kind}",
+        payload=payload,
+        content_type=JSON,
+        due_utc_ns=now_utc_ns,
+        properties=attributes(source, kind, str(now_utc_ns), now_utc_ns, **more),
+        retain=True,
+        qos=1,
+    )

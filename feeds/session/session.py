@@ -16,13 +16,11 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch
-from plotfeed.feeds.session.context import SessionContext
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
-from plotfeed.feeds.session.observer import Observer, Tap, cares
+from plotfeed.feeds.session.observer import Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
-from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
-from plotfeed.feeds.session.status import session_message
+from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
