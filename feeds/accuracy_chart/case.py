@@ -77,8 +77,8 @@ class Case:
 
         `rows` are theirs among `seen`, if they are not all of them.
         """
-        names = ("azimuth_deg", "elevation_deg", "range_m")
-        found = dict(zip(names, enu_to_aer(enu_m), strict=True))
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(enu_m)
+        found = {"range_m": range_m, "azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg}
         if self.transmitter_enu_m is not None:
             there_m = self.transmitter_enu_m if rows is None else self.transmitter_enu_m[rows]
             found["bistatic_range_m"] = bistatic_range(enu_m, there_m)
@@ -91,8 +91,8 @@ class Case:
             (site.latitude_deg, site.longitude_deg, site.height_m),
             [float(x[row]) for x in (place.latitude_deg, place.longitude_deg, place.height_m)],
         )
-        names = ("azimuth_deg", "elevation_deg", "range_m")
-        found = dict(zip(names, precise.azimuth_elevation_range(enu), strict=True))
+        azimuth_deg, elevation_deg, range_m = precise.azimuth_elevation_range(enu)
+        found = {"range_m": range_m, "azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg}
         if self.transmitter_enu_m is not None:
             there_m = self.transmitter_enu_m[row].tolist()
             found["bistatic_range_m"] = precise.bistatic_range_m(enu, there_m)
