@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
@@ -13,6 +14,8 @@ from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 S = 1_000_000_000
@@ -40,6 +43,22 @@ def message(
         stage=stage,
         **more,  # type: ignore[arg-type]
     )
+
+
+REGULAR = [message(i * 100 * MS) for i in range(10)]
+"""A message every 100 ms."""
+TYPE = "application/x-protobuf; messageType=plotfeed.v1.PlotBatch"
+SESSION = [
+    message(0, "plotfeed/radar/status", b"{}", content_type="application/json", retain=True, qos=1),
+    *(
+        message(i * MS, "plotfeed/radar/plots", bytes([i]) * 30, content_type=TYPE, qos=i % 2,
+                properties=(("time", iso_utc(RECORDED)), ("n", str(i))))
+        for i in range(1, 40)
+    ),
+    message(41 * MS, "plotfeed/truth", b"secret"),
+    message(42 * MS, "plotfeed/radar/plots", b"last", content_type=TYPE),
+]  # fmt: skip
+"""A status, plots of either QoS, the last of which says so, and truth, which is not replayed."""
 
 
 class Memory:
@@ -87,6 +106,22 @@ class Ears:
 
     def payloads(self) -> list[bytes]:
         return [message.payload for _, message in self.heard]
+
+
+def since(*steps_ms: float) -> list[int]:
+    """Milliseconds as nanoseconds."""
+    return [round(step * MS) for step in steps_ms]
+
+
+def log_file(folder: Path, recorded: Sequence[Recorded]) -> Path:
+    """An MCAP file of these messages."""
+    path = folder / "session.mcap"
+    with path.open("wb", buffering=0) as file:
+        writer = McapWriter(file)
+        for each in recorded:
+            writer.write(each)
+        writer.close()
+    return path
 
 
 async def simulated(
