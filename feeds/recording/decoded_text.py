@@ -12,7 +12,6 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.formats.sapient import need_sapient
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
@@ -165,6 +164,8 @@ def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterat
 
 def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
     try:
+        from plotfeed.feeds.formats.sapient import need_sapient  # and with it all sensors
+
         need_sapient()
     except PlotfeedError as error:
         yield {"error": str(error)} if as_json else error
