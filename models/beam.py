@@ -167,27 +167,61 @@ class Volume:
 
 @dataclass(frozen=True, slots=True)
 class Sectors:
-    """Several sectors, columns (m,), wherever one could stand."""
+    """Several sectors, of one sensor or of many, columns (m,), wherever one could stand.
 
+    `sensor` is an index into the scene's sensors; the other columns are those of `Sector`.
+    """
+
+    sensor: Ints
+    scan: Ints
+    index: Ints
     start_ns: Ints
     end_ns: Ints
     start_deg: Floats
     end_deg: Floats
+    stares: Bools
 
     @classmethod
-    def of(cls, sectors: Sequence[Sector]) -> Self:
-        """Columns of those sectors."""
+    def of(cls, sectors: Sequence[Sector], sensor: int = 0) -> Self:
+        """Columns of those sectors, all of one sensor."""
         return cls(
-            np.array([s.start_ns for s in sectors], np.int64),
-            np.array([s.end_ns for s in sectors], np.int64),
-            np.array([s.start_deg for s in sectors]),
-            np.array([s.end_deg for s in sectors]),
+            sensor=np.full(len(sectors), sensor, np.int64),
+            scan=np.array([s.scan for s in sectors], np.int64),
+            index=np.array([s.index for s in sectors], np.int64),
+            start_ns=np.array([s.start_ns for s in sectors], np.int64),
+            end_ns=np.array([s.end_ns for s in sectors], np.int64),
+            start_deg=np.array([s.start_deg for s in sectors], np.float64),
+            end_deg=np.array([s.end_deg for s in sectors], np.float64),
+            stares=np.array([s.stares for s in sectors], np.bool_),
         )
 
-    def rows(self, which: Ints) -> Sectors:
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.sensor)
+
+    def rows(self, which: Ints | Bools) -> Sectors:
         """Sectors at those indices, which may recur; (m,)."""
         return Sectors(
-            self.start_ns[which], self.end_ns[which], self.start_deg[which], self.end_deg[which]
+            sensor=self.sensor[which],
+            scan=self.scan[which],
+            index=self.index[which],
+            start_ns=self.start_ns[which],
+            end_ns=self.end_ns[which],
+            start_deg=self.start_deg[which],
+            end_deg=self.end_deg[which],
+            stares=self.stares[which],
+        )
+
+    def one(self, i: int) -> Sector:
+        """The i-th by itself."""
+        return Sector(
+            scan=int(self.scan[i]),
+            index=int(self.index[i]),
+            start_ns=int(self.start_ns[i]),
+            end_ns=int(self.end_ns[i]),
+            start_deg=float(self.start_deg[i]),
+            end_deg=float(self.end_deg[i]),
+            stares=bool(self.stares[i]),
         )
 
 

@@ -20,10 +20,10 @@ from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
     GmqttClient,
     Qos1Window,
-    publish_packet,
     reason_name,
     refusal_code,
 )
+from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
 from plotfeed.proto.errors import PlotfeedError
 

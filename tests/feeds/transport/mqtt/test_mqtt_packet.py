@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.transport.mqtt.gmqtt_client import publish_packet
+from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
 
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
 
