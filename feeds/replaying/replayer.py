@@ -26,12 +26,6 @@ SPARE_NS = 100_000
 """Less than this before a deadline, nothing else is made ready."""
 AT_ONCE = 1024
 """Messages sent before others have their turn in the loop, where there are no deadlines."""
-MARGIN_NS, MAX_EARLY_NS = 10_000, 200_000
-"""Waiting ends early by how late it lately ended and this margin, at most by so much."""
-FORGET = 64
-"""A late wake-up counts less and less over so many others."""
-SHARE = 4
-"""At most a quarter of the time is spent awake: nearer deadlines are left to the timer."""
 FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
 """Transports may take so long for the last messages; longer where a slow broker is waited for."""
 
@@ -94,7 +88,6 @@ class Replayer:
         self._clock = clock
         self._totals = totals
         self._control = control
-        self._waker = Waker(clock) if isinstance(clock, WallClock) else None
         self._schedule = Schedule()
         self._routes = Routes(
             transports, settings, clock=clock, schedule=self._schedule, totals=totals
@@ -154,11 +147,9 @@ class Replayer:
                 await (self._sleep(next_ns) if rush is None else self._breathe())
 
     async def _sleep(self, until_ns: int) -> None:
-        """Wait until then or for news; more exactly where something is to be sent."""
-        if self._waker is not None and until_ns == self._schedule.next_due_ns():
-            await self._waker.wait_until(until_ns)
-        else:
-            await self._clock.sleep_until(until_ns)
+        """Wait until then or for news; exactly where something is to be sent."""
+        is_to_send = until_ns == self._schedule.next_due_ns()
+        await self._clock.sleep_until(until_ns, exactly=is_to_send)
 
     def _begin(self) -> None:
         """Begin as soon as the first message has been read."""
@@ -273,26 +264,3 @@ class Replayer:
     def _wake(self) -> None:
         self._news.set()
         self._clock.wake()
-
-
-class Waker:
-    """Waits on a wall clock; how early it has itself woken follows from how late that was."""
-
-    def __init__(self, clock: WallClock) -> None:
-        self._clock = clock
-        self._late_ns = 0
-
-    async def wait_until(self, t_utc_ns: int) -> None:
-        """Return when it is that time, or when the clock is woken; never much earlier."""
-        clock, early_ns = self._clock, min(self._late_ns + MARGIN_NS, MAX_EARLY_NS)
-        if t_utc_ns - clock.now_ns() < SHARE * early_ns:
-            await clock.sleep_until(t_utc_ns)
-            return
-        wake_ns = t_utc_ns - early_ns
-        await clock.sleep_until(wake_ns)
-        late_ns = clock.now_ns() - wake_ns
-        if late_ns < 0:  # it was woken
-            return
-        self._late_ns = max(late_ns, self._late_ns - self._late_ns // FORGET)
-        while clock.now_ns() < t_utc_ns:
-            pass

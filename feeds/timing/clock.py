@@ -1,16 +1,15 @@
-"""The clocks that a session can run by, in nanoseconds of UTC since 1970, and exact timers."""
+"""The clocks that a session can run by, in nanoseconds of UTC since 1970."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import ctypes
-import os
-import sys
 import time
 from typing import Protocol
 
-from plotfeed.proto.utc import NS
+from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
+
+AS_LONG_AS_IT_TAKES_NS = 1 << 62
+"""What is left where time stands still: nothing comes too late."""
 
 
 class Clock(Protocol):
@@ -25,8 +24,14 @@ class Clock(Protocol):
     def stands_before(self, t_utc_ns: int) -> bool:
         """Whether it stands still before that time comes, until somebody lets it go on."""
 
-    async def sleep_until(self, t_utc_ns: int) -> None:
-        """Return when it is that time, at once if it is past, or when somebody wakes it."""
+    def left_ns(self, t_utc_ns: int) -> int:
+        """Real nanoseconds until then, below zero if it is past: what else there is time for."""
+
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
+        """Return when it is that time, at once if it is past, or when somebody wakes it.
+
+        `exactly` is for what is to be sent then; what else is to be done can be a little late.
+        """
 
     def wake(self) -> None:
         """Let whoever sleeps return: there may be something to do sooner."""
@@ -102,8 +107,14 @@ class WallClock:
         """Whether a pause, or the end of a step, comes first."""
         return self._stands_from_ns is not None and t_utc_ns > self._stands_from_ns
 
-    async def sleep_until(self, t_utc_ns: int) -> None:
-        """Return when it is that time; late by some tens of microseconds on Linux."""
+    def left_ns(self, t_utc_ns: int) -> int:
+        """Real nanoseconds until then."""
+        if self.stands_before(t_utc_ns):
+            return AS_LONG_AS_IT_TAKES_NS
+        return self._monotonic_ns(t_utc_ns) - time.monotonic_ns()
+
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
+        """Return when it is that time, to some microseconds on Linux; or when woken."""
         if not self._begun:
             self.start()
         if self._timer is None:
@@ -111,10 +122,7 @@ class WallClock:
         if self.stands_before(t_utc_ns):
             await self._timer.wait_for_wake()
             return
-        until_ns = t_utc_ns - self._zero_utc_ns
-        if self._speed != 1:
-            until_ns = -round(-until_ns / self._speed // 1)
-        await self._timer.wait_until(self._zero_monotonic_ns + until_ns)
+        await self._timer.wait_until(self._monotonic_ns(t_utc_ns), exactly=exactly)
 
     def wake(self) -> None:
         """Let whoever sleeps return."""
@@ -126,6 +134,13 @@ class WallClock:
         if self._timer is not None:
             self._timer.close()
             self._timer = None
+
+    def _monotonic_ns(self, t_utc_ns: int) -> int:
+        """The monotonic clock at that time, while nothing is changed."""
+        until_ns = t_utc_ns - self._zero_utc_ns
+        if self._speed != 1:
+            until_ns = -round(-until_ns / self._speed // 1)
+        return self._zero_monotonic_ns + until_ns
 
     def _go_on(self, *, stands_from_ns: int | None) -> None:
         self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
@@ -151,8 +166,13 @@ class InstantClock:
         """Always: time passes only for who waits."""
         return True
 
-    async def sleep_until(self, t_utc_ns: int) -> None:
+    def left_ns(self, _t_utc_ns: int) -> int:
+        """No end of it: time passes only for who waits."""
+        return AS_LONG_AS_IT_TAKES_NS
+
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
         """Be there; whatever else waits in the loop has its turn first."""
+        del exactly  # it always is
         await asyncio.sleep(0)
         self._now_ns = max(self._now_ns, t_utc_ns)
 
@@ -161,93 +181,3 @@ class InstantClock:
 
     def close(self) -> None:
         """Nothing is held."""
-
-
-class LoopTimer:
-    """The loop's own timers, where there is no timerfd: up to a millisecond late. One waiter."""
-
-    def __init__(self) -> None:
-        self._woken = asyncio.Event()
-
-    async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time, or a little after it; never before, unless woken."""
-        self._woken.clear()
-        while not self._woken.is_set() and (left_ns := monotonic_ns - time.monotonic_ns()) > 0:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(left_ns / NS):
-                    await self._woken.wait()
-
-    async def wait_for_wake(self) -> None:
-        """Return when woken."""
-        self._woken.clear()
-        await self._woken.wait()
-
-    def wake(self) -> None:
-        """Let whoever waits return."""
-        self._woken.set()
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-class _TimerSpec(ctypes.Structure):
-    """struct itimerspec: the interval, then the first expiry, each seconds and nanoseconds."""
-
-    _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "at_s", "at_ns")]
-
-
-class TimerFd:
-    """A timerfd on CLOCK_MONOTONIC, watched by the running loop. One waiter at a time."""
-
-    _ABSOLUTE = 1  # TFD_TIMER_ABSTIME
-
-    def __init__(self) -> None:
-        self._libc = ctypes.CDLL(None, use_errno=True)
-        flags = os.O_NONBLOCK | os.O_CLOEXEC  # what TFD_NONBLOCK and TFD_CLOEXEC are on Linux
-        self._fd = self._libc.timerfd_create(time.CLOCK_MONOTONIC, flags)
-        if self._fd < 0:
-            raise OSError(ctypes.get_errno(), "timerfd_create")
-        self._loop = asyncio.get_running_loop()
-        self._due = asyncio.Event()
-        self._loop.add_reader(self._fd, self._expired)
-
-    async def wait_until(self, monotonic_ns: int) -> None:
-        """Return at that time; late by some tens of microseconds."""
-        if monotonic_ns <= time.monotonic_ns():
-            await asyncio.sleep(0)
-            return
-        self._due.clear()
-        at_s, at_ns = divmod(monotonic_ns, NS)
-        spec = _TimerSpec(0, 0, at_s, at_ns)
-        if self._libc.timerfd_settime(self._fd, self._ABSOLUTE, ctypes.byref(spec), None) < 0:
-            raise OSError(ctypes.get_errno(), "timerfd_settime")
-        await self._due.wait()
-
-    async def wait_for_wake(self) -> None:
-        """Return when woken."""
-        self._due.clear()
-        await self._due.wait()
-
-    def wake(self) -> None:
-        """Let whoever waits return."""
-        self._due.set()
-
-    def close(self) -> None:
-        """Take it out of the loop and close the file."""
-        if self._fd >= 0:
-            self._loop.remove_reader(self._fd)
-            os.close(self._fd)
-            self._fd = -1
-
-    def _expired(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            os.read(self._fd, 8)
-            self._due.set()
-
-
-def precise_timer() -> LoopTimer | TimerFd:
-    """The best timer of this system, for a running loop."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError, NotImplementedError, AttributeError):
-            return TimerFd()
-    return LoopTimer()

@@ -25,7 +25,7 @@ from support.replays import (
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.read_ahead import AHEAD, BATCH
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Selection
-from plotfeed.feeds.replaying.replayer import READY_NS, RushClock, Waker, replay
+from plotfeed.feeds.replaying.replayer import READY_NS, RushClock, replay
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -201,19 +201,3 @@ async def test_real_time_keeps_the_order_and_is_never_early() -> None:
     assert [b - a for a, b in pairwise(dues)] == [
         b.log_time_ns - a.log_time_ns for a, b in pairwise(recorded)
     ]
-
-
-@pytest.mark.asyncio
-async def test_a_waker_is_never_early_unless_it_is_woken() -> None:
-    async with asyncio.timeout(20):
-        clock = WallClock()
-        waker = Waker(clock)
-        try:
-            for gap_ns in (0, -S, 1000, 50_000, 300_000, MS, 5 * MS, 20 * MS):
-                until_ns = clock.now_ns() + gap_ns
-                await waker.wait_until(until_ns)
-                assert clock.now_ns() >= until_ns
-            asyncio.get_running_loop().call_later(0.01, clock.wake)
-            await waker.wait_until(clock.now_ns() + 3600 * S)
-        finally:
-            clock.close()

@@ -186,8 +186,8 @@ class StallingClock(InstantClock):
         super().__init__(start_utc_ns)
         self.stall_ns, self.for_ns = start_utc_ns + round(after_s * S), round(for_s * S)
 
-    async def sleep_until(self, t_utc_ns: int) -> None:
-        await super().sleep_until(t_utc_ns)
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
+        await super().sleep_until(t_utc_ns, exactly=exactly)
         if self.for_ns and t_utc_ns >= self.stall_ns:
             await super().sleep_until(t_utc_ns + self.for_ns)
             self.for_ns = 0

@@ -154,10 +154,10 @@ class LateClock(InstantClock):
         self._pause_ns = start_utc_ns + round(pauses.get("after_s", 1e6) * S)
         self._for_ns = round(pauses.get("for_s", 0.0) * S)
 
-    async def sleep_until(self, t_utc_ns: int) -> None:
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
         if self.now_ns() < t_utc_ns:
             t_utc_ns += round(self._rng.exponential(self._mean_s) * S)
-        await super().sleep_until(t_utc_ns)
+        await super().sleep_until(t_utc_ns, exactly=exactly)
         if self._for_ns and t_utc_ns >= self._pause_ns:
             await super().sleep_until(t_utc_ns + self._for_ns)
             self._for_ns = 0

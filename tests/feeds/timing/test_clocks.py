@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.timing.clock import InstantClock, LoopTimer, TimerFd, WallClock, precise_timer
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
 from plotfeed.proto.utc import iso_utc
 
 MS = 1_000_000
