@@ -56,6 +56,11 @@ class SessionCounters:
         if len(report.plots):
             self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
 
+    def sent(self, lateness_ns: Sequence[int]) -> None:
+        """Count messages that were sent, so late each."""
+        self.messages += len(lateness_ns)
+        self.lateness_ns.extend(lateness_ns)
+
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a copy of a message."""
         if fate == pb.SENT:
@@ -72,9 +77,9 @@ class SessionCounters:
             self.undelivered += 1
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class ClientCounters:
-    """Counts of what one client has sent, for the status of its sensor."""
+    """Counts of what one client has sent, for the status of its sensor; each is who it is."""
 
     lost: int = 0
     duplicated: int = 0

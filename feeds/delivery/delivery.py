@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
@@ -27,6 +28,7 @@ class Delivery:
     __slots__ = (
         "_clock",
         "_unsettled",
+        "client",
         "copy",
         "delivered",
         "due_utc_ns",
@@ -49,9 +51,12 @@ class Delivery:
         *,
         number: int = 0,
         copy: int = 0,
+        client: ClientCounters | None = None,
     ) -> None:
         self.message = message
         self.owner = owner
+        self.client = client
+        """Counts of whom it is of, who has room of his own where it must wait."""
         self.number = number
         """Of the message, in the order in which a client hands them to its link."""
         self.copy = copy
@@ -73,6 +78,11 @@ class Delivery:
     def leave(self) -> None:
         """A transport hands it to its socket now."""
         self.sent_utc_ns = self._clock.now_ns()
+
+    def taken(self, sent_utc_ns: int) -> None:
+        """A transport handed it to its socket then, which took all of it."""
+        self.sent_utc_ns = max(self.sent_utc_ns or sent_utc_ns, sent_utc_ns)
+        self.settle(delivered=True)
 
     def settle(self, *, delivered: bool) -> None:
         """A transport is done with it: delivered as far as it can know, or given up."""
@@ -110,15 +120,24 @@ class Delivery:
         )
 
 
+MakeDeliveries = Callable[[], Sequence[Delivery]]
+"""Makes the deliveries of messages that were given without, in their order; always the same."""
+
+
 class Transport(Protocol):
     """Something that carries messages away."""
 
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for a connection, or for room on it."""
+    def waiting_of(self, client: ClientCounters) -> int:
+        """Messages of that client that wait for a connection, or for room on it."""
 
     def publish(self, *deliveries: Delivery) -> None:
         """Take some that are due at once; `leave` and `settle` each, now or later; never raise."""
+
+    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Take some that are due at once, in one go; whether all of it is delivered already.
+
+        If not, `made` makes their deliveries, each of which is told of as by `publish`.
+        """
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
@@ -139,8 +158,39 @@ class ConnectedTransport(Transport, Protocol):
         """Return once it is up; raises `PlotfeedError` if it is not in that time."""
 
 
-OnComplete = Callable[[list[Delivery]], object]
-"""Given all deliveries of an entry, each of them settled."""
+@dataclass(frozen=True, slots=True)
+class SentTogether:
+    """Messages of one client that all left when they were due, over a link that does nothing."""
+
+    messages: Sequence[Message]
+    number: int
+    """Of the first; the others count on."""
+    sent_utc_ns: int
+
+    def records(self) -> list[pb.Sent]:
+        """What the ledger says of them."""
+        sent_utc_ns, fate, found = self.sent_utc_ns, pb.SENT, []
+        for number, message in enumerate(self.messages, self.number):
+            due_utc_ns = message.due_utc_ns
+            found.append(
+                pb.Sent(
+                    topic=message.topic,
+                    due_utc_ns=due_utc_ns,
+                    sent_utc_ns=sent_utc_ns,
+                    octets=len(message.payload),
+                    delivered=True,
+                    fate=fate,
+                    link_due_utc_ns=due_utc_ns,
+                    number=number,
+                )
+            )
+        return found
+
+
+Settled = list[Delivery] | SentTogether
+"""What has become of messages: all deliveries of an entry, or that all left at once."""
+OnComplete = Callable[[Settled], object]
+"""Given what has become of all messages of an entry, as soon as that is known."""
 
 
 class LedgerEntry:
@@ -162,7 +212,9 @@ class LedgerEntry:
         self, message: Message, clock: Clock, transports: int, number: int, copy: int = 0
     ) -> Delivery:
         """Another message, or another copy of one, that is on its way from now on."""
-        delivery = Delivery(message, clock, transports, self, number=number, copy=copy)
+        delivery = Delivery(
+            message, clock, transports, self, number=number, copy=copy, client=self._counters
+        )
         self._deliveries.append(delivery)
         self._unsettled += 1
         return delivery
@@ -187,9 +239,11 @@ class LedgerEntry:
             self._on_complete(deliveries)
 
 
-def records(deliveries: Sequence[Delivery]) -> list[pb.Sent]:
+def records(settled: Settled) -> list[pb.Sent]:
     """What the ledger says of them, in the order in which they were handed to the link."""
-    return [one.record() for one in sorted(deliveries, key=lambda one: (one.number, one.copy))]
+    if isinstance(settled, SentTogether):
+        return settled.records()
+    return [one.record() for one in sorted(settled, key=lambda one: (one.number, one.copy))]
 
 
 CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")

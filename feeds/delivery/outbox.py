@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, LedgerEntry, OnComplete, Transport
+from plotfeed.feeds.delivery.delivery import (
+    Delivery,
+    LedgerEntry,
+    OnComplete,
+    SentTogether,
+    Transport,
+)
 from plotfeed.feeds.impairment.link import Fate, Impairment, flip
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import Message
@@ -68,38 +74,52 @@ class Outbox:
 
     @property
     def waiting(self) -> int:
-        """Messages that wait for a broker."""
-        return sum(transport.waiting for transport in self.transports)
+        """Messages of this client that wait for a broker."""
+        return sum(transport.waiting_of(self.counters) for transport in self.transports)
+
+    def now_ns(self) -> int:
+        """The time by which it sends, UTC."""
+        return self._clock.now_ns()
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be sent soon."""
         for transport in self.transports:
             transport.prepare(messages)
 
+    @property
+    def is_perfect(self) -> bool:
+        """Whether nothing lies between it and its transports: what is sent leaves at once."""
+        return self._impairment is None
+
     def send(self, *messages: Message, on_complete: OnComplete | None = None) -> None:
         """Hand messages that are due at once to the link now.
 
-        `on_complete` is given their deliveries as soon as the fate of all of them is known.
+        `on_complete` is told what became of them as soon as the fate of all of them is known.
         """
-        entry = LedgerEntry(self.counters, self._totals, on_complete)
         if self._impairment is None:
+            send_all([(self, messages, on_complete)])
+            return
+        entry = LedgerEntry(self.counters, self._totals, on_complete)
+        for message in messages:
             for tell in self._before_link:
-                for message in messages:
-                    tell(message)
-            self._depart([self._delivery(message, entry) for message in messages])
-        else:
-            for message in messages:
-                for tell in self._before_link:
-                    tell(message)
-                delivery = self._delivery(message, entry)
-                self._pass_link(delivery, entry, self._impairment, message.due_utc_ns)
+                tell(message)
+            self._number += 1
+            delivery = self._deliver(entry, message, self._number - 1)
+            self._pass_link(delivery, entry, self._impairment, message.due_utc_ns)
         entry.close()
 
     def send_past_link(self, *messages: Message) -> None:
         """Send what is not the sensor's own traffic, such as its status."""
-        deliveries = [Delivery(message, self._clock, len(self.transports)) for message in messages]
+        deliveries: list[Delivery] = []
+
+        def made() -> list[Delivery]:
+            if not deliveries:
+                settles, clock, client = len(self.transports), self._clock, self.counters
+                deliveries.extend(Delivery(m, clock, settles, client=client) for m in messages)
+            return deliveries
+
         for transport in self.transports:
-            transport.publish(*deliveries)
+            transport.publish_together(messages, made)  # nobody asks what becomes of them
         for tell in self._after_link:
             for message in messages:
                 tell(message, self._clock.now_ns())
@@ -129,9 +149,10 @@ class Outbox:
         for transport in self.transports:
             await transport.drain(timeout_s)
 
-    def _delivery(self, message: Message, entry: LedgerEntry) -> Delivery:
-        self._number += 1
-        return entry.deliver(message, self._clock, len(self.transports), self._number - 1)
+    def _deliver(
+        self, entry: LedgerEntry, message: Message, number: int, copy: int = 0
+    ) -> Delivery:
+        return entry.deliver(message, self._clock, len(self.transports), number, copy)
 
     def _pass_link(
         self, delivery: Delivery, entry: LedgerEntry, impairment: Impairment, due_utc_ns: int
@@ -149,9 +170,7 @@ class Outbox:
             return
         for copy, (copy_due_utc_ns, flipped_bit) in enumerate(outcome.copies):
             if copy:
-                delivery = entry.deliver(
-                    message, self._clock, len(self.transports), delivery.number, copy
-                )
+                delivery = self._deliver(entry, message, delivery.number, copy)
             delivery.link_due_utc_ns, delivery.flipped_bit = copy_due_utc_ns, flipped_bit
             if flipped_bit is not None:
                 flipped = flip(message.payload, flipped_bit)
@@ -187,3 +206,104 @@ class Outbox:
         if not self.transports:
             for delivery in deliveries:
                 delivery.end(pb.SENT)
+
+
+Departure = tuple[Outbox, Sequence[Message], OnComplete | None]
+"""Messages of one client that are due at once, and who is told what became of them."""
+
+
+def send_all(departures: Iterable[Departure]) -> None:
+    """Hand messages of many clients, all due at once, to their links now, as `Outbox.send` does.
+
+    Those whose link does nothing leave first: what goes over one transport is given to it in one
+    go, in the order of the departures, and only then anybody is told.
+    """
+    leaving, impaired = [], []
+    for departure in departures:
+        if departure[0].is_perfect:
+            leaving.append(_Leaving(*departure))
+        else:
+            impaired.append(departure)
+    _leave(leaving)
+    for one in leaving:
+        one.tell()
+    for outbox, messages, on_complete in impaired:
+        outbox.send(*messages, on_complete=on_complete)
+
+
+def _leave(leaving: Sequence[_Leaving]) -> None:
+    """Hand all to their transports, each of which is asked once."""
+    of_transport: dict[Transport, list[_Leaving]] = {}
+    for one in leaving:
+        for transport in one.outbox.transports:
+            of_transport.setdefault(transport, []).append(one)
+    taken = []
+    for transport, some in of_transport.items():
+        messages = [message for one in some for message in one.messages]
+        made = partial(_deliveries, some)
+        sent_utc_ns = some[0].outbox.now_ns()
+        if transport.publish_together(messages, made):
+            taken.append((some, sent_utc_ns))
+    for some, sent_utc_ns in taken:
+        for one in some:
+            one.taken(sent_utc_ns)
+
+
+def _deliveries(leaving: Sequence[_Leaving]) -> list[Delivery]:
+    return [delivery for one in leaving for delivery in one.deliveries()]
+
+
+class _Leaving:
+    """A departure through a link that does nothing; deliveries are made of it where one must be."""
+
+    __slots__ = ("_deliveries", "_number", "_on_complete", "messages", "outbox", "sent_utc_ns")
+
+    def __init__(
+        self, outbox: Outbox, messages: Sequence[Message], on_complete: OnComplete | None
+    ) -> None:
+        self.outbox, self.messages = outbox, messages
+        self.sent_utc_ns = 0
+        """When the last transport that took all at once did so; 0 before any."""
+        self._on_complete = on_complete
+        self._number = outbox._number
+        self._deliveries: list[Delivery] | None = None
+        outbox._number += len(messages)
+
+    def deliveries(self) -> list[Delivery]:
+        """One for each message; what transports have taken before is still to be told."""
+        if self._deliveries is None:
+            outbox = self.outbox
+            entry = LedgerEntry(outbox.counters, outbox._totals, self._on_complete)
+            self._deliveries = [
+                outbox._deliver(entry, message, number)
+                for number, message in enumerate(self.messages, self._number)
+            ]
+            entry.close()
+        return self._deliveries
+
+    def taken(self, sent_utc_ns: int) -> None:
+        """A transport has delivered all of it, handed over then."""
+        self.sent_utc_ns = max(self.sent_utc_ns, sent_utc_ns)
+        for delivery in self._deliveries or ():
+            delivery.taken(sent_utc_ns)
+
+    def tell(self) -> None:
+        """Tell and count what became of it, as far as that is known."""
+        outbox, deliveries = self.outbox, self._deliveries
+        for tell in outbox._before_link:
+            for message in self.messages:
+                tell(message)
+        if deliveries is None:
+            sent_utc_ns = self.sent_utc_ns or outbox.now_ns()
+            late_ns = [sent_utc_ns - message.due_utc_ns for message in self.messages]
+            outbox.counters.lateness_ns.extend(late_ns)
+            outbox._totals.sent(late_ns)
+            if self._on_complete is not None:
+                self._on_complete(SentTogether(self.messages, self._number, sent_utc_ns))
+            for tell_time in outbox._after_link:
+                for message in self.messages:
+                    tell_time(message, sent_utc_ns)
+            return
+        for tell_time in outbox._after_link:
+            for delivery in deliveries:
+                tell_time(delivery.message, delivery.sent_utc_ns or outbox.now_ns())

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Protocol
 
-from plotfeed.feeds.delivery.delivery import Delivery, Transport
+from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, Transport
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -95,8 +96,6 @@ class ReplayUdp(UdpTransport):
 class RecordedUdp:
     """The destinations that datagrams once had, by their topics udp/ADDRESS/PORT."""
 
-    waiting = 0
-
     def __init__(self, *, ttl: int = 1, interface: str | None = None, waits: bool = False) -> None:
         self._ttl, self._interface, self._waits = ttl, interface, waits
         self._links: dict[str, ReplayUdp | None] = {}
@@ -123,6 +122,15 @@ class RecordedUdp:
                 delivery.settle(delivered=True)
             else:
                 link.publish(delivery)
+
+    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Send each to where its topic says, and settle it."""
+        self.publish(*made())
+        return False
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits."""
+        return 0
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

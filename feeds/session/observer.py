@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.delivery import Settled
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
@@ -130,8 +130,8 @@ def cares(observer: Observer, method: str) -> bool:
     return getattr(type(observer), method) is not getattr(Observer, method)
 
 
-KeepLedger = Callable[[SectorReport, str, list[Delivery]], None]
-"""Given a sector, its link's keys then in JSON, and its deliveries, all settled."""
+KeepLedger = Callable[[SectorReport, str, Settled], None]
+"""Given a sector, its link's keys then in JSON, and what became of its messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, ledger_message, records
+from plotfeed.feeds.delivery.delivery import Settled, ledger_message, records
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
@@ -203,13 +203,13 @@ class Session:
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
 
-    def _keep_ledger(self, report: SectorReport, link: str, deliveries: list[Delivery]) -> None:
+    def _keep_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
         if self._ledger_is_wanted:
-            self._loop.later(partial(self._write_ledger, report, link, deliveries))
+            self._loop.later(partial(self._write_ledger, report, link, settled))
 
-    def _write_ledger(self, report: SectorReport, link: str, deliveries: list[Delivery]) -> None:
-        sent = records(deliveries)
+    def _write_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
+        sent = records(settled)
         for observer in self._observers:
             observer.settled(report, sent)
         message = ledger_message(

@@ -8,7 +8,8 @@ import logging
 from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, is_registration
 from plotfeed.feeds.messages.message import Message
@@ -74,8 +75,6 @@ class SapientError(PlotfeedError):
 class SapientTcpTransport:
     """One sensor's connection: kept up while `run` runs, publishing once it is registered."""
 
-    waiting = 0
-
     def __init__(self, address: str, sensor: str, announcer: Announcer, clock: Clock) -> None:
         self.address = address
         self.name = f"sapient-{sensor}"
@@ -127,6 +126,15 @@ class SapientTcpTransport:
                 if delivered:
                     delivery.leave()
             delivery.settle(delivered=delivered)
+
+    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Send what is SAPIENT, and settle each."""
+        self.publish(*made())
+        return False
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits."""
+        return 0
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

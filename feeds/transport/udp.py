@@ -13,7 +13,8 @@ from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.delivery.delivery import Delivery
+    from plotfeed.feeds.delivery.counters import ClientCounters
+    from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
     from plotfeed.feeds.messages.message import Message
 
 
@@ -25,8 +26,6 @@ class UdpError(PlotfeedError):
 
 class UdpTransport:
     """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
-
-    waiting = 0
 
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
         """`key` is the destination's place in the scene."""
@@ -65,6 +64,26 @@ class UdpTransport:
                 if delivered:
                     delivery.leave()
             delivery.settle(delivered=delivered)
+
+    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Send what it carries; whether the system took all of it."""
+        carries, send = self.carries, self.send
+        refused = {
+            place
+            for place, message in enumerate(messages)
+            if carries(message) and not send(message.payload)
+        }
+        if not refused:
+            return True
+        for place, delivery in enumerate(made()):
+            if place not in refused:
+                delivery.leave()
+            delivery.settle(delivered=place not in refused)
+        return False
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits."""
+        return 0
 
     def carries(self, message: Message) -> bool:
         """Whether it is ASTERIX."""

@@ -13,7 +13,8 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Self
 from uuid import uuid4
 
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message, OnReceived
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -138,6 +139,10 @@ class MqttTransport:
         """Messages that wait for a connection, or for room on it."""
         return sum(map(len, self._queues))
 
+    def waiting_of(self, client: ClientCounters) -> int:
+        """Messages of that client that wait for a connection, or for room on it."""
+        return sum(queue.waiting_of(client) for queue in self._queues)
+
     @property
     def unacknowledged(self) -> int:
         """Messages of QoS 1 that have been sent, and of which it is not known that they arrived."""
@@ -160,18 +165,34 @@ class MqttTransport:
         Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
         with QoS 1.
         """
-        connection = self._connection
-        if (
-            not self._ended
-            and connection is not None
-            and not self._queues[0]
-            and connection.has_room(0)
-            and all(d.message.qos == 0 and connection.takes(d.message) for d in deliveries)
-        ):
+        connection = self._open_for([each.message for each in deliveries])
+        if connection is not None:
             connection.send(*deliveries)
         else:
             for delivery in deliveries:
                 self._publish(delivery)
+
+    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Send them in one write where all may go; whether the socket has taken them.
+
+        If not, `made` makes the deliveries, of each of which is told as by `publish`.
+        """
+        connection = self._open_for(messages)
+        if connection is not None:
+            return connection.send_together(messages, made)
+        for delivery in made():
+            self._publish(delivery)
+        return False
+
+    def _open_for(self, messages: Sequence[Message]) -> MqttConnection | None:
+        """The connection, if all of them, of QoS 0, may be sent over it now."""
+        connection = self._connection
+        if connection is None or self._ended or self._queues[0] or not connection.has_room(0):
+            return None
+        for message in messages:
+            if message.qos or not connection.takes(message):
+                return None
+        return connection
 
     def _publish(self, delivery: Delivery) -> None:
         qos = delivery.message.qos

@@ -13,7 +13,7 @@ import ssl
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.gmqtt_client import (
@@ -119,27 +119,39 @@ class MqttConnection:
         return self._largest_payload is None or len(message.payload) <= self._largest_payload
 
     def send(self, *deliveries: Delivery) -> None:
-        """Hand messages of QoS 0 to the socket, where there is room.
-
-        In one go, since a system call costs more than a message.
-        """
-        packets = []
+        """Hand messages of QoS 0 to the socket, where there is room, and settle each."""
         for delivery in deliveries:
             delivery.leave()
-            message = delivery.message
-            packet = message.packets.get(self.version)
-            packets.append(packet or publish_packet(message, self.version))
-        self._client.write(b"".join(packets))
-        for delivery in deliveries:
-            if self._buffer.given(len(delivery.message.payload)):
+        if self.send_together([each.message for each in deliveries], lambda: deliveries):
+            for delivery in deliveries:
                 delivery.settle(delivered=True)
-            else:
-                self._buffer.keep(delivery)
+
+    def send_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Hand messages of QoS 0 to the socket, where there is room; whether it has taken all.
+
+        In one go, since a system call costs more than a message. If some are left in its buffer,
+        `made` makes the deliveries, and each is settled when it has left that.
+        """
+        version = self.version
+        packets = [
+            message.packets.get(version) or publish_packet(message, version) for message in messages
+        ]
+        octets = b"".join(packets)
+        self._client.write(octets)
+        if self._buffer.given(len(octets)):
+            return True
+        left = len(octets)
+        for packet, delivery in zip(packets, made(), strict=True):
+            left -= len(packet)
+            if delivery.sent_utc_ns is None:
+                delivery.leave()
+            self._buffer.keep(delivery, left)
+        return False
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
         for message in messages:
-            if not message.qos:
+            if not message.qos and self.version not in message.packets:
                 message.packets[self.version] = publish_packet(message, self.version)
 
     def send_until_acknowledged(self, delivery: Delivery) -> None:

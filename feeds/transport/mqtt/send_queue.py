@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections import OrderedDict, deque
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
+from plotfeed.feeds.delivery.counters import ClientCounters
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
+from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
 MAX_WAITING_OCTETS = 32 << 20
@@ -33,8 +35,19 @@ class QueueCounts:
     """Of QoS 1, which the broker has answered with a refusal."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    key: Hashable
+    """Its topic, if it is retained."""
+    delivery: Delivery
+    was_sent: bool
+
+
 class SendQueue:
-    """The messages of one QoS that wait for one link: in order, counted, dropped by a policy."""
+    """The messages of one QoS that wait for one link: in order, counted, dropped by a policy.
+
+    Each client has as much room as the settings say, so that none takes that of another.
+    """
 
     def __init__(
         self,
@@ -48,42 +61,48 @@ class SendQueue:
         self._max_age_s = settings.max_age_s
         self._counts = counts
         self._now_s = now_s
-        waits = settings.policy == "wait"
-        self._queue: BoundedQueue[tuple[Delivery, bool]] = BoundedQueue(
-            self._limit + (OVERRUN if waits else 0),
-            limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
-            octets_of=lambda waiting: len(waiting[0].message.payload),
-            any_size_alone=True,
-        )
-        """Deliveries, and whether they were sent before; retained ones by their topic."""
+        self._numbers = count()
+        self._of_client: dict[ClientCounters | None, BoundedQueue[_Waiting]] = {}
+        self._order: OrderedDict[Hashable, BoundedQueue[_Waiting]] = OrderedDict()
+        """The keys of all that wait, and in whose queue they do."""
 
     def __len__(self) -> int:
         """How many wait."""
-        return len(self._queue)
+        return len(self._order)
 
-    def statistics(self) -> QueueStatistics:
-        """What has waited so far, and what does now."""
-        return self._queue.statistics()
+    @property
+    def octets(self) -> int:
+        """Size of the payloads that wait."""
+        return sum(queue.octets for queue in self._of_client.values())
+
+    def waiting_of(self, client: ClientCounters | None) -> int:
+        """How many of that client wait."""
+        return len(self._of_client.get(client, ()))
 
     @property
     def is_full(self) -> bool:
         """Whether, by the policy, others shall wait now instead of publishing."""
-        if self._policy != "wait" or not self._queue:
+        if self._policy != "wait" or not self._order:
             return False
-        return len(self._queue) >= self._limit or self._queue.octets >= MAX_WAITING_OCTETS
+        return any(
+            queue and (len(queue) >= self._limit or queue.octets >= MAX_WAITING_OCTETS)
+            for queue in self._of_client.values()
+        )
 
     def put(self, delivery: Delivery) -> None:
         """Let it wait, or drop what the policy drops: dropped is settled as not delivered."""
         self.expire()
         delivery.since_s = self._now_s()
-        message = delivery.message
-        topic = message.topic if message.retain else None
+        message, queue = delivery.message, self._queue_of(delivery)
+        key: Hashable = message.topic if message.retain else next(self._numbers)
         dropped = []
-        superseded = self._queue.drop(topic)[0] if topic in self._queue else None
+        superseded = self._take_out(key).delivery if key in self._order else None
         if self._policy == "drop-oldest":
-            while self._queue and not self._queue.has_room(len(message.payload)):
-                dropped.append(self._queue.drop()[0])
-        if not self._queue.put((delivery, False), topic):
+            while queue and not queue.has_room(len(message.payload)):
+                dropped.append(self._take_out(queue.first().key).delivery)
+        if queue.put(_Waiting(key, delivery, False), key):
+            self._order[key] = queue
+        else:
             dropped.append(delivery)
         if superseded is not None:
             self._supersede(superseded)
@@ -93,7 +112,11 @@ class SendQueue:
     def take(self) -> tuple[Delivery, bool] | None:
         """The one whose turn it is, if any is left, and whether it was sent before."""
         self.expire()
-        return self._queue.take() if self._queue else None
+        if not self._order:
+            return None
+        queue = self._order.popitem(last=False)[1]
+        found = queue.take()
+        return found.delivery, found.was_sent
 
     def put_back(self, deliveries: Sequence[Delivery]) -> None:
         """Let these, which were sent, go before all others, in their order.
@@ -102,24 +125,48 @@ class SendQueue:
         """
         for delivery in reversed(deliveries):
             message = delivery.message
-            topic = message.topic if message.retain else None
-            if topic in self._queue:
+            key: Hashable = message.topic if message.retain else next(self._numbers)
+            if key in self._order:
                 self._supersede(delivery)
-            else:
-                self._queue.put_back((delivery, True), topic)
+                continue
+            queue = self._queue_of(delivery)
+            queue.put_back(_Waiting(key, delivery, True), key)
+            self._order[key] = queue
+            self._order.move_to_end(key, last=False)
 
     def expire(self) -> None:
         """Drop what has waited too long."""
         if self._max_age_s is None:
             return
         before_s = self._now_s() - self._max_age_s
-        while self._queue and self._queue.first()[0].since_s < before_s:
-            self._drop(self._queue.drop()[0])
+        while self._order and self._first().since_s < before_s:
+            self._drop(self._drop_first())
 
     def give_up(self) -> None:
         """Settle all that waits as not delivered."""
-        while self._queue:
-            self._drop(self._queue.drop()[0])
+        while self._order:
+            self._drop(self._drop_first())
+
+    def _queue_of(self, delivery: Delivery) -> BoundedQueue[_Waiting]:
+        queue = self._of_client.get(delivery.client)
+        if queue is None:
+            waits = self._policy == "wait"
+            queue = self._of_client[delivery.client] = BoundedQueue(
+                self._limit + (OVERRUN if waits else 0),
+                limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
+                octets_of=lambda waiting: len(waiting.delivery.message.payload),
+                any_size_alone=True,
+            )
+        return queue
+
+    def _first(self) -> Delivery:
+        return next(iter(self._order.values())).first().delivery
+
+    def _drop_first(self) -> Delivery:
+        return self._take_out(next(iter(self._order))).delivery
+
+    def _take_out(self, key: Hashable) -> _Waiting:
+        return self._order.pop(key).drop(key)
 
     def _drop(self, delivery: Delivery) -> None:
         self._counts.dropped += 1
@@ -201,9 +248,10 @@ class SocketBuffer:
         self._settle_taken()
         return False
 
-    def keep(self, delivery: Delivery) -> None:
-        """The one that was given last, and has not left."""
-        self._deliveries.append((self._given, delivery))
+    def keep(self, delivery: Delivery, octets_behind: int = 0) -> None:
+        """One that was given last but for so many octets; settled once it has left."""
+        self._deliveries.append((self._given - octets_behind, delivery))
+        self._settle_taken()
 
     def give_up(self) -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""

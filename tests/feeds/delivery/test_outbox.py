@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
-from plotfeed.feeds.delivery.delivery import Delivery, records
+from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters, lateness_us
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, records
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
@@ -28,8 +28,6 @@ def message(payload: bytes = b"abc", content_type: str = ASTERIX, due_utc_ns: in
 class Link:
     """Settles at once, or when it is told to."""
 
-    waiting = 0
-
     def __init__(self, *, takes: bool | None = True) -> None:
         self.takes = takes
         self.drained = 0
@@ -42,6 +40,13 @@ class Link:
                 self.kept.append(delivery)
             else:
                 self.settle(delivery, delivered=self.takes)
+
+    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        self.publish(*made())
+        return False
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        return len(self.kept)
 
     def settle(self, delivery: Delivery, *, delivered: bool) -> None:
         if delivered:

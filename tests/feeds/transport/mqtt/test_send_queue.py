@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
+from plotfeed.feeds.delivery.counters import ClientCounters
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import send_queue
@@ -124,14 +125,12 @@ def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None
                 sent += bench.take() is not None
             else:
                 bench.put(octets=size)
-            assert bench.queue.statistics().octets <= max(most, 300)
-            assert bench.queue.is_full == (
-                policy == "wait" and bench.queue.statistics().octets >= 500
-            )
+            assert bench.queue.octets <= max(most, 300)
+            assert bench.queue.is_full == (policy == "wait" and bench.queue.octets >= 500)
         assert len(bench.deliveries.made) == sent + len(bench.queue) + bench.counts.dropped
         left = bench.take_all()
         assert left == sorted(left)
-        assert bench.queue.statistics().octets == 0
+        assert bench.queue.octets == 0
 
 
 def test_one_message_may_wait_however_large_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,4 +221,35 @@ def test_all_that_waits_is_given_up_at_the_end() -> None:
     bench.put(50, octets=20)
     bench.queue.give_up()
     assert bench.deliveries.given_up == list(range(50))
-    assert (len(bench.queue), bench.queue.statistics().octets, bench.counts.dropped) == (0, 0, 50)
+    assert (len(bench.queue), bench.queue.octets, bench.counts.dropped) == (0, 0, 50)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(send_queue, "OVERRUN", 0)
+    bench = Bench(policy=policy, messages=3)
+    loud, quiet = ClientCounters(), ClientCounters()
+    made: dict[int, ClientCounters] = {}
+    for i in range(40):
+        delivery = bench.deliveries.make(retain=i == 4, topic="status")
+        delivery.client = made[i] = quiet if i in (4, 7, 21) else loud
+        bench.queue.put(delivery)
+    assert [bench.queue.waiting_of(client) for client in (loud, quiet)] == [3, 3]
+    assert len(bench.queue) == 6
+    assert {made[i] for i in bench.deliveries.given_up} == {loud}
+    kept = bench.take_all()
+    assert kept == sorted(kept)
+    assert {4, 7, 21} <= {*kept}
+    assert [bench.queue.waiting_of(client) for client in (loud, quiet)] == [0, 0]
+
+
+def test_messages_of_all_clients_leave_in_their_order_also_when_they_come_back() -> None:
+    bench = Bench()
+    clients = [ClientCounters() for _ in range(3)]
+    for i in range(12):
+        delivery = bench.deliveries.make()
+        delivery.client = clients[i * 7 % 3]
+        bench.queue.put(delivery)
+    sent = [found for found in (bench.take() for _ in range(5)) if found is not None]
+    bench.queue.put_back(sent)
+    assert bench.take_all() == list(range(12))
