@@ -44,6 +44,8 @@ class SessionCounters:
     telemetry: int = 0
     refused: int = 0
     last_refusal: str = ""
+    intake_behind_s: float = 0.0
+    """How long the oldest of what came in had waited when some was last taken in."""
     controls: int = 0
     """Changes that were asked for while the session ran, and made."""
     lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))

@@ -316,15 +316,15 @@ class RecordedTelemetry(Observer):
         self._turn()
 
     def before_due(self, due_utc_ns: int) -> None:
-        """All that had been taken in before that time; commands to the clock are left out."""
+        """All that had been taken in before then, together what was, no commands to the clock."""
         while self._next is not None and self._next.log_time_ns < due_utc_ns:
-            message = self._next
-            self._turn()
-            if not _is_of_clock(message):
-                content_type = message.content_type or None
-                self._session.receive(
-                    message.topic, message.payload, content_type, message.log_time_ns
-                )
+            t_utc_ns, together = self._next.log_time_ns, []
+            while self._next is not None and self._next.log_time_ns == t_utc_ns:
+                message = self._next
+                self._turn()
+                if not _is_of_clock(message):
+                    together.append((message.topic, message.payload, message.content_type or None))
+            self._session.receive(together, t_utc_ns)
 
     def _turn(self) -> None:
         """Go to the next message; after the last one the file is needed no more."""

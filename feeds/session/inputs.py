@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import (
     ChangeError,
@@ -15,14 +16,20 @@ from plotfeed.feeds.scene.changes import (
     command_of,
     parsed,
 )
-from plotfeed.feeds.session.observer import SessionContext
+from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
+from plotfeed.feeds.telemetry.fair_queue import FairQueue
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
+
+AT_ONCE = 128
+"""Messages that are taken in together before it is asked whether there is time for more."""
+MAX_COMMANDS = 1_000
+"""That wait."""
 
 
 class SessionInputs:
@@ -41,33 +48,89 @@ class SessionInputs:
         self._trajectories = trajectories
         self._clock = context.clock
         self._totals = context.totals
-        self._observers = context.observers
+        self._received = [o.received for o in context.observers if cares(o, "received")]
         self._sensor_tasks = sensor_tasks
         self._publish = publish
+        self._reports = FairQueue()
+        self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
 
     @property
     def topics(self) -> list[str]:
         """What there is to subscribe to."""
         return [self._telemetry.topic, self._control_topic]
 
-    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Take in telemetry or a command, as of that time."""
-        for observer in self._observers:
-            observer.received(topic, payload, content_type, t_utc_ns)
-        if topic != self._control_topic:
-            refusal = self._telemetry.take(topic, payload, content_type, t_utc_ns)
-            self._totals.telemetry = self._telemetry.taken
-            self._totals.drones = len(self._trajectories.names)
-            self._count_refusals(refusal)
-            return
-        try:
-            self._obey(parsed(payload), t_utc_ns)
-        except (ControlError, ChangeError) as error:
-            self._refuse(topic, Refused(Reason.CONTROL, str(error)))
+    def __len__(self) -> int:
+        """How many messages wait."""
+        return len(self._reports) + len(self._commands)
 
-    def refuse_for_want_of_room(self, topic: str) -> None:
-        """A message could not even wait to be taken in."""
-        self._refuse(topic, Refused(Reason.FLOOD, "more than can be taken has come at once"))
+    def statistics(self) -> QueueStatistics:
+        """What has come in, and waits to be taken in."""
+        reports, commands = self._reports.statistics(), self._commands.statistics()
+        return QueueStatistics(
+            **{name: getattr(reports, name) + getattr(commands, name) for name in reports.__slots__}
+        )
+
+    def behind_s(self) -> float:
+        """How long the oldest message has waited, seconds; 0 if none waits."""
+        return max(self._reports.behind_s(), self._commands.behind_s())
+
+    def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        """Let wait what has come in, or drop it if too much of its topic waits already."""
+        queue = self._reports if topic != self._control_topic else self._commands
+        queue.put(topic, payload, content_type)
+
+    def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
+        """Take in what waits, as of that time: commands first, then topic after topic.
+
+        Between some and the next, `until` is asked whether it is enough; the rest keeps its place.
+        """
+        while len(self):
+            queue, most = (self._commands, 1) if self._commands else (self._reports, AT_ONCE)
+            taken = queue.take(most)
+            self.receive(
+                [
+                    (topic, payload, kind)
+                    for topic, waiting in taken
+                    for payload, kind, _ in waiting
+                ],
+                as_of_ns,
+            )
+            if until():
+                break
+        self._refuse_dropped(as_of_ns)
+        self._totals.intake_behind_s = self.behind_s()
+
+    def receive(self, inputs: Sequence[Input], as_of_ns: int) -> None:
+        """Take in telemetry and commands together, as of that time, whatever else waits."""
+        for topic, payload, content_type in inputs:
+            for received in self._received:
+                received(topic, payload, content_type, as_of_ns)
+            if topic == self._control_topic:
+                self._take_command(payload, as_of_ns)
+            else:
+                refusal = self._telemetry.take(topic, payload, content_type, as_of_ns)
+                self._count(refusal)
+                if refusal is None:
+                    self._reports.know(topic)
+        self._totals.telemetry = self._telemetry.taken
+        self._totals.drones = len(self._trajectories.names)
+
+    def _take_command(self, payload: bytes, as_of_ns: int) -> None:
+        try:
+            self._obey(parsed(payload), as_of_ns)
+        except (ControlError, ChangeError) as error:
+            refused = Refused(Reason.CONTROL, str(error))
+            self._count(self._telemetry.refuse(self._control_topic, refused, as_of_ns))
+
+    def _refuse_dropped(self, as_of_ns: int) -> None:
+        """Count what could not even wait to be taken in, and tell of it by topic."""
+        for queue in (self._commands, self._reports):
+            for topic, number in queue.dropped.items():
+                refused = Refused(
+                    Reason.FLOOD, f"{number} more have come at once than can wait to be taken in"
+                )
+                self._count(self._telemetry.refuse(topic, refused, as_of_ns, number))
+            queue.dropped.clear()
 
     def command(self, command: dict[str, Any], t_utc_ns: int) -> dict[str, Any]:
         """Do as asked, as of that time, and say what is in force; raises `PlotfeedError`.
@@ -75,8 +138,8 @@ class SessionInputs:
         To whoever records the session it is a command like those that come in.
         """
         payload = json.dumps(command).encode()
-        for observer in self._observers:
-            observer.received(self._control_topic, payload, JSON, t_utc_ns)
+        for received in self._received:
+            received(self._control_topic, payload, JSON, t_utc_ns)
         return self._obey(command_of(command), t_utc_ns)
 
     def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
@@ -107,10 +170,7 @@ class SessionInputs:
             clock.step(round(command.step_s * NS))
         return {"paused": clock.is_paused, "speed": clock.speed}
 
-    def _refuse(self, topic: str, refused: Refused) -> None:
-        self._count_refusals(self._telemetry.refuse(topic, refused, self._clock.now_ns()))
-
-    def _count_refusals(self, refusal: Message | None) -> None:
+    def _count(self, refusal: Message | None) -> None:
         self._totals.refused = self._telemetry.refused
         self._totals.last_refusal = self._telemetry.last_refusal
         if refusal is not None:

@@ -11,14 +11,10 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.feeds.timing.schedule import Action, ActionKind, Schedule
 from plotfeed.proto.utc import NS
 
-MAX_WAITING = 20_000
-"""Telemetry of a second from a few thousand drones; more is refused."""
-Input = tuple[str, bytes, str | None]
-"""Topic, payload and content type of what came in."""
 SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
 AT_ONCE = 50
-"""Messages taken in, or entries written, before the clock is looked at again."""
+"""Entries written before the clock is looked at again."""
 BUSY_AT_ONCE = 5
 """The same where the next deadline is near: nothing waits for ever."""
 MAX_LATER = 2_000
@@ -38,6 +34,19 @@ class WaitingTransport(Protocol):
         """Return when it can."""
 
 
+class WaitingInputs(Protocol):
+    """What has come in and waits to be taken in."""
+
+    def __len__(self) -> int:
+        """How many messages wait."""
+
+    def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        """Let wait what has come in."""
+
+    def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
+        """Take in some of what waits as of that time, and then more until it is enough."""
+
+
 class SessionLoop:
     """Does what the schedule says, and takes in what comes in between."""
 
@@ -46,25 +55,18 @@ class SessionLoop:
         clock: Clock,
         schedule: Schedule,
         *,
-        receive: Callable[[str, bytes, str | None, int], object],
-        refuse: Callable[[str], object],
+        inputs: WaitingInputs,
         drain: Callable[[], object],
         after_later: Callable[[], object] = lambda: None,
         before_due: Sequence[Callable[[int], object]] = (),
-        limit: int = MAX_WAITING,
     ) -> None:
-        """`receive` is given what came in, and the time as of which it is taken in.
-
-        `refuse` is given the topic of what cannot even wait. `before_due` is told of a deadline
-        before what is due then is done.
-        """
+        """`before_due` is told of a deadline before what is due then is done."""
         self.schedule = schedule
-        self.input_queue: BoundedQueue[Input] = BoundedQueue(limit)
         self.waited = 0
         """How often the session waited for a way out to have room."""
         self._clock = clock
-        self._receive = receive
-        self._refuse = refuse
+        self._inputs = inputs
+        self._is_taking_soon = False
         self._drain = drain
         self._after_later = after_later
         self._before_due = before_due
@@ -86,13 +88,17 @@ class SessionLoop:
             self._clock.wake()  # nothing else would
 
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        """Let wait what has come in, or take it in at once if there is time."""
-        has_room = self.input_queue.put((topic, payload, content_type))
+        """Let wait what has come in; it is taken in with what comes beside it, if there is time."""
+        self._inputs.queue(topic, payload, content_type)
+        if not self._is_taking_soon:
+            self._is_taking_soon = True
+            asyncio.get_running_loop().call_soon(self._take_soon)
+
+    def _take_soon(self) -> None:
+        self._is_taking_soon = False
         due_ns = self.schedule.next_due_ns()
         if due_ns is None or self._has_time_before(due_ns):
-            self._take_inputs(AT_ONCE)
-        if not has_room:
-            self._refuse(topic)
+            self._take_inputs(due_ns)
 
     def as_of_ns(self) -> int:
         """The time of what comes in now: no later than it is, and before all that is not done."""
@@ -159,22 +165,23 @@ class SessionLoop:
 
     async def _wait_until(self, due_ns: int) -> None:
         """Take in what has come, and do what could wait, until then."""
-        while (self.input_queue or self._later) and self._has_time_before(due_ns):
-            self._take_inputs(AT_ONCE)
+        while (self._inputs or self._later) and self._has_time_before(due_ns):
+            self._take_inputs(due_ns)
             self._do_later(AT_ONCE)
             await asyncio.sleep(0)
-        self._take_inputs(BUSY_AT_ONCE)
+        self._take_inputs(due_ns)
         await self._clock.sleep_until(due_ns)
 
     def _has_time_before(self, due_ns: int) -> bool:
         clock = self._clock
         return clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS
 
-    def _take_inputs(self, most: int) -> None:
+    def _take_inputs(self, due_ns: int | None) -> None:
         """Take in what came, as of a time after all that is done and before all that is not.
 
         Nothing if there is no such time before more is done.
         """
-        if self.input_queue and (as_of_ns := self.as_of_ns()) >= self._done_ns:
-            for _ in range(min(most, len(self.input_queue))):
-                self._receive(*self.input_queue.take(), as_of_ns)
+        if self._inputs and (as_of_ns := self.as_of_ns()) >= self._done_ns:
+            self._inputs.take_in(
+                as_of_ns, lambda: due_ns is not None and not self._has_time_before(due_ns)
+            )

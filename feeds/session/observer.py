@@ -18,6 +18,9 @@ from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
+Input = tuple[str, bytes, str | None]
+"""Topic, payload and content type of what came in."""
+
 
 class RunningSensor(Protocol):
     """What observers may see of a sensor at work."""
@@ -62,8 +65,8 @@ class RunningSession(Protocol):
     def input_queue(self) -> QueueStatistics:
         """What has come in, and waits to be taken in."""
 
-    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Take in telemetry or a command, as of that time."""
+    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
+        """Take in telemetry and commands together, as of that time."""
 
     def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.

@@ -18,7 +18,7 @@ from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
-from plotfeed.feeds.session.observer import Observer, SessionContext, Tap, cares
+from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, session_message
 from plotfeed.feeds.timing.clock import Clock, WallClock
@@ -133,8 +133,7 @@ class Session:
         self._loop = SessionLoop(
             clock,
             context.schedule,
-            receive=self._inputs.receive,
-            refuse=self._inputs.refuse_for_want_of_room,
+            inputs=self._inputs,
             drain=self._drain,
             after_later=self._send_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
@@ -154,9 +153,9 @@ class Session:
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
 
-    def receive(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Take in telemetry or a command, as of that time."""
-        self._inputs.receive(topic, payload, content_type, t_utc_ns)
+    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
+        """Take in telemetry and commands together, as of that time."""
+        self._inputs.receive(inputs, t_utc_ns)
 
     def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.
@@ -168,7 +167,7 @@ class Session:
     @property
     def input_queue(self) -> QueueStatistics:
         """What has come in, and waits to be taken in."""
-        return self._loop.input_queue.statistics()
+        return self._inputs.statistics()
 
     async def run(
         self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]

@@ -122,9 +122,11 @@ class TelemetryReceiver:
         self.taken += 1
         return None
 
-    def refuse(self, topic: str, refused: Refused, now_utc_ns: int) -> Message | None:
-        """Count a message that is not taken; the refusal to publish if there is room."""
-        self.refusals[refused.reason] += 1
+    def refuse(
+        self, topic: str, refused: Refused, now_utc_ns: int, number: int = 1
+    ) -> Message | None:
+        """Count messages that are not taken; the one refusal to publish if there is room."""
+        self.refusals[refused.reason] += number
         self.last_refusal = f"{topic}: {refused.detail}"
         # What is taken in late, as of a time before, counts with what is refused now.
         second, published = max(now_utc_ns // NS, self._published_in_second[0]), 0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import pytest
 from support.waiting import until
 
-from plotfeed.feeds.session.loop import AT_ONCE, MAX_LATER, SessionLoop
+from plotfeed.feeds.session.loop import MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 
@@ -19,20 +19,17 @@ class Case:
     def __init__(
         self,
         clock: Clock | None = None,
-        limit: int = 20_000,
         before_due: Sequence[Callable[[int], object]] = (),
     ) -> None:
         self.clock = clock or InstantClock(0)
         self.done: list[tuple[str, int]] = []
-        self.refused: list[str] = []
+        self.inputs: list[str] = []
         self.loop = SessionLoop(
             self.clock,
             Schedule(self.clock.wake),
-            receive=self.receive,
-            refuse=self.refused.append,
+            inputs=self,
             drain=lambda: None,
             before_due=before_due,
-            limit=limit,
         )
 
     def at(self, t_ns: int, name: str, kind: ActionKind = ActionKind.WORK) -> None:
@@ -41,8 +38,17 @@ class Case:
     def note(self, name: str) -> Callable[[], None]:
         return lambda: self.done.append((name, self.clock.now_ns()))
 
-    def receive(self, topic: str, _p: bytes, _c: str | None, t_utc_ns: int) -> None:
-        self.done.append((topic, t_utc_ns))
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    def queue(self, topic: str, _payload: bytes, _content_type: str | None) -> None:
+        self.inputs.append(topic)
+
+    def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
+        while self.inputs:
+            self.done.append((self.inputs.pop(0), as_of_ns))
+            if until():
+                return
 
     def come_in(self, topic: str) -> None:
         self.loop.queue_input(topic, b"", None)
@@ -99,31 +105,17 @@ async def test_recorded_telemetry_is_taken_before_whatever_came_after_it() -> No
 
 
 @pytest.mark.asyncio
-async def test_more_than_can_wait_is_refused_and_the_rest_is_taken() -> None:
-    case = Case(limit=10)
-
-    def flood() -> None:
-        assert sum(case.loop.input_queue.put((str(i), b"", None)) for i in range(25)) == 10
-
-    case.loop.schedule.put(5, flood)
-    case.at(7, "seven")
-    await case.loop.work(10)
-    assert [name for name, _ in case.done] == [*map(str, range(10)), "seven"]
-    assert case.loop.input_queue.statistics().dropped == 15
-
-
-@pytest.mark.asyncio
-async def test_a_flood_of_telemetry_is_taken_in_pieces_between_deadlines() -> None:
+async def test_a_flood_is_taken_between_deadlines() -> None:
     case = Case()
 
     def flood() -> None:
-        for i in range(4 * AT_ONCE):
-            case.loop.input_queue.put((str(i), b"", None))
+        for i in range(200):
+            case.come_in(str(i))
 
     case.loop.schedule.put(5, flood)
     case.at(6, "six")
     await case.loop.work(10)
-    assert [name for name, _ in case.done] == [*map(str, range(4 * AT_ONCE)), "six"]
+    assert [name for name, _ in case.done] == [*map(str, range(200)), "six"]
 
 
 @pytest.mark.asyncio

@@ -94,7 +94,7 @@ async def held(folder: Path) -> Held:
     working = asyncio.create_task(work())
     await until(lambda: working.done() or (known and known[0].lost > 5 and known[0].duplicated > 5))
     assert not working.done()
-    begun.session.receive("plotfeed/telemetry/x", b"garbage", None, clock.now_ns())
+    begun.session.receive([("plotfeed/telemetry/x", b"garbage", None)], clock.now_ns())
     clock.pause()
     await asyncio.sleep(0.05)  # what was being done is done
     found = Held(

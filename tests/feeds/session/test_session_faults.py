@@ -20,8 +20,8 @@ from support.sessions import AtWork, Start, at_work, every_broker, iotcore
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.session.loop import MAX_WAITING
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
+from plotfeed.feeds.telemetry.fair_queue import MAX_WAITING
 from plotfeed.feeds.telemetry.position_report import MAX_DETAIL, PositionReport
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S
 from plotfeed.feeds.timing.clock import WallClock

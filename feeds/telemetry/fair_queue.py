@@ -1,0 +1,134 @@
+"""What has come in and waits: a short queue a topic, so that who floods drops only its own."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from plotfeed.feeds.messages.bounded_queue import QueueStatistics
+
+MAX_WAITING = 20_000
+"""Telemetry of a second from a few thousand drones; beyond it a topic has room for one message."""
+MAX_OF_TOPIC = 64
+"""Of one drone: a second of more than anybody sends."""
+MAX_STRANGERS = 1_000
+"""Topics at a time from which nothing has been taken yet."""
+LARGE_OCTETS = 16_384
+MAX_LARGE_OCTETS = 16 << 20
+"""Of payloads that are large; no telemetry and few commands are."""
+MAX_TOPICS_TOLD = 50
+"""Of those that drop, between two askings; the rest is one number."""
+BEHIND_EVERY_S = 0.1
+
+Waiting = tuple[bytes, str | None, float]
+"""Payload, content type, and the monotonic time at which it came, seconds."""
+Turn = tuple[str, list[Waiting]]
+"""A topic, and what of it waited, in the order in which it came."""
+
+
+class FairQueue:
+    """Messages by topic, taken topic after topic in turn. A full one gives up its oldest."""
+
+    def __init__(
+        self,
+        limit: int = MAX_WAITING,
+        *,
+        limit_of_topic: int = MAX_OF_TOPIC,
+        limit_of_strangers: int = MAX_STRANGERS,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.dropped: Counter[str] = Counter()
+        """Messages that found no room or gave way, since it was last cleared; by topic, or "" of
+        more topics than are told apart."""
+        self._limit = limit
+        self._limit_of_topic = limit_of_topic
+        self._limit_of_strangers = limit_of_strangers
+        self._now_s = now_s
+        self._turns: dict[str, list[Waiting]] = {}
+        self._known: set[str] = set()
+        self._strangers = self._waiting = self._large_octets = 0
+        self._put = self._taken = self._given_up = 0
+        self._behind = (0.0, 0.0)
+
+    def __len__(self) -> int:
+        """How many wait."""
+        return self._waiting
+
+    def statistics(self) -> QueueStatistics:
+        """Counts so far; octets are those of large messages alone."""
+        return QueueStatistics(
+            limit=self._limit,
+            waiting=self._waiting,
+            octets=self._large_octets,
+            put=self._put,
+            taken=self._taken,
+            dropped=self._given_up,
+        )
+
+    def know(self, topic: str) -> None:
+        """Keep room for that topic from now on: something of it was taken."""
+        if topic not in self._known:
+            self._known.add(topic)
+            self._strangers -= topic in self._turns
+
+    def put(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        """Let a message wait; if there is no room, it or the oldest of its topic is dropped."""
+        if len(payload) > LARGE_OCTETS:
+            if self._large_octets + len(payload) > MAX_LARGE_OCTETS:
+                self._drop(topic)
+                return
+            self._large_octets += len(payload)
+        waiting = self._turns.get(topic)
+        if waiting is None:
+            if topic not in self._known:
+                if self._strangers >= self._limit_of_strangers or self._waiting >= self._limit:
+                    self._drop(topic)
+                    self._forget(payload)
+                    return
+                self._strangers += 1
+            waiting = self._turns[topic] = []
+        elif len(waiting) >= self._limit_of_topic or self._waiting >= self._limit:
+            self._forget(waiting.pop(0)[0])
+            self._waiting -= 1
+            self._put -= 1
+            self._drop(topic)
+        waiting.append((payload, content_type, self._now_s()))
+        self._waiting += 1
+        self._put += 1
+
+    def take(self, least: int) -> list[Turn]:
+        """All that waits of the topics whose turn it is, until it is so many messages or more."""
+        turns, number = [], 0
+        while self._turns and number < least:
+            topic = next(iter(self._turns))
+            waiting = self._turns.pop(topic)
+            if topic not in self._known:
+                self._strangers -= 1
+            turns.append((topic, waiting))
+            number += len(waiting)
+            if self._large_octets:
+                for payload, _, _ in waiting:
+                    self._forget(payload)
+        self._waiting -= number
+        self._taken += number
+        return turns
+
+    def behind_s(self) -> float:
+        """How long the oldest has waited, seconds; looked up ten times a second at most."""
+        if not self._turns:
+            return 0.0
+        now_s = self._now_s()
+        if now_s - self._behind[0] >= BEHIND_EVERY_S:
+            oldest_s = min(waiting[0][2] for waiting in self._turns.values())
+            self._behind = (now_s, now_s - oldest_s)
+        return self._behind[1]
+
+    def _drop(self, topic: str) -> None:
+        self._given_up += 1
+        told = topic in self.dropped or len(self.dropped) < MAX_TOPICS_TOLD
+        self.dropped[topic if told else ""] += 1
+
+    def _forget(self, payload: bytes) -> None:
+        if len(payload) > LARGE_OCTETS:
+            self._large_octets -= len(payload)
