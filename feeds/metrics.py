@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
 
@@ -65,7 +65,7 @@ class SessionCollector(Observer):
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
         )
-        found_us = lateness_us(list(totals.lateness_ns), 50, 99, 99.9)
+        found_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
         for quantile, late_us in zip(("0.5", "0.99", "0.999"), found_us, strict=True):
             late.add_metric([quantile], late_us / 1e6)
         yield late

@@ -22,7 +22,7 @@ from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, ReplayTransport, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings

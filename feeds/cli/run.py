@@ -25,7 +25,8 @@ from plotfeed.feeds.console.process import (
     stopped_by_signals,
 )
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.metrics import served
 from plotfeed.feeds.recording.recorder import (
     RawFile,

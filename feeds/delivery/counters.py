@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from plotfeed.feeds.delivery.lateness import LastLateness
 from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:  # else whoever only counts waits for all sensors
     from plotfeed.feeds.messages.sector_report import SectorReport
 
-LATENESS_KEPT = 100_000
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
 """Fates that a link decides on, as the scene asks."""
 
@@ -48,7 +45,7 @@ class SessionCounters:
     """How long the oldest of what came in had waited when some was last taken in."""
     controls: int = 0
     """Changes that were asked for while the session ran, and made."""
-    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
+    lateness_ns: LastLateness = field(default_factory=LastLateness)
 
     def add(self, report: SectorReport) -> None:
         """Count what one sector brought."""
@@ -86,7 +83,7 @@ class ClientCounters:
     lost: int = 0
     duplicated: int = 0
     undelivered: int = 0
-    lateness_ns: deque[int] = field(default_factory=lambda: deque(maxlen=LATENESS_KEPT))
+    lateness_ns: LastLateness = field(default_factory=LastLateness)
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a copy of a message."""
@@ -96,10 +93,3 @@ class ClientCounters:
         else:
             self.lost += fate in LOSSES
             self.undelivered += fate == pb.UNDELIVERED
-
-
-def lateness_us(lateness_ns: Sequence[int], *percentiles: float) -> list[float]:
-    """Percentiles of how late messages left, microseconds; zeros if none did."""
-    if not lateness_ns:
-        return [0.0] * len(percentiles)
-    return [float(p) / 1e3 for p in np.percentile(np.asarray(lateness_ns), percentiles)]

@@ -11,7 +11,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import lateness_us
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message, attributes

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters, lateness_us
+from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, records
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message

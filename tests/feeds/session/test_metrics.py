@@ -17,7 +17,8 @@ from support.command import plotfeed
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import until
 
-from plotfeed.feeds.delivery.counters import SessionCounters, lateness_us
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.metrics import COUNTERS, MetricsError, served
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import tracemalloc
+from collections import deque
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.delivery.lateness import LATENESS_KEPT, LastLateness, lateness_us
+
+VALUES = st.lists(st.integers(-(2**62), 2**62), max_size=40)
+
+
+@given(st.integers(1, 100), st.lists(st.one_of(VALUES, st.none()), max_size=20), st.booleans())
+def test_the_last_are_kept_in_order(
+    most: int, parts: list[list[int] | None], as_column: bool
+) -> None:
+    kept, expected = LastLateness(most), deque[int](maxlen=most)
+    for i, part in enumerate(parts):
+        if part is None:
+            kept.clear()
+            expected.clear()
+        elif i % 2:
+            for value in part:
+                kept.append(value)
+            expected.extend(part)
+        else:
+            kept.extend(np.array(part, np.int64) if as_column else part)
+            expected.extend(part)
+        assert len(kept) == len(expected)
+        assert list(kept) == list(kept.values()) == list(expected)
+
+
+def test_percentiles_are_of_what_is_kept() -> None:
+    kept = LastLateness(3)
+    assert lateness_us(kept, 50, 99) == [0.0, 0.0]
+    kept.extend([10**12, 1000, 2000, 3000])
+    assert lateness_us(kept, 0, 50, 100) == [1.0, 2.0, 3.0]
+
+
+def test_its_memory_does_not_grow_once_its_room_is_taken() -> None:
+    kept = LastLateness()
+    kept.extend(range(LATENESS_KEPT))
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for value in range(10**9, 10**9 + LATENESS_KEPT // 4):
+            kept.append(value)
+        kept.extend(np.arange(10_000))
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 2000
+    assert len(kept) == LATENESS_KEPT
+
+
+def test_few_take_little_room() -> None:
+    kept = LastLateness()
+    kept.append(5)
+    assert len(kept._values) < 100
+
+
+def test_what_is_no_integer_of_64_bits_is_an_error() -> None:
+    with pytest.raises(OverflowError):
+        LastLateness().append(2**70)
