@@ -112,7 +112,10 @@ def time_after_share_ns(start_ns: Ints | int, end_ns: Ints | int, share: Floats)
 
 @dataclass(frozen=True, slots=True)
 class AzimuthCover:
-    """Clockwise from one azimuth to another, degrees from true north; at most the full circle."""
+    """Clockwise from one azimuth to another, degrees from true north; at most the full circle.
+
+    Of sensors with covers of their own, columns: an azimuth is held against that of its row.
+    """
 
     min_deg: float
     max_deg: float
@@ -120,11 +123,12 @@ class AzimuthCover:
     @property
     def span_deg(self) -> float:
         """Width of the cover, degrees."""
-        return min(self.max_deg - self.min_deg, 360.0)
+        span_deg = self.max_deg - self.min_deg
+        return min(span_deg, 360.0) if isinstance(span_deg, float) else np.minimum(span_deg, 360.0)
 
     def holds(self, azimuth_deg: Floats) -> Bools:
         """Whether azimuths lie within; an undefined one does not."""
-        if self.span_deg == 360.0:
+        if isinstance(self.span_deg, float) and self.span_deg == 360.0:
             return ~np.isnan(azimuth_deg)
         return wrap_360(azimuth_deg - self.min_deg) <= self.span_deg
 

@@ -106,9 +106,9 @@ def _draw_block(
             else _draw_outlasted(chances[:, i], goes_on[i], samples_left, rng)
         )
         own_end = outlasted < samples_left
-        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end)
+        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (len(snrs),))
         samples_left = samples_left - outlasted
-        rest = mean * rng.standard_exponential(len(snrs))
+        rest = mean * rng.standard_exponential((len(snrs),))
         beyond += np.where(samples_left == 0, rest, 0.0)
     return multiplier * reference_sum + beyond, reference_sum
 
@@ -124,7 +124,9 @@ def _draw_outlasted(
     """
     left = np.arange(len(chance))[:, None]
     at_least = chance / goes_on**left  # with so many left, over what no longer depends on it
-    level = rng.random(len(samples_left)) * np.take_along_axis(at_least, samples_left[None], 0)[0]
+    level = (
+        rng.random((len(samples_left),)) * np.take_along_axis(at_least, samples_left[None], 0)[0]
+    )
     return np.asarray(((at_least > level) & (left < samples_left)).sum(axis=0))
 
 

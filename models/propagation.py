@@ -19,6 +19,8 @@ T0_K = 290.0  # K, the temperature at which noise figures are stated (IEEE)
 
 NEAREST_M = 1.0
 """Echoes, made for the far field, are not taken closer to an antenna than this."""
+SPREAD = (4 * np.pi) ** 3
+"""What spreading both ways and the aperture of a target's echo divide by, beside the ways."""
 DIPOLE_GAIN_DBI = 2.15
 """What effective radiated power is stated over: a half-wave dipole."""
 
@@ -41,6 +43,12 @@ def noise_density_w_hz(noise_figure_db: ArrayLike) -> Floats:
 
 
 @nan_without_warnings
+def radiated_w(power_w: ArrayLike, gains_db: ArrayLike) -> Floats:
+    """Power with all gains; these less all losses."""
+    return as_floats(power_w) * _ratio(gains_db)
+
+
+@nan_without_warnings
 def echo_power_w(
     *,
     power_w: ArrayLike,
@@ -51,10 +59,9 @@ def echo_power_w(
     range_rx_m: ArrayLike,
 ) -> Floats:
     """Received power of a target's echo in free space (eqs 1, 24); `gains_db` less all losses."""
-    radiated_w = as_floats(power_w) * _ratio(gains_db)
     aperture_m4 = as_floats(wavelength_m) ** 2 * as_floats(rcs_m2)
-    spread_m4 = (4 * np.pi) ** 3 * (as_floats(range_tx_m) * as_floats(range_rx_m)) ** 2
-    return radiated_w * aperture_m4 / spread_m4
+    spread_m4 = SPREAD * (as_floats(range_tx_m) * as_floats(range_rx_m)) ** 2
+    return radiated_w(power_w, gains_db) * aperture_m4 / spread_m4
 
 
 @nan_without_warnings

@@ -75,11 +75,11 @@ class Columns:
         )
 
     def picked(self, which: Ints | slice, names: Sequence[str]) -> Self:
-        """Rows of those columns alone: the others may not be asked for."""
+        """Rows of those columns, if they are there, alone: the others may not be asked for."""
         if isinstance(which, slice) and which == slice(None):
             return self
         held = vars(self)
-        return self.holding({name: held[name][which] for name in names})
+        return self.holding({name: held[name][which] for name in names if name in held})
 
     def between(self, first: int, end: int) -> Self:
         """Rows from `first` up to `end`, not copied."""
@@ -151,7 +151,8 @@ class Looks(Columns):
     """Each drone that a sensor looked at: geometry as it was sensed, and the odds it had.
 
     `channel` is the transmitter or emitter by whose signal it was looked at, where a sensor looks
-    by several, else 0.
+    by several, else 0. `sensor` is there only where several sensors share a pass: an index among
+    them.
     """
 
     drone: Ints
@@ -163,6 +164,13 @@ class Looks(Columns):
     snr: Floats
     pd: Floats
     detected: Bools
+    sensor: Ints | None = None
+
+    def whose(self) -> dict[str, Ints]:
+        """Columns that say of which drone each is and, where there are several, which sensor's."""
+        if self.sensor is None:
+            return {"drone": self.drone}
+        return {"drone": self.drone, "sensor": self.sensor}
 
     @classmethod
     def none(cls) -> Self:
@@ -194,6 +202,7 @@ class Plots(Columns):
     The columns that may be None are of sensors that model what few do. The range rate is that of
     the range, of a passive radar that of the bistatic range, positive for a target that recedes.
     `merged_drones` are the drones beside `drone` whose echoes the plot does not tell apart.
+    `sensor` is as in `Looks`.
     """
 
     t_utc_ns: Ints
@@ -223,6 +232,7 @@ class Plots(Columns):
     sigma_range_rate_m_s: Floats | None = None
     true_range_rate_m_s: Floats | None = None
     merged_drones: Texts | None = None
+    sensor: Ints | None = None
 
     @classmethod
     def of(cls, **columns: NDArray[Any]) -> Self:
@@ -270,6 +280,7 @@ _ABSENT = {
     "kind": endless("", np.object_),
     "identity": endless("", np.object_),
     "merged_drones": endless((), np.object_),
+    "sensor": endless(-1, np.int64),
 }
 """What stands in the columns of plots that a sensor does not fill, where it is not NaN."""
 _PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))

@@ -21,6 +21,7 @@ NOT_ON_THE_PAGE = {
     "sigma_range_rate_m_s",
     "true_range_rate_m_s",
     "merged_drones",
+    "sensor",
 }
 """Columns of plots that few will ask for."""
 

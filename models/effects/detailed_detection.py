@@ -37,12 +37,16 @@ class LookDetails(Columns):
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Echoes that were detected: of each a look's columns, its powers, and columns of its plot."""
+    """Echoes that were detected: of each a look's columns, its powers, and columns of its plot.
+
+    `rows` are those of the echoes among all that might have been.
+    """
 
     echoes: Looks
     powers: Floats
     columns: dict[str, NDArray[Any]]
     rng: np.random.Generator
+    rows: Ints | slice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +92,7 @@ class DetailedDetector:
                 powers[hits],
                 details.rows(detected).columns(),
                 of_rows(rng, hits),
+                hits,
             ),
         )
 

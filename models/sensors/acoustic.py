@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
@@ -47,6 +48,8 @@ class MicrophoneArray(CellSensor):
     azimuth_floor_deg: float
     elevation_floor_deg: float
     kind: str
+
+    alike: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def signal_speed_m_s(self) -> float:
@@ -108,13 +111,15 @@ class MicrophoneArray(CellSensor):
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         power_level_db = targets.sound_power_db()
         audible = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
-        snr_db = self.snr_db(power_level_db[audible], targets.position_enu_m[audible])
-        pd, snr = self.pd(snr_db), 10 ** (snr_db / 10)
+        of_audible, rng = self.rows(audible), of_rows(rng, audible)
+        snr_db = of_audible.snr_db(power_level_db[audible], targets.position_enu_m[audible])
+        pd, snr = of_audible.pd(snr_db), 10 ** (snr_db / 10)
         detected = detection.draw_hits(pd, rng)  # eq 44
         looks = targets.looks(audible, geometry, snr=snr, pd=pd, detected=detected)
         if not detected.any():
             return looks, NO_PLOTS
-        return looks, self._measure(looks.rows(detected), targets, audible[detected], rng)
+        hits, rng = looks.rows(detected), of_rows(rng, detected)
+        return looks, of_audible.rows(detected)._measure(hits, targets, audible[detected], rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""
@@ -144,7 +149,7 @@ class MicrophoneArray(CellSensor):
             t_utc_ns=hits.t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            drone=hits.drone,
+            **hits.whose(),
             **targets.true_geometry(hits, rows),
         )
 

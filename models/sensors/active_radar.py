@@ -12,14 +12,14 @@ of the reference samples of all signals. Positions are measured from the receive
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.frames import distance_m
-from plotfeed.models.propagation import C_M_S, NEAREST_M
+from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
 
@@ -35,7 +35,7 @@ class ActiveRadar(PolarRadar):
         """A single signal."""
         return 1
 
-    @cached_property
+    @sensor_property
     def snr_of_unit(self) -> float:
         """Signal-to-noise ratio, linear, of 1 m2 at 1 m (eq 1)."""
         return float(
@@ -94,7 +94,7 @@ class MimoRadar(PolarRadar):
 
     transmitters: tuple[MimoTransmitter, ...]
 
-    @property
+    @sensor_property
     def n_signals(self) -> int:
         """A signal a transmitter."""
         return len(self.transmitters)
@@ -106,26 +106,39 @@ class MimoRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
-        places_enu_m = np.array([t.position_enu_m for t in self.transmitters])
-        range_tx_m = np.linalg.norm(position_enu_m[:, None] - places_enu_m, axis=-1)
-        range_rx_m = np.linalg.norm(position_enu_m, axis=-1)[:, None]
-        snrs = propagation.radar_snr(
-            [t.power_w for t in self.transmitters],
-            [t.gain_dbi for t in self.transmitters],
-            self.gain_rx_dbi,
-            C_M_S / self.frequency_hz,
-            rcs_m2[:, None],
-            self.integration_s,
-            np.maximum(range_tx_m, NEAREST_M),
-            np.maximum(range_rx_m, NEAREST_M),
-            self.loss_db,
-            self.noise_figure_db,
-        )
-        if self.multipath is not None:
-            target_enu_m, wavelength_m = position_enu_m[:, None], C_M_S / self.frequency_hz
-            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m)
-            snrs *= self.multipath.power_factor(target_enu_m, wavelength_m, places_enu_m)
+        wavelength_m = C_M_S / self.frequency_hz
+        aperture_m4 = wavelength_m * wavelength_m * rcs_m2
+        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
+        places_m = self._places_enu_m
+        integration_s, density_w_hz = self.integration_s, self._noise_density_w_hz
+        snrs = np.empty((len(position_enu_m), self.n_signals))
+        for k in range(self.n_signals):
+            place_enu_m = places_m[k].T
+            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
+            way_m2 = range_tx_m * range_rx_m
+            echo_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))  # eqs 17, 21
+            snr = echo_w * integration_s / density_w_hz
+            if self.multipath is not None:
+                snr *= self.multipath.power_factor(position_enu_m, wavelength_m)
+                snr *= self.multipath.power_factor(position_enu_m, wavelength_m, place_enu_m)
+            snrs[:, k] = snr
         return snrs
+
+    @sensor_property
+    def _places_enu_m(self) -> Floats:
+        """Where its transmitters are; (K, 3)."""
+        return np.array([t.position_enu_m for t in self.transmitters], np.float64)
+
+    @sensor_property
+    def _radiated_w(self) -> Floats:
+        """What each transmitter radiates, with the gains, less the loss; (K,)."""
+        gains_db = np.array([t.gain_dbi for t in self.transmitters]) + self.gain_rx_dbi
+        power_w = np.array([t.power_w for t in self.transmitters])
+        return propagation.radiated_w(power_w, gains_db - self.loss_db)
+
+    @sensor_property
+    def _noise_density_w_hz(self) -> float:
+        return float(propagation.noise_density_w_hz(self.noise_figure_db))
 
     def pd(self, snrs: Floats) -> Floats:
         """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -20,7 +20,10 @@ from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_wh
 if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging
 
-MEASURED_OF = ("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr")
+MEASURED_OF = (
+    *("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr"),
+    "sensor",
+)
 """Columns of looks from which plots are made."""
 
 
@@ -31,6 +34,8 @@ class EchoRadar(SensorModel, ABC):
     multipath: Multipath | None = None
     doppler: Doppler | None = None
     merging: Merging | None = None
+
+    alike: ClassVar[frozenset[str]] = frozenset({"pfa", "multipath", "doppler", "merging"})
 
     @property
     def measures_range_rate(self) -> bool:
@@ -72,7 +77,7 @@ class EchoRadar(SensorModel, ABC):
         pd: Floats,
         channel: Ints | None = None,
     ) -> tuple[Looks, Plots]:
-        """Looks at those rows of targets, and the plots of those detected."""
+        """Looks at those rows of targets, the model's own, and the plots of those detected."""
         detected = UNDECIDED[: len(pd)] if self._detailed else detection.draw_hits(pd, rng)  # eq 8
         looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
         if self._detailed is None:
@@ -81,9 +86,10 @@ class EchoRadar(SensorModel, ABC):
             which = rows_where(detected)
             echoes = looks.picked(which, MEASURED_OF)
             columns = targets.true_geometry(echoes, rows, which)
-            echoes = self._with_range(echoes, targets, rows, which)
-            hits = Hits(echoes, powers[which], columns, of_rows(rng, which))
-            return looks, self._measure(hits, targets)
+            of_hits = self.rows(which)
+            echoes = of_hits._with_range(echoes, targets, rows, which)
+            hits = Hits(echoes, powers[which], columns, of_rows(rng, which), which)
+            return looks, of_hits._measure(hits, targets)
         rate_m_s = self._range_rates(targets, rows, looks.channel)
         details = LookDetails(
             **targets.true_geometry(looks, rows),
@@ -92,4 +98,6 @@ class EchoRadar(SensorModel, ABC):
         )
         echoes = self._with_range(looks, targets, rows)
         looks, hits = self._detailed.detect(looks, echoes, powers, details, rng)
-        return looks, self._measure(hits, targets) if len(hits.echoes) else NO_PLOTS
+        if not len(hits.echoes):
+            return looks, NO_PLOTS
+        return looks, self.rows(hits.rows)._measure(hits, targets)

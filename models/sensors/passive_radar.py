@@ -16,6 +16,7 @@ from scipy.special import ndtr
 
 from plotfeed.models import detection, false_alarms, propagation
 from plotfeed.models.beam import Sector, beam_times_ns
+from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
@@ -114,9 +115,10 @@ class PassiveRadar(PassiveSignals):
     """Signals, and what is measured by them."""
 
     def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
-        snr = propagation.correlated_snr(
-            powers, self.disturbance_w[channel], self.time_bandwidth[channel]
+        disturbance_w, time_bandwidth = (
+            self.of_channel(name, channel) for name in ("disturbance_w", "time_bandwidth")
         )
+        snr = propagation.correlated_snr(powers, disturbance_w, time_bandwidth)
         return snr, self.pd(snr)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
@@ -126,41 +128,43 @@ class PassiveRadar(PassiveSignals):
         """
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        target_w = self.target_power_w(
+        of_covered, channels = self.rows(covered), self.n_channels
+        target_w = of_covered.target_power_w(
             targets.true_position_enu_m[covered], targets.rcs_m2(covered)
         )
-        snr = self.mean_snr(target_w).ravel()
-        return self._looks_and_plots(
+        snr = of_covered.mean_snr(target_w).ravel()
+        rows = np.repeat(covered, channels)
+        return self.rows(rows)._looks_and_plots(
             targets,
-            np.repeat(covered, len(self.transmitters)),
+            rows,
             geometry,
-            rng,
+            of_rows(rng, rows),
             powers=target_w.ravel(),
             snr=snr,
             pd=self.pd(snr),
-            channel=np.tile(np.arange(len(self.transmitters)), len(covered)),
+            channel=np.tile(np.arange(channels), len(covered)),
         )
 
     def _with_range(self, looks: Looks, targets: Targets, *rows: Ints | slice) -> Looks:
         """Looks with bistatic ranges by their channels."""
         place_enu_m = targets.true_places_enu_m(*rows)
-        return looks.but(
-            range_m=propagation.bistatic_range(place_enu_m, self.positions_enu_m[looks.channel])
-        )
+        transmitter_enu_m = self.of_channel("positions_enu_m", looks.channel)
+        return looks.but(range_m=propagation.bistatic_range(place_enu_m, transmitter_enu_m))
 
     def _range_rates(self, targets: Targets, rows: Ints | slice, channel: Ints) -> Floats | None:
         """How fast bistatic ranges grow, if Doppler is modelled and velocities are known; (n,)."""
         if self.doppler is None or targets.velocity_enu_m_s is None:
             return None
         place, velocity = targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows]
-        from_transmitter = range_rate_m_s(place, velocity, self.positions_enu_m[channel])
+        transmitter_enu_m = self.of_channel("positions_enu_m", channel)
+        from_transmitter = range_rate_m_s(place, velocity, transmitter_enu_m)
         return range_rate_m_s(place, velocity) + from_transmitter
 
     def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Noise on the measured pair by the SNR of each very detection, then the inversion."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
         snr, _ = detection.draw_detected_snr_swerling1(echoes.snr, self.pfa, self.n_reference, rng)
-        sigmas = self.sigmas(snr, self.range_resolution_m[echoes.channel])
+        sigmas = self.sigmas(snr, self.of_channel("range_resolution_m", echoes.channel))
         excess_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         columns["bistatic_range_m"] = excess_m + sigmas[0] * rng.standard_normal(sigmas[0].shape)
@@ -174,7 +178,7 @@ class PassiveRadar(PassiveSignals):
             hits.powers,
             t_utc_ns=echoes.t_utc_ns,
             channel=echoes.channel,
-            drone=echoes.drone,
+            **echoes.whose(),
             **columns,
         )
 
@@ -262,12 +266,14 @@ class PassiveRadar(PassiveSignals):
         echo has its own part (eq 25).
         """
         channel = columns["channel"]
-        sigmas = self.sigmas(snr, self.range_resolution_m[channel])
-        flat = flat_solution(
-            columns["bistatic_range_m"], columns["azimuth_deg"], self.positions_enu_m[channel]
+        disturbance_w, time_bandwidth, range_resolution_m, transmitter_enu_m = (
+            self.of_channel(name, channel)
+            for name in ("disturbance_w", "time_bandwidth", "range_resolution_m", "positions_enu_m")
         )
+        sigmas = self.sigmas(snr, range_resolution_m)
+        flat = flat_solution(columns["bistatic_range_m"], columns["azimuth_deg"], transmitter_enu_m)
         east_m2, north_m2, east_north_m2 = flat.covariance_m2(*sigmas)
-        noise_w = (self.disturbance_w[channel] + target_w) / self.time_bandwidth[channel]
+        noise_w = (disturbance_w + target_w) / time_bandwidth
         plots = Plots.of(
             snr=snr,
             amplitude_dbm=10 * np.log10(snr * noise_w) + 30,

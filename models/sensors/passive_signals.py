@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
-from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.frames import aer_to_enu, distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
-from plotfeed.models.propagation import C_M_S
+from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
 _AZIMUTHS = 3600
@@ -98,12 +99,17 @@ class PassiveSignals(Volume, EchoRadar, ABC):
     bistatic_range_floor_m: float
     azimuth_floor_deg: float
 
-    @cached_property
+    @sensor_property
+    def n_channels(self) -> int:
+        """A channel a transmitter."""
+        return len(self.transmitters)
+
+    @sensor_property
     def positions_enu_m(self) -> Floats:
         """Places of the transmitters; (channels, 3)."""
         return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
 
-    @cached_property
+    @sensor_property
     def range_resolution_m(self) -> Floats:
         """Resolution in bistatic range: c/B, not c/2B, for it sums two ways; (channels,)."""
         return C_M_S / self._each("bandwidth_hz")
@@ -134,7 +140,7 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         low_m, high_m = np.minimum(excess_m, self.range_max_m).mean(axis=0).T
         return np.asarray((high_m - low_m) / self.range_max_m)
 
-    @cached_property
+    @sensor_property
     def disturbance_w(self) -> Floats:
         """What is left of the broadcasts, and radio noise (eqs 28 to 31); (channels,)."""
         direct_w = propagation.direct_signal_power_w(
@@ -158,27 +164,29 @@ class PassiveSignals(Volume, EchoRadar, ABC):
 
     def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""
-        offset_m = position_enu_m[:, None] - self.positions_enu_m
-        power_w = propagation.passive_target_power_w(
-            erp_w=self._each("erp_w"),
-            gain_rx_dbi=self.gain_rx_dbi,
-            wavelength_m=self.wavelengths_m,
-            rcs_m2=rcs_m2[:, None],
-            range_tx_m=np.maximum(np.linalg.norm(offset_m, axis=-1), propagation.NEAREST_M),
-            range_rx_m=np.maximum(np.linalg.norm(position_enu_m, axis=-1), propagation.NEAREST_M)[
-                :, None
-            ],
-            loss_db=self.loss_db,
-        )
-        if self.multipath is not None:
-            ends_enu_m, lengths_m = position_enu_m[:, None], self.wavelengths_m
-            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m)
-            power_w *= self.multipath.power_factor(ends_enu_m, lengths_m, self.positions_enu_m)
-        return power_w
+        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
+        powers_w = np.empty((len(position_enu_m), self.n_channels))
+        for k in range(self.n_channels):
+            place_enu_m, wavelength_m = self.positions_enu_m[k].T, self.wavelengths_m[k]
+            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
+            way_m2 = range_tx_m * range_rx_m
+            aperture_m4 = wavelength_m * wavelength_m * rcs_m2
+            power_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
+            if self.multipath is not None:
+                power_w *= self.multipath.power_factor(position_enu_m, wavelength_m)
+                power_w *= self.multipath.power_factor(position_enu_m, wavelength_m, place_enu_m)
+            powers_w[:, k] = power_w
+        return powers_w
+
+    @sensor_property
+    def _radiated_w(self) -> Floats:
+        """ERP over isotropic, with the receiver's gain, less the loss (eqs 24, 26); (channels,)."""
+        gains_db = propagation.DIPOLE_GAIN_DBI + as_floats(self.gain_rx_dbi) - self.loss_db
+        return propagation.radiated_w(self._each("erp_w"), gains_db)
 
     def mean_snr(self, target_w: Floats) -> Floats:
         """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
-        return propagation.correlated_snr(target_w, self.disturbance_w, self.time_bandwidth)
+        return propagation.correlated_snr(target_w, self.disturbance_w.T, self.time_bandwidth.T)
 
     def pd(self, snr: Floats) -> Floats:
         """Probability of detection (eqs 6, 7)."""
@@ -195,12 +203,12 @@ class PassiveSignals(Volume, EchoRadar, ABC):
             ),
         )
 
-    @cached_property
+    @sensor_property
     def wavelengths_m(self) -> Floats:
         """Wavelengths by channel."""
         return C_M_S / self._each("frequency_hz")
 
-    @cached_property
+    @sensor_property
     def time_bandwidth(self) -> Floats:
         """Products of integration time and bandwidth, by channel."""
         return self.integration_s * self._each("bandwidth_hz")

@@ -23,6 +23,7 @@ from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
+from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
 
 
@@ -87,7 +88,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
         ) * self.doppler_cells
 
-    @cached_property
+    @sensor_property
     def noise_dbm(self) -> float:
         """Noise power of the receiver, in the bandwidth of a range cell, c/2D (eqs 5, 21).
 
@@ -102,19 +103,19 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
         (n,) in, (3, n) out: eqs 13 to 15, and floors in quadrature.
         """
-        widths, floors = self._widths_and_floors
+        widths, floors = (of_each.reshape(3, -1) for of_each in self._widths_and_floors)
         return accuracy.with_floor(accuracy.noise_share(snr) * widths, floors)
 
-    @cached_property
+    @sensor_property
     def _widths_and_floors(self) -> tuple[Floats, Floats]:
-        """What noise leaves of range, azimuth and elevation, and the floors that stay; (3, 1)."""
+        """What noise leaves of range, azimuth and elevation, and the floors that stay; (3,)."""
         widths = [
             accuracy.sigma_range_m(0.5, self.range_resolution_m),
             accuracy.sigma_angle_deg(0.5, self.azimuth_beamwidth_deg),
             accuracy.sigma_angle_deg(0.5, self.elevation_beamwidth_deg),
         ]
         floors = [self.range_floor_m, self.azimuth_floor_deg, self.elevation_floor_deg]
-        return np.array(widths)[:, None], np.array(floors)[:, None]
+        return np.array(widths), np.array(floors)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look once at each target within cover, and plot those detected.
@@ -123,15 +124,16 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        snrs = self.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
-        return self._looks_and_plots(
+        of_covered = self.rows(covered)
+        snrs = of_covered.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
+        return of_covered._looks_and_plots(
             targets,
             covered,
             geometry,
             of_rows(rng, covered),
             powers=snrs,
             snr=mean_over_signals(snrs),
-            pd=self.pd(snrs),
+            pd=of_covered.pd(snrs),
         )
 
     def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:  # noqa: ARG002
@@ -190,7 +192,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             range_m=range_m + errors[0],
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            drone=echoes.drone,
+            **echoes.whose(),
             **columns,
         )
         inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)

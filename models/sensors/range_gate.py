@@ -6,10 +6,12 @@ Every drone within range is reported at every scan, and nothing else is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from plotfeed.models.beam import Sector
+from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
 from plotfeed.models.state import Floats, Looks, Plots
@@ -20,6 +22,8 @@ class RangeGate(SensorModel):
     """A gate of radius `range_max_m`, and the noise on east, north and up alike."""
 
     sigma_m: float
+
+    alike: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -37,9 +41,12 @@ class RangeGate(SensorModel):
             pd=np.ones(len(seen)),
             detected=np.ones(len(seen), np.bool_),
         )
-        noise_m = self.sigma_m * rng.standard_normal((len(seen), 3))
+        of_seen = self.rows(seen)
+        # Three numbers a target, one after the other.
+        normal = of_rows(rng, np.repeat(seen, 3)).standard_normal((3 * len(seen),)).reshape(-1, 3)
+        noise_m = (normal.T * of_seen.sigma_m).T
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
-        sigmas = self._sigmas(elevation_deg, range_m)
+        sigmas = of_seen._sigmas(elevation_deg, range_m)
         range_m = targets.read_range_m(range_m, looks.t_utc_ns)
         azimuth_deg = wrap_360(targets.read_azimuth_deg(azimuth_deg, looks.t_utc_ns))
         return looks, Plots.of(
@@ -50,7 +57,7 @@ class RangeGate(SensorModel):
             sigma_range_m=sigmas[0],
             sigma_azimuth_deg=sigmas[1],
             sigma_elevation_deg=sigmas[2],
-            drone=looks.drone,
+            **looks.whose(),
             **targets.true_geometry(looks, seen),
         )
 
@@ -73,5 +80,5 @@ class RangeGate(SensorModel):
     def _sigmas(self, elevation_deg: Floats, range_m: Floats) -> tuple[Floats, Floats, Floats]:
         """Sigmas of range, azimuth and elevation, to first order in noise over range."""
         across_deg = np.degrees(self.sigma_m / range_m)
-        along_m = np.full(len(range_m), self.sigma_m)
+        along_m = np.zeros(len(range_m)) + self.sigma_m
         return along_m, across_deg / np.cos(np.radians(elevation_deg)), across_deg

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
+from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Texts
 
 
@@ -83,12 +85,16 @@ class RfDirectionFinder(CellSensor):
     decodes: frozenset[str]
     multipath: Multipath | None = None
 
+    alike: ClassVar[frozenset[str]] = frozenset(
+        {"pfa", "channel_bandwidth_hz", "integration_s", "multipath"}
+    )
+
     @cached_property
     def samples(self) -> int:
         """How many independent ones the detector sums: bandwidth times time."""
         return max(round(self.channel_bandwidth_hz * self.integration_s), 1)
 
-    @cached_property
+    @sensor_property
     def noise_dbm(self) -> float:
         """Noise power in one channel: -174 dBm in one hertz, and the noise figure."""
         density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
@@ -176,11 +182,14 @@ class RfDirectionFinder(CellSensor):
         """Look once at each emitter of each target within cover and within the band."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         emissions = Emissions.of(targets)
-        in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
+        in_band = self.rows(emissions.target).share_in_band(
+            emissions.frequency_hz, emissions.bandwidth_hz
+        )
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
-        emissions = emissions.rows(in_band & covered)
-        snr = self.received_snr(emissions, targets, range_m)
-        pd = self.pd(emissions, snr)
+        emissions = emissions.rows((in_band > 0) & covered)
+        mine, rng = self.rows(emissions.target), of_rows(rng, emissions.target)
+        snr = mine.received_snr(emissions, targets, range_m)
+        pd = mine.pd(emissions, snr)
         detected = detection.draw_hits(pd, rng)
         looks = targets.looks(
             emissions.target,
@@ -192,7 +201,8 @@ class RfDirectionFinder(CellSensor):
         )
         if not detected.any():
             return looks, NO_PLOTS
-        return looks, self._measure(looks.rows(detected), emissions.rows(detected), targets, rng)
+        hits, emitted, rng = looks.rows(detected), emissions.rows(detected), of_rows(rng, detected)
+        return looks, mine.rows(detected)._measure(hits, emitted, targets, rng)
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
@@ -234,7 +244,7 @@ class RfDirectionFinder(CellSensor):
     ) -> Plots:
         """Directions with errors by the SNR that each very detection shows, and what was read."""
         snr = self._draw_estimated_snr(hits.snr, rng)
-        errors = rng.standard_normal(len(hits))
+        errors = rng.standard_normal((len(hits),))
         read = [kind in self.decodes for kind in emissions.kind]
         classified = np.array(read, np.bool_) | self.classifies
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
@@ -246,7 +256,7 @@ class RfDirectionFinder(CellSensor):
             channel=hits.channel,
             kind=np.where(classified, emissions.kind, ""),
             identity=np.where(read, emissions.identity, ""),
-            drone=hits.drone,
+            **hits.whose(),
             **targets.true_geometry(hits, emissions.target),
         )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plotfeed.models import false_alarms
 from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.sensors.stacking import Stackable
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ class Targets:
     `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
     `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
     is sound that comes from where the drone was, or the sensor stands askew. Velocities are east,
-    north and up, for sensors that measure them; `readings` for sensors that err in them.
+    north and up, for sensors that measure them; `readings` for sensors that err in them. `sensor`,
+    an index, is given where several sensors share a pass: each row is seen from its own.
     """
 
     drone: Ints
@@ -38,6 +40,7 @@ class Targets:
     signatures: Signatures
     velocity_enu_m_s: Floats | None = None
     readings: Readings | None = None
+    sensor: Ints | None = None
 
     @classmethod
     def of_one(
@@ -81,17 +84,20 @@ class Targets:
     ) -> Looks:
         """Looks at those rows, whose geometry, azimuth, elevation and range, is that of all."""
         azimuth_deg, elevation_deg, range_m = geometry
-        return Looks(
-            drone=self.drone[rows],
-            channel=np.zeros(len(pd), np.int64) if channel is None else channel,
-            t_utc_ns=self.t_utc_ns[rows],
-            range_m=range_m[rows],
-            azimuth_deg=azimuth_deg[rows],
-            elevation_deg=elevation_deg[rows],
-            snr=snr,
-            pd=pd,
-            detected=detected,
-        )
+        columns: dict[str, NDArray[Any]] = {
+            "drone": self.drone[rows],
+            "channel": np.zeros(len(pd), np.int64) if channel is None else channel,
+            "t_utc_ns": self.t_utc_ns[rows],
+            "range_m": range_m[rows],
+            "azimuth_deg": azimuth_deg[rows],
+            "elevation_deg": elevation_deg[rows],
+            "snr": snr,
+            "pd": pd,
+            "detected": detected,
+        }
+        if self.sensor is not None:
+            columns["sensor"] = self.sensor[rows]
+        return Looks.holding(columns)
 
     def true_places_enu_m(self, *rows: NDArray[Any] | slice) -> Floats:
         """Where drones truly are: these rows, of them these; (m, 3)."""
@@ -139,8 +145,13 @@ class Prediction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorModel(ABC):
-    """A sensor, frozen: randomness is an argument. Nothing beyond `range_max_m` is looked at."""
+class SensorModel(Stackable, ABC):
+    """A sensor, frozen: randomness is an argument. Nothing beyond `range_max_m` is looked at.
+
+    Of many sensors (`stacking`), `observe` takes targets of which each row belongs to the model's
+    row: whoever lets sensors differ in a field, by `alike`, follows each selection of rows by
+    `rows`, and `chance.of_rows`. All else is asked of the model of a single sensor.
+    """
 
     range_max_m: float
 

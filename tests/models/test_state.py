@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 
 from plotfeed.models.state import FALSE_ALARM, Plots
 
-OPTIONAL = ("range_rate_m_s", "sigma_range_rate_m_s", "true_range_rate_m_s", "merged_drones")
+OPTIONAL = (
+    "range_rate_m_s",
+    "sigma_range_rate_m_s",
+    "true_range_rate_m_s",
+    "merged_drones",
+    "sensor",
+)
 
 
 def plots(t_utc_ns: list[int], with_columns: frozenset[str]) -> Plots:

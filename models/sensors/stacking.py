@@ -1,0 +1,199 @@
+"""Sensors of a kind in one model: what differs between them is a column, the rest a number.
+
+A model of one sensor has numbers. One of many, made by `stacked`, is of the same class and has
+columns, a value a sensor, and `rows` makes of it the model of as many looks, a value a look. Such
+columns are gathered when an equation asks for them. All that follows from a sensor alone, a
+`sensor_property`, is worked out sensor by sensor, once: no bit of it depends on the company.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plotfeed.models.state import Floats, Ints
+
+M = TypeVar("M", bound="Stackable")
+EVERY_ROW = slice(None)
+
+
+if TYPE_CHECKING:
+    sensor_property = cached_property
+else:
+
+    class sensor_property(cached_property):  # noqa: N801 - a decorator, as its base is
+        """What follows from the fields of a sensor alone; of many, gathered as the fields are.
+
+        An array of a sensor, (...), is (..., n) of n rows that differ in it.
+        """
+
+        def __get__(self, model: Any, owner: type[Any] | None = None) -> Any:
+            """The value; of a model of rows, that of each."""
+            stack = None if model is None else vars(model).get("_stack")
+            if stack is None:
+                return super().__get__(model, owner)
+            name = self.attrname
+            return vars(model).setdefault(name, stack.gathered(name, vars(model)["_at"]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Column:
+    """Values that differ, the sensors on the last axis."""
+
+    values: NDArray[Any]
+
+
+class Stackable:
+    """A dataclass of what the equations of a sensor need, which `stacked` can make of many.
+
+    Fields of its dataclasses and tuples count as its own.
+    """
+
+    alike: ClassVar[frozenset[str] | None] = None
+    """Fields in which sensors that share a pass must be equal, though they are numbers or effects.
+    None, of a kind that knows nothing of columns: all of them."""
+
+    def rows(self, which: NDArray[Any] | slice) -> Self:
+        """The model of those rows, by a mask, indices or a slice; itself if it is of one sensor."""
+        held = vars(self)
+        stack: _Stack | None = held.get("_stack")
+        if stack is None or (isinstance(which, slice) and which == EVERY_ROW):
+            return self
+        made = object.__new__(type(self))
+        vars(made).update(stack.plain, _stack=stack, _at=held["_at"][which])
+        return made
+
+    def of_channel(self, name: str, channel: Ints) -> Floats:
+        """A column (channels, ...) by the channel of each row; (n, ...)."""
+        held = vars(self)
+        stack: _Stack | None = held.get("_stack")
+        value = getattr(self, name) if stack is None else stack.whole(name)
+        if not isinstance(value, _Column):
+            return np.asarray(value[channel])
+        at, values = held["_at"], value.values
+        return np.asarray(values[channel, at] if values.ndim == 2 else values[channel, :, at])
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """A field that is a column: it is gathered when it is asked for."""
+            stack = vars(self).get("_stack")
+            if stack is None or name not in stack.columns:
+                raise AttributeError(f"{type(self).__name__} has no {name!r}")
+            return vars(self).setdefault(name, stack.gathered(name, vars(self)["_at"]))
+
+
+class _Stack:
+    """Several sensors: what they have alike, and columns of the rest."""
+
+    def __init__(self, models: Sequence[Stackable], plain: dict[str, Any]) -> None:
+        self._models = models
+        self.plain = plain
+        self.columns: dict[str, Any] = {}
+
+    def whole(self, name: str) -> Any:
+        """The values of all sensors, columns where they differ."""
+        if name in self.plain:
+            return self.plain[name]
+        if name not in self.columns:
+            value = _side_by_side([getattr(model, name) for model in self._models])
+            (self.columns if _differs(value) else self.plain)[name] = value
+            return value
+        return self.columns[name]
+
+    def gathered(self, name: str, at: Ints) -> Any:
+        """The values of the sensors at those indices."""
+        return _gathered(self.whole(name), at)
+
+
+def grouping_key(model: Stackable) -> Hashable:
+    """What is the same of all sensors that can share a pass: their class, and what is no number."""
+    alike = type(model).alike
+    if not is_dataclass(model):
+        return type(model), id(model)
+    held = {f.name: getattr(model, f.name) for f in fields(model)}
+    key = (
+        type(model),
+        *(
+            (name, value if alike is None or name in alike else _form(value))
+            for name, value in held.items()
+        ),
+    )
+    try:
+        hash(key)
+    except TypeError:  # of a kind from outside that holds lists or arrays
+        return type(model), id(model)
+    return key
+
+
+def stacked(models: Sequence[M]) -> M:
+    """One model of sensors of one `grouping_key`, in their order; at least one.
+
+    Its `rows(sensor_of_row)` observes targets of all of them. Where all are equal it is the first.
+    """
+    first = models[0]
+    if not is_dataclass(first) or all(model is first or model == first for model in models):
+        return first
+    plain: dict[str, Any] = {}
+    stack = _Stack(models, plain)
+    for field in fields(first):
+        stack.whole(field.name)
+    made = object.__new__(type(first))
+    vars(made).update(plain, _stack=stack, _at=np.arange(len(models)))
+    return made
+
+
+def _form(value: object) -> Hashable:
+    """What of a value must be equal: nothing of a number."""
+    if isinstance(value, float):
+        return float
+    if isinstance(value, tuple):
+        return tuple(_form(part) for part in value)
+    if is_dataclass(value):
+        return type(value), *(_form(getattr(value, f.name)) for f in fields(value))
+    return value
+
+
+def _side_by_side(values: Sequence[Any]) -> Any:
+    """One value of several of one form, with columns in it where they differ."""
+    first = values[0]
+    if isinstance(first, np.ndarray):
+        if all(value is first or np.array_equal(value, first) for value in values):
+            return first
+        return _Column(np.stack(values, axis=-1))
+    if isinstance(first, tuple):
+        parts = tuple(_side_by_side(parts) for parts in zip(*values, strict=True))
+        return parts if _differs(parts) else first
+    if all(value is first or value == first for value in values):
+        return first
+    if is_dataclass(first):
+        return _of_each_field(first, lambda name: _side_by_side([getattr(v, name) for v in values]))
+    return _Column(np.array(values, np.float64))
+
+
+def _gathered(value: Any, at: Ints) -> Any:
+    if isinstance(value, _Column):
+        return value.values[..., at]
+    if not _differs(value):
+        return value
+    if isinstance(value, tuple):
+        return tuple(_gathered(part, at) for part in value)
+    return _of_each_field(value, lambda name: _gathered(getattr(value, name), at))
+
+
+def _differs(value: object) -> bool:
+    """Whether there is a column in it."""
+    if isinstance(value, tuple):
+        return any(_differs(part) for part in value)
+    if is_dataclass(value) and not isinstance(value, (type, _Column)):
+        return any(_differs(getattr(value, f.name)) for f in fields(value))
+    return isinstance(value, _Column)
+
+
+def _of_each_field(one: Any, value_of: Callable[[str], Any]) -> Any:
+    return type(one)(**{f.name: value_of(f.name) for f in fields(one)})
