@@ -116,6 +116,21 @@ def _height_m(p2: Floats, z: Floats) -> Floats:
     return np.where(deep, np.nan, height) if np.any(deep) else height
 
 
+@nan_without_warnings
+def axes_enu(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Floats:
+    """East, north and up at places, each as a unit vector in ECEF; (...) in, (3, 3, ...) out."""
+    sin_lat, cos_lat = _sin_cos_deg(latitude_deg)
+    sin_lon, cos_lon = _sin_cos_deg(longitude_deg)
+    return np.array(
+        [
+            [-sin_lon, cos_lon, np.zeros_like(sin_lon)],
+            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+        ],
+        dtype=np.float64,
+    )
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """East, north and up at a place on WGS-84: one offset and one rotation from ECEF."""
@@ -132,16 +147,7 @@ class LocalFrame:
     @cached_property
     def rotation_from_ecef(self) -> Floats:
         """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
-        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
-        sin_lon, cos_lon = _sin_cos_deg(self.longitude_deg)
-        return np.array(
-            [
-                [-sin_lon, cos_lon, 0.0],
-                [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-                [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-            ],
-            dtype=np.float64,
-        )
+        return axes_enu(self.latitude_deg, self.longitude_deg)
 
     @nan_without_warnings
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:

@@ -16,9 +16,10 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Columns, Floats, Ints, Signatures, TruthState
-from plotfeed.models.truth import FOREVER_NS, Trajectories
+from plotfeed.models.truth import Trajectories
 
 USUAL_SPEED_M_S = 20.0
 """Of drones in a scene that flies none."""

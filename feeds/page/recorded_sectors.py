@@ -25,8 +25,8 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.live_samples import fit_velocity
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots, TruthState
-from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import DAY_NS, NS

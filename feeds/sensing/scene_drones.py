@@ -13,7 +13,6 @@ from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone, Fli
 from plotfeed.feeds.scene.fields import Site, geodetic
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum, PositionReport
-from plotfeed.feeds.telemetry.receiver import add_report
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.state import Emitter, Floats, Signature
@@ -36,15 +35,7 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
     for drone in scene.drone:
         begin_ns = start_utc_ns + round(drone.start_s * NS)
         if drone.flight is not None:
-            for report, height_m in _recorded(scene, drone.flight, begin_ns):
-                add_report(
-                    trajectories,
-                    drone.id,
-                    report,
-                    height_m,
-                    signature_of(scene, drone),
-                    keep_history=True,
-                )
+            _fly(trajectories, scene, drone, drone.flight, begin_ns)
             continue
         times_s, positions = knots(scene.scene.site, drone)
         if begin_ns + times_s[-1] * NS > LATEST_UTC_NS:
@@ -56,6 +47,26 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
             signature=signature_of(scene, drone),
             repeat=drone.repeat,
         )
+
+
+def _fly(
+    trajectories: Trajectories, scene: Scene, drone: Drone, flight: FlightFile, begin_ns: int
+) -> None:
+    """Put a recorded flight on its way."""
+    reports, heights_m = zip(*_recorded(scene, flight, begin_ns), strict=True)
+    accuracies = [(r.horizontal_accuracy_m, r.vertical_accuracy_m) for r in reports]
+    trajectories.add_flight(
+        drone.id,
+        np.array([report.t_utc_ns for report in reports], np.int64),
+        latitude_deg=np.array([report.latitude_deg for report in reports]),
+        longitude_deg=np.array([report.longitude_deg for report in reports]),
+        height_m=np.array(heights_m),
+        velocity_enu_m_s=np.array([r.velocity_enu_m_s or [np.nan] * 3 for r in reports]),
+        sigma_m=np.array(
+            [max((a for a in pair if a is not None), default=np.nan) for pair in accuracies]
+        ),
+        signature=signature_of(scene, drone),
+    )
 
 
 def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:

@@ -158,8 +158,6 @@ def add_report(
     report: PositionReport,
     height_m: float,
     default: Signature,
-    *,
-    keep_history: bool = False,
 ) -> None:
     """Put a report into the trajectories; `default` stands in for what it does not state."""
     accuracies = (report.horizontal_accuracy_m, report.vertical_accuracy_m)
@@ -178,7 +176,6 @@ def add_report(
             ),
             emitters=report.emitters or default.emitters,
         ),
-        keep_history=keep_history,
     )
 
 

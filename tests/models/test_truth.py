@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.state import Floats, Signature, TruthState
-from plotfeed.models.truth import Trajectories, fit_velocity
+from plotfeed.models.live_samples import fit_velocity
+from plotfeed.models.state import Floats, Signature, Signatures, TruthState
+from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 T0 = 1_700_000_000 * NS
@@ -32,7 +33,6 @@ def sample(
     *,
     drone: str = "a",
     sigma_m: float | None = 0.01,
-    keep_history: bool = False,
 ) -> None:
     latitude_deg, longitude_deg, height_m = HOME.to_geodetic(np.array(enu_m))
     into.add_sample(
@@ -44,7 +44,6 @@ def sample(
         velocity_enu_m_s=velocity,
         sigma_m=sigma_m,
         signature=SIGNATURE,
-        keep_history=keep_history,
     )
 
 
@@ -380,12 +379,12 @@ def test_only_the_unknown_components_of_a_velocity_are_fitted() -> None:
 def test_forgetting_changes_no_state_within_the_history(
     steps_ms: list[int], with_velocity: bool
 ) -> None:
-    short, whole = trajectories(history_s=10.0), trajectories(history_s=10.0)
+    short, whole = trajectories(history_s=10.0), trajectories(history_s=1e6)
     for i, t_s in enumerate(np.cumsum(steps_ms) / 1e3):
         velocity = (float(i % 7), 1.0, 0.0) if with_velocity else None
         place = (5.0 * i, float(i * i % 11), 50.0)
         sample(short, t_s, place, velocity, sigma_m=2.0)
-        sample(whole, t_s, place, velocity, sigma_m=2.0, keep_history=True)
+        sample(whole, t_s, place, velocity, sigma_m=2.0)
     for back_s in np.linspace(0, 10.0, 40):
         one, other = at(short, t_s - back_s), at(whole, t_s - back_s)
         np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
@@ -428,3 +427,124 @@ def test_the_latest_signature_counts() -> None:
     paths = scripted(repeat=False)
     paths.add_path("a", [T0, T0 + NS], np.zeros((2, 3)), signature=Signature(rcs_m2=0.5))
     assert paths.signatures.rcs_m2[0] == 0.5
+
+
+Sample = tuple[str, int, tuple[float, float, float], tuple[float, float, float], float]
+
+
+def add_together(paths: Trajectories, samples: Sequence[Sample]) -> None:
+    drones, times, places, velocities, sigmas = zip(*samples, strict=True)
+    latitude_deg, longitude_deg, height_m = HOME.to_geodetic(np.array(places))
+    number = len(samples)
+    paths.add_samples(
+        drones,
+        np.array(times),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=np.array(velocities),
+        sigma_m=np.array(sigmas),
+        signatures=Signatures(
+            rcs_m2=np.array(sigmas), sound_power_db=np.zeros(number), emitters=[()] * number
+        ),
+    )
+
+
+STEP_MS = st.integers(1, 400) | st.sampled_from([2_999, 3_000, 3_001, 20_000])
+UNKNOWN = st.just(math.nan) | st.floats(-50, 50)
+STEPS = st.tuples(
+    st.sampled_from("abc"),
+    STEP_MS,
+    st.tuples(*[st.floats(-900, 900)] * 3),
+    st.tuples(*[UNKNOWN] * 3),
+    st.just(math.nan) | st.floats(0.01, 50),
+)
+
+
+@settings(max_examples=60)
+@given(st.lists(STEPS, min_size=1, max_size=60), st.data())
+def test_samples_added_together_are_those_added_one_after_the_other(
+    steps: list[Sample], data: st.DataObject
+) -> None:
+    now_ns, samples = dict.fromkeys("abc", T0), list[Sample]()
+    for drone, step_ms, *rest in steps:
+        now_ns[drone] += step_ms * 1_000_000
+        samples.append((drone, now_ns[drone], *rest))  # type: ignore[arg-type]
+    single, batched = trajectories(history_s=20.0), trajectories(history_s=20.0)
+    first = 0
+    while first < len(samples):
+        end = first + data.draw(st.integers(1, len(samples)))
+        part, first = samples[first:end], end
+        add_together(batched, part)
+        for one in part:
+            add_together(single, [one])
+        asked = data.draw(
+            st.lists(
+                st.tuples(st.integers(0, len(single.names) - 1), st.integers(-9_000, 9_000)),
+                min_size=1,
+                max_size=9,
+            )
+        )
+        drones = np.array([drone for drone, _ in asked])
+        t_ns = np.array([now_ns[single.names[d]] + ms * 1_000_000 for d, ms in asked])
+        for found in (batched.state_at(t_ns, drones), batched.state_at(t_ns[::-1], drones[::-1])):
+            assert set(found.drone) <= set(drones)
+        one_by_one, together = single.state_at(t_ns, drones), batched.state_at(t_ns, drones)
+        for name, column in vars(one_by_one).items():
+            np.testing.assert_array_equal(column, getattr(together, name))
+        alone = [single.position_at(t_ns[i : i + 1], drones[i : i + 1]) for i in range(len(asked))]
+        np.testing.assert_array_equal(np.concatenate(alone), batched.position_at(t_ns, drones))
+        assert batched.names == single.names
+        np.testing.assert_array_equal(single.signatures.rcs_m2, batched.signatures.rcs_m2)
+
+
+def test_what_is_forgotten_makes_room() -> None:
+    paths = trajectories(history_s=1.0)
+    for t_s in range(2_000):
+        add_together(
+            paths,
+            [
+                (str(d), T0 + t_s * NS // 10, (0.0, 0.0, 50.0), (1.0, 0.0, 0.0), 1.0)
+                for d in range(9)
+            ],
+        )
+    assert len(paths._live) < 1_000
+    assert paths.spans_ns[:, 1].tolist() == [T0 + 1_999 * NS // 10] * 9
+    assert (paths.spans_ns[:, 1] - paths.spans_ns[:, 0] >= NS).all()
+
+
+def test_a_flight_is_as_if_it_had_been_told_live() -> None:
+    rng = np.random.default_rng(7)
+    t_ns = T0 + np.cumsum(rng.integers(20, 3_500, 200)) * 1_000_000
+    latitude_deg, longitude_deg, height_m = HOME.to_geodetic(
+        np.cumsum(rng.normal(size=(200, 3)), 0)
+    )
+    velocity = rng.normal(size=(200, 3))
+    velocity[rng.random((200, 3)) < 0.2] = np.nan
+    live, flight = trajectories(history_s=1e6), trajectories()
+    for i, t in enumerate(t_ns.tolist()):
+        live.add_sample(
+            "a",
+            t,
+            latitude_deg=float(latitude_deg[i]),
+            longitude_deg=float(longitude_deg[i]),
+            height_m=float(height_m[i]),
+            velocity_enu_m_s=velocity[i].tolist(),
+            sigma_m=2.0,
+            signature=SIGNATURE,
+        )
+    flight.add_flight(
+        "a",
+        t_ns,
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=velocity,
+        sigma_m=np.full(200, 2.0),
+        signature=SIGNATURE,
+    )
+    for t in rng.integers(t_ns[0] - NS, t_ns[-1] + 5 * NS, 300).tolist():
+        one, other = live.state_at(t), flight.state_at(t)
+        np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
+        np.testing.assert_array_equal(one.velocity_ecef_m_s, other.velocity_ecef_m_s)
+    assert live.spans_ns.tolist() == flight.spans_ns.tolist()

@@ -1,0 +1,245 @@
+"""Samples of drones that are heard of live, all in one log, and the stretches of path they make.
+
+Each sample knows the one before it of its drone, so that any number of drones is added to, looked
+up and forgotten in a few operations on whole columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from plotfeed.models.state import NS, Bools, Floats, Ints, with_room
+
+FOREVER_NS = (1 << 63) - 1
+NONE = -1
+"""The number of no sample."""
+
+SIGMA_VELOCITY_M_S = 1.0
+"""An unknown velocity is fitted over as many samples as it takes to know it this well."""
+MAX_FIT_SAMPLES = 20
+MAX_FIT_S = 6.0
+"""Longer than this a drone does not fly straight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretches:
+    """Stretches of time in which positions are one cubic in the time since its start; (m,)."""
+
+    start_ns: Ints
+    end_ns: Ints
+    alive: Bools
+    coefficients: Floats
+    """(4, 3, m): metres, m/s, m/s2, m/s3."""
+
+    @classmethod
+    def none(cls, m: int) -> Self:
+        """Stretches that are yet to be filled in."""
+        return cls(
+            start_ns=np.zeros(m, np.int64),
+            end_ns=np.zeros(m, np.int64),
+            alive=np.zeros(m, np.bool_),
+            coefficients=np.zeros((4, 3, m)),
+        )
+
+    def put(self, which: Ints, found: Stretches) -> None:
+        """Fill in those."""
+        self.start_ns[which], self.end_ns[which] = found.start_ns, found.end_ns
+        self.alive[which] = found.alive
+        self.coefficients[:, :, which] = found.coefficients
+
+
+class LiveSamples:
+    """A log of samples, by the rows of their drones; what is too old for anybody is forgotten."""
+
+    def __init__(self, *, stale_after_ns: int, history_ns: int) -> None:
+        """A drone is gone so long after its last sample; so long a time before it is asked for."""
+        self._stale_after_ns = stale_after_ns
+        self._history_ns = history_ns
+        self._number = 0
+        self._drone: Ints = np.zeros(0, np.int64)
+        self._t_utc_ns: Ints = np.zeros(0, np.int64)
+        self._position_ecef_m: Floats = np.zeros((0, 3))
+        self._velocity_ecef_m_s: Floats = np.zeros((0, 3))
+        self._before: Ints = np.zeros(0, np.int64)
+        self._latest: Ints = np.zeros(0, np.int64)
+        """Number of the latest sample of each drone, and one more: 0 for none."""
+
+    def __len__(self) -> int:
+        """How many samples are kept."""
+        return self._number
+
+    def span_ns(self, drone: int) -> tuple[int, int]:
+        """The times of the first sample that is kept of a drone, and of its latest."""
+        last = first = int(self._latest[drone]) - 1
+        while self._before[first] >= 0:
+            first = int(self._before[first])
+        return int(self._t_utc_ns[first]), int(self._t_utc_ns[last])
+
+    def add(self, drones: Ints, t_utc_ns: Ints, position_ecef_m: Floats) -> Ints:
+        """Add samples of drones, of each in the order of time; their numbers, (n,).
+
+        They have no velocities yet.
+        """
+        n = len(drones)
+        if self._number + n > len(self._t_utc_ns):
+            self._forget()
+        self._latest = with_room(self._latest, int(drones.max()) + 1)
+        for name in ("_drone", "_t_utc_ns", "_position_ecef_m", "_velocity_ecef_m_s", "_before"):
+            setattr(self, name, with_room(getattr(self, name), self._number + n))
+        numbers: Ints = np.arange(self._number, self._number + n)
+        new = slice(self._number, self._number + n)
+        self._drone[new], self._t_utc_ns[new] = drones, t_utc_ns
+        self._position_ecef_m[new] = position_ecef_m
+        order = np.argsort(drones, kind="stable")
+        sorted_drones = drones[order]
+        again = np.flatnonzero(sorted_drones[1:] == sorted_drones[:-1])
+        before = self._latest[drones] - 1
+        before[order[again + 1]] = numbers[order[again]]
+        self._before[new] = before
+        last = np.ones(n, np.bool_)
+        last[again] = False
+        self._latest[sorted_drones[last]] = numbers[order[last]] + 1
+        self._number += n
+        return numbers
+
+    def fly(self, numbers: Ints, velocity_ecef_m_s: Floats) -> None:
+        """Give samples their velocities; (n, 3)."""
+        self._velocity_ecef_m_s[numbers] = velocity_ecef_m_s
+
+    def fitted_velocity(self, numbers: Ints, sigma_m: Floats) -> Floats:
+        """Velocities of samples by `fit_velocity` over them and those before; (n, 3), ECEF."""
+        chain = np.full((MAX_FIT_SAMPLES, len(numbers)), NONE)
+        chain[0] = numbers
+        for i in range(1, MAX_FIT_SAMPLES):
+            before = np.where(chain[i - 1] >= 0, self._before[chain[i - 1]], NONE)
+            if (before < 0).all():
+                break
+            chain[i] = before
+        counts = (chain >= 0).sum(axis=0)
+        t_s = np.where(chain >= 0, (self._t_utc_ns[chain] - self._t_utc_ns[numbers]) / NS, 0.0)
+        least = _least_samples(t_s, counts, sigma_m).tolist()
+        fitted = np.zeros((len(numbers), 3))
+        for i, count in enumerate(counts.tolist()):
+            which = chain[:count, i][::-1]
+            fitted[i] = fit_velocity(
+                self._t_utc_ns[which],
+                self._position_ecef_m[which],
+                float(sigma_m[i]),
+                least=least[i],
+            )
+        return fitted
+
+    def stretches_at(self, drones: Ints, t_utc_ns: Ints) -> Stretches:
+        """The stretches of drones (m,), each with a sample at least, that hold times (m,)."""
+        at, after = self._latest[drones] - 1, np.full(len(drones), NONE)
+        later = np.flatnonzero(t_utc_ns < self._t_utc_ns[at])
+        while len(later):
+            after[later] = at[later]
+            at[later] = self._before[at[later]]
+            later = later[at[later] >= 0]
+            later = later[t_utc_ns[later] < self._t_utc_ns[at[later]]]
+        known = at >= 0
+        start_ns = self._t_utc_ns[at]
+        next_ns = np.where(after >= 0, self._t_utc_ns[after], FOREVER_NS)
+        bridged = known & (after >= 0) & (next_ns - start_ns <= self._stale_after_ns)
+        tail_ns = np.minimum(FOREVER_NS - start_ns, self._stale_after_ns)
+        gone_ns = np.minimum(start_ns + tail_ns, next_ns)
+        alive = known & (bridged | (t_utc_ns < gone_ns))
+        coefficients = np.zeros((4, 3, len(drones)))
+        coefficients[0] = np.where(alive, self._position_ecef_m[at].T, 0.0)
+        coefficients[1] = np.where(alive, self._velocity_ecef_m_s[at].T, 0.0)
+        if bridged.any():
+            which = np.flatnonzero(bridged)
+            coefficients[2:, :, which] = self._bends(at[which], after[which])
+        return Stretches(
+            start_ns=np.where(alive, start_ns, np.where(known, gone_ns, -FOREVER_NS)),
+            end_ns=np.where(alive & ~bridged, gone_ns, next_ns),
+            alive=alive,
+            coefficients=coefficients,
+        )
+
+    def _bends(self, first: Ints, second: Ints) -> Floats:
+        """The higher coefficients of the cubics through samples (m,) and later ones; (2, 3, m)."""
+        duration_s = (self._t_utc_ns[second] - self._t_utc_ns[first]) / NS
+        p0, p1 = self._position_ecef_m[first].T, self._position_ecef_m[second].T
+        v0, v1 = self._velocity_ecef_m_s[first].T, self._velocity_ecef_m_s[second].T
+        mean_velocity = (p1 - p0) / duration_s
+        c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
+        # By Python's own power, as for a track alone: NumPy's square differs in the last bit.
+        c3 = (v0 + v1 - 2 * mean_velocity) / np.array([s**2 for s in duration_s.tolist()])
+        return np.stack([c2, c3])
+
+    def _forget(self) -> None:
+        """Drop samples that no state within the history of their drones needs."""
+        n = self._number
+        before, drone = self._before[:n], self._drone[:n]
+        latest = self._latest[drone] - 1
+        needed_from_ns = self._t_utc_ns[latest] - self._history_ns
+        keep = np.arange(n) == latest
+        follows = np.flatnonzero(before >= 0)
+        needed = self._t_utc_ns[follows] > needed_from_ns[follows]
+        keep[before[follows[needed]]] = True
+        keep[follows[needed]] = True
+        kept = np.flatnonzero(keep)
+        if len(kept) > n - n // 4:
+            return
+        renumbered = np.append(np.where(keep, np.cumsum(keep) - 1, NONE), NONE)
+        has_any = self._latest > 0
+        self._latest[has_any] = renumbered[self._latest[has_any] - 1] + 1
+        self._number = len(kept)
+        self._before[: len(kept)] = renumbered[before[kept]]
+        for column in (
+            self._drone,
+            self._t_utc_ns,
+            self._position_ecef_m,
+            self._velocity_ecef_m_s,
+        ):
+            column[: len(kept)] = column[kept]
+
+
+def fit_velocity(
+    t_utc_ns: Sequence[int] | Ints,
+    position_m: Sequence[Floats] | Floats,
+    sigma_m: float,
+    *,
+    least: int = 2,
+) -> Floats:
+    """Slope of the straight line through the latest positions, m/s; zero for a single one.
+
+    It reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
+    t)^2), under `SIGMA_VELOCITY_M_S`: two where positions are fine, many where they are coarse, so
+    that the steps of a quantised position are not taken for speed. Fewer than `least` are known not
+    to be enough.
+    """
+    t_s = (np.asarray(t_utc_ns, dtype=np.int64) - t_utc_ns[-1]) / NS
+    positions = np.asarray(position_m)
+    slope = np.zeros(positions.shape[-1])
+    for n in range(least, len(t_s) + 1):
+        if t_s[-n] < -MAX_FIT_S and n > 2:
+            break
+        t = t_s[-n:] - t_s[-n:].mean()
+        spread_s2 = float(t @ t)
+        slope = t @ positions[-n:] / spread_s2
+        if sigma_m <= SIGMA_VELOCITY_M_S * spread_s2**0.5:
+            break
+    return slope
+
+
+def _least_samples(t_s: Floats, counts: Ints, sigma_m: Floats) -> Ints:
+    """The number of samples from which `fit_velocity` has to try, or less; (m,).
+
+    By times (k, m) back from the latest of each, of which so many count.
+    """
+    ones = np.arange(1, len(t_s) + 1)[:, None]
+    squares_s2 = np.cumsum(t_s * t_s, axis=0)
+    spread_s2 = squares_s2 - np.cumsum(t_s, axis=0) ** 2 / ones
+    wanted_s2 = (np.minimum(sigma_m, 1e100) / SIGMA_VELOCITY_M_S) ** 2
+    enough = spread_s2 + 1e-9 * squares_s2 >= wanted_s2
+    enough |= (ones >= counts) | (np.roll(t_s, -1, axis=0) < -MAX_FIT_S)
+    enough[-1] = True
+    least: Ints = np.maximum(np.argmax(enough, axis=0) + 1, 2)
+    return least
