@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import weakref
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import SpooledTemporaryFile
 from typing import BinaryIO
 from zlib import crc32
 
@@ -19,6 +22,8 @@ from plotfeed.replay.recorded import LATEST_NS, Attachment
 
 ZSTD_LEVEL = 1
 """Higher levels take longer and make the messages of sensors hardly smaller."""
+IN_MEMORY_OCTETS = 1 << 20
+"""Of the index, which has some octets for each channel in each chunk: hours make it large."""
 
 
 class ChunkFile:
@@ -28,7 +33,7 @@ class ChunkFile:
         self.schemas: list[bytes] = []
         """Records for the summary, as the next."""
         self.channels: list[bytes] = []
-        self._chunk_indexes: list[bytes] = []
+        self._chunk_indexes = Overflowing(file)
         self._attachment_indexes: list[bytes] = []
         self._counts: Counter[int] = Counter()
         """Messages by channel."""
@@ -37,7 +42,7 @@ class ChunkFile:
         self._octets = 0
         """Of whole records."""
         self._failed = False
-        self._append(MAGIC + record_of(mcap.Header(profile="", library=library)))
+        self._append([MAGIC, record_of(mcap.Header(profile="", library=library))])
         for attachment in attachments:
             self.attach(attachment)
 
@@ -74,8 +79,14 @@ class ChunkFile:
             message_start_time=first_ns,
             uncompressed_size=len(records),
         )
-        if self._append(b"".join((chunk, *indexes))):
-            self._chunk_indexes.append(record_of(index))
+        before = self._octets
+        if self._append([chunk, *indexes]):
+            try:
+                self._chunk_indexes.append(record_of(index))
+            except OSError:
+                self._octets = before
+                self._give_up()
+                raise
             self._counts.update({number: len(times) // 2 for number, times in entries.items()})
             self._first_ns = min(self._first_ns, first_ns)
             self._last_ns = max(self._last_ns, last_ns)
@@ -90,7 +101,7 @@ class ChunkFile:
             data=attachment.data,
         )
         octets, offset = record_of(record), self._octets
-        if self._append(octets):
+        if self._append([octets]):
             index = mcap.AttachmentIndex(
                 offset=offset,
                 length=len(octets),
@@ -110,39 +121,48 @@ class ChunkFile:
         except OSError:
             if not told:
                 raise
+        finally:
+            self._chunk_indexes.close()
 
-    def _append(self, octets: bytes) -> bool:
-        """Write it all; False if the file takes no more. Raises `OSError` once."""
+    def _append(self, parts: Iterable[bytes]) -> bool:
+        """Write all of them or none; False if the file takes no more. Raises `OSError` once."""
         if self._failed:
             return False
-        left = memoryview(octets)
+        octets = 0
         try:
-            while left:  # a file without a buffer may take a part
-                left = left[self._file.write(left) :]
+            for part in parts:
+                left = memoryview(part)
+                octets += len(part)
+                while left:  # a file without a buffer may take a part
+                    left = left[self._file.write(left) :]
             self._file.flush()
         except OSError:
-            self._failed = True
-            with contextlib.suppress(OSError):
-                self._file.seek(self._octets)
-                self._file.truncate()
+            self._give_up()
             raise
-        self._octets += len(octets)
+        self._octets += octets
         return True
 
-    def _summary(self) -> bytes:
+    def _give_up(self) -> None:
+        """Leave what is whole, and take no more."""
+        self._failed = True
+        with contextlib.suppress(OSError):
+            self._file.seek(self._octets)
+            self._file.truncate()
+
+    def _summary(self) -> Iterator[bytes]:
         """What lies between the end of the data and the end of the file."""
         statistics = mcap.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self.channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunk_indexes.count,
             message_count=self._counts.total(),
             message_end_time=self._last_ns,
             message_start_time=self._first_ns if self._counts else 0,
             metadata_count=0,
             schema_count=len(self.schemas),
         )
-        groups = {
+        groups: dict[Opcode, Iterable[bytes]] = {
             Opcode.SCHEMA: self.schemas,
             Opcode.CHANNEL: self.channels,
             Opcode.STATISTICS: [record_of(statistics)],
@@ -150,18 +170,55 @@ class ChunkFile:
             Opcode.ATTACHMENT_INDEX: self._attachment_indexes,
         }
         data_end = record_of(mcap.DataEnd(data_section_crc=0))
+        yield data_end
         start = at = self._octets + len(data_end)
         offsets: list[bytes] = []
-        for opcode, records in groups.items():
-            if records:
-                length = sum(map(len, records))
-                place = mcap.SummaryOffset(group_opcode=opcode, group_start=at, group_length=length)
+        crc = 0
+        for opcode, parts in groups.items():
+            begin = at
+            for part in parts:
+                crc, at = crc32(part, crc), at + len(part)
+                yield part
+            if at > begin:
+                place = mcap.SummaryOffset(
+                    group_opcode=opcode, group_start=begin, group_length=at - begin
+                )
                 offsets.append(record_of(place))
-                at += length
-        body = b"".join([record for records in groups.values() for record in records] + offsets)
         footer = record_of(mcap.Footer(summary_start=start, summary_offset_start=at, summary_crc=0))
-        crc = struct.pack("<I", crc32(footer[:-4], crc32(body)))
-        return b"".join((data_end, body, footer[:-4], crc, MAGIC))
+        end = b"".join((*offsets, footer[:-4]))
+        yield b"".join((end, struct.pack("<I", crc32(end, crc)), MAGIC))
+
+
+class Overflowing:
+    """Records for the end of a file: the first in memory, many in a nameless file beside it."""
+
+    def __init__(self, beside: BinaryIO) -> None:
+        name = getattr(beside, "name", None)
+        folder = str(Path(name).parent) if isinstance(name, str | Path) else None
+        self.count = 0
+        self._octets = 0
+        """Of whole records."""
+        self._file = SpooledTemporaryFile(IN_MEMORY_OCTETS, dir=folder)  # noqa: SIM115
+        self._close = weakref.finalize(self, self._file.close)  # a writer may be given up
+
+    def append(self, record: bytes) -> None:
+        """Keep another; raises `OSError`, and then keeps nothing of it."""
+        self._file.seek(self._octets)
+        self._file.write(record)
+        self._octets += len(record)
+        self.count += 1
+
+    def close(self) -> None:
+        """Give back the file."""
+        self._close()
+
+    def __iter__(self) -> Iterator[bytes]:
+        """All of them, one after the other, in pieces of any size."""
+        self._file.seek(0)
+        left = self._octets
+        while left > 0 and (piece := self._file.read(min(left, IN_MEMORY_OCTETS))):
+            left -= len(piece)
+            yield piece
 
 
 def record_of(record: mcap.McapRecord) -> bytes:

@@ -111,9 +111,10 @@ class McapWriter(RecordingWriter):
         entries = {channel.id: channel.entries for channel in self._touched}
         for channel in self._touched:
             channel.entries = []
-        self._run(partial(self._file.add_chunk, self._parts, entries))
+        work = partial(self._file.add_chunk, self._parts, entries)
         self._parts, self._octets, self._touched = [], 0, []
         self._chunk += 1
+        self._run(work)
 
     def attach(self, attachment: Attachment) -> bool:
         """Put another file into the file."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import io
 import json
+import tracemalloc
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 from google.protobuf import json_format
@@ -19,6 +22,7 @@ from mcap.stream_reader import StreamReader
 from support.recordings import MS, SCENE, START_NS, mcap_of, messages, read_log
 
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.mcap import chunk_file
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
@@ -304,6 +308,63 @@ def test_a_full_disk_leaves_what_was_whole(room: int) -> None:
         assert len(official(data)) == len(found)
     else:
         assert [damage.offset for damage in reader.damage] == [len(data)]
+
+
+def test_an_index_too_large_for_memory_comes_out_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded = messages(3000)
+    expected = mcap_of(recorded)
+    monkeypatch.setattr(chunk_file, "IN_MEMORY_OCTETS", 300)
+    path = tmp_path / "log.mcap"
+    with path.open("wb", buffering=0) as file:
+        writer = McapWriter(file, attachments=[SCENE])
+        for each in recorded:
+            writer.write(each)
+        writer.close()
+    assert path.read_bytes() == expected
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_index_takes_no_more_memory_however_long_the_file(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(chunk_file, "IN_MEMORY_OCTETS", 10_000)
+    with closing(chunk_file.Overflowing(io.BytesIO())) as kept:
+        kept.append(b"x" * 20_000)
+        tracemalloc.start()
+        try:
+            for i in range(1000):
+                kept.append(i.to_bytes(600, "big"))
+            grown, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert grown < 10_000
+        octets = b"".join(kept)
+        assert octets[20_000:] == b"".join(i.to_bytes(600, "big") for i in range(1000))
+        assert (len(octets), kept.count) == (620_000, 1001)
+
+
+def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded, file = messages(100), io.BytesIO()
+    writer = McapWriter(file)
+    for each in recorded[:50]:
+        writer.write(each)
+    writer.flush()
+
+    def full(_self: object, _record: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(chunk_file.Overflowing, "append", full)
+    for each in recorded[50:]:
+        writer.write(each)
+    with pytest.raises(OSError, match="No space"):
+        writer.flush()
+    writer.close()
+    found, reader = read_log(file.getvalue())
+    assert found == recorded[:50]
+    assert reader.damage == []
+    assert reader.summary().indexed
 
 
 def test_a_disk_that_is_full_at_once_is_an_error_at_once() -> None:
