@@ -9,14 +9,15 @@ standard.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 
 import numpy as np
 
 from plotfeed.models.state import Floats, Ints, Plots
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, looked_up, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, looked_up, measured
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 CAT015 = category(
@@ -126,21 +127,22 @@ class PlotEncoder015:
     observations. The standard leaves the sign of DV open: here a positive one recedes.
 
     `pairs` has the pair of each channel, by default the channel itself. `classes` has the class
-    of each kind of plot, by agreement with the receiver; without it no class is sent.
+    of each kind of plot, by agreement with the receiver; without it no class is sent. Several
+    sensors have a SAC, SIC, manner of scanning and limit of octets each, in sequences.
     """
 
     def __init__(
         self,
-        sac: int,
-        sic: int,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
         *,
         geometry: Geometry = Geometry.MONOSTATIC,
-        scanning: Scanning = Scanning.STATIC,
+        scanning: Scanning | Sequence[Scanning] = Scanning.STATIC,
         simulated: bool = True,
         pairs: Mapping[int, int] | None = None,
         classes: Mapping[str, int] | None = None,
         class_probability_pct: int = 100,
-        max_octets: int = UDP_OCTETS,
+        max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         self._pairs = pairs
         self._classes = classes
@@ -167,25 +169,32 @@ class PlotEncoder015:
         )
 
     def blocks(self, plots: Plots, *, first_observation: int = 0) -> list[bytes]:
-        """Data blocks of all plots, in their order, none longer than `max_octets`.
+        """Data blocks of all plots of one sensor, in their order, none longer than `max_octets`.
 
         A column of nothing but NaN, or of no kinds, is not measured; one with some is an
         EncodeError. `first_observation` is the number of the first plot of a multistatic sensor.
         """
+        first = np.array([first_observation], np.int64)
+        return self.blocks_by(plots, Parts.whole(len(plots)), first)[0]
+
+    def blocks_by(self, plots: Plots, parts: Parts, first_observation: Ints) -> list[list[bytes]]:
+        """Data blocks of each part of the plots; all of them measure the same.
+
+        `first_observation` is the number of the first plot of each part, (m,).
+        """
         if not len(plots):
-            return []
+            return [[] for _ in range(len(parts))]
         columns: dict[str, Floats | Ints] = {"I015/145": plots.t_utc_ns}
-        columns |= measured({path: getattr(plots, name) for path, name in self._optional.items()})
-        snr = measured({"I015/630/RPS": plots.snr})
+        columns |= measured(plots, self._optional)
+        snr = measured(plots, {"I015/630/RPS": "snr"})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:
             path = "I015/400/PID"
             columns[path] = plots.channel
             if self._pairs is not None:
                 columns[path] = looked_up(self._pairs, plots.channel, "pair for channel", path)
-            numbers = np.arange(first_observation, first_observation + len(plots))
-            columns["I015/400/ON"] = numbers % OBSERVATIONS
+            columns["I015/400/ON"] = parts.numbered_from(first_observation) % OBSERVATIONS
         if self._classes is not None and any(plots.kind):
             path = "I015/300/0/CLS"
             columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
-        return self._reports.blocks(columns)
+        return self._reports.blocks_by(columns, parts)

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports, checked_position
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT016 = category(

@@ -9,8 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import Ints
+from plotfeed.proto.asterix.codec.encode import Constant
 from plotfeed.proto.asterix.codec.layout import Category, category
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT025 = category(
@@ -66,28 +71,30 @@ class StatusEncoder025:
     """Status reports, as I025/010, 000, 070, 100, 600 and 610, and of errors 105.
 
     The height of the system's reference point is above the WGS-84 ellipsoid, of which mean sea
-    level is `geoid_undulation_m` high. `category` is CAT025 or CAT025_HALF_TURN.
+    level is `geoid_undulation_m` high. `category` is CAT025 or CAT025_HALF_TURN. Several systems
+    have a SAC, SIC, position and height each, in sequences.
     """
 
     def __init__(
         self,
-        sac: int,
-        sic: int,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
         *,
-        latitude_deg: float,
-        longitude_deg: float,
-        height_m: float,
+        latitude_deg: float | Sequence[float],
+        longitude_deg: float | Sequence[float],
+        height_m: float | Sequence[float],
         geoid_undulation_m: float = 0.0,
         category: Category = CAT025,
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I025/600")
-        self._constants: dict[str, float | str] = {
+        heights_m = [height_m] if isinstance(height_m, int | float) else height_m
+        self._constants: dict[str, Constant] = {
             "I025/010/SAC": sac,
             "I025/010/SIC": sic,
             "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
             "I025/600/LAT": latitude_deg,
             "I025/600/LON": longitude_deg,
-            "I025/610": height_m - geoid_undulation_m,
+            "I025/610": [height - geoid_undulation_m for height in heights_m],
         }
         self._category = category
         self._by_errors: dict[int, Reports] = {}
@@ -120,6 +127,20 @@ class StatusEncoder025:
         columns |= {f"I025/105/{index}": error for index, error in enumerate(errors)}
         (block,) = self._reports(len(errors)).blocks(columns)
         return block
+
+    def regular_blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
+        """Data blocks of periodic reports of systems that run, by their numbers, at times (m,)."""
+        columns: dict[str, ArrayLike] = {
+            "I025/000/RG": 0,
+            "I025/070": t_utc_ns,
+            "I025/100/NOGO": 0,
+            "I025/100/OPS": Operation.OPERATIONAL,
+            "I025/100/SSTAT": State.RUNNING,
+            "I025/100/SYSTAT": State.RUNNING,
+            "I025/100/SESTAT": State.RUNNING,
+        }
+        each = Parts(np.arange(len(sources) + 1), sources)
+        return [block for (block,) in self._reports(0).blocks_by(columns, each)]
 
     def _reports(self, errors: int) -> Reports:
         if errors not in self._by_errors:

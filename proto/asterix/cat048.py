@@ -10,9 +10,14 @@ that sector ends, both in one datagram; at north it sends a north marker.
 
 from __future__ import annotations
 
-from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Encoder, Reports, blocks_of, measured
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from plotfeed.models.state import Ints, Plots
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant, Encoder, blocks_of_one
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, measured
 from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS
 
 CAT048 = category(
@@ -104,17 +109,18 @@ class PlotEncoder048:
 
     `geoid_undulation_m` is the height of mean sea level above the WGS-84 ellipsoid at the sensor:
     plots have heights above the latter, I048/110 above the former. The Doppler speed of 120 is the
-    range rate in whole m/s; the standard leaves its sign open: here a positive one recedes.
+    range rate in whole m/s; the standard leaves its sign open: here a positive one recedes. Several
+    radars have a SAC, SIC and limit of octets each, in sequences.
     """
 
     def __init__(
         self,
-        sac: int,
-        sic: int,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
         *,
         simulated: bool = True,
         geoid_undulation_m: float = 0.0,
-        max_octets: int = UDP_OCTETS,
+        max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         self._geoid_undulation_m = geoid_undulation_m
         self._reports = Reports(
@@ -136,30 +142,43 @@ class PlotEncoder048:
         )
 
     def blocks(self, plots: Plots) -> list[bytes]:
-        """Data blocks of all plots, in their order, none longer than `max_octets`.
+        """Data blocks of all plots of one radar, in their order, none longer than `max_octets`.
 
         A column of nothing but NaN is not measured; one with some NaN is an EncodeError.
         """
+        return self.blocks_by(plots, Parts.whole(len(plots)))[0]
+
+    def blocks_by(self, plots: Plots, parts: Parts) -> list[list[bytes]]:
+        """Data blocks of each part of the plots; all of them measure the same."""
         if not len(plots):
-            return []
-        optional = measured({path: getattr(plots, name) for path, name in OPTIONAL.items()})
+            return [[] for _ in range(len(parts))]
+        optional = measured(plots, OPTIONAL)
         if "I048/110" in optional and self._geoid_undulation_m:
             optional["I048/110"] = plots.height_m - self._geoid_undulation_m
-        return self._reports.blocks(
-            {
-                "I048/140": plots.t_utc_ns,
-                "I048/040/RHO": plots.range_m,
-                "I048/040/THETA": plots.azimuth_deg,
-                **optional,
-            }
-        )
+        columns = {
+            "I048/140": plots.t_utc_ns,
+            "I048/040/RHO": plots.range_m,
+            "I048/040/THETA": plots.azimuth_deg,
+            **optional,
+        }
+        return self._reports.blocks_by(columns, parts)
 
 
 class ServiceEncoder034:
-    """North markers and sector crossings, each a data block of one record."""
+    """North markers and sector crossings, each a data block of one record.
 
-    def __init__(self, sac: int, sic: int, *, antenna_period_s: float) -> None:
-        source: dict[str, float | str] = {"I034/010/SAC": sac, "I034/010/SIC": sic}
+    Several radars have a SAC, SIC and antenna period each, in sequences. `sources` are the numbers
+    of the radars that the messages are of, as the times (n,).
+    """
+
+    def __init__(
+        self,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
+        *,
+        antenna_period_s: float | Sequence[float],
+    ) -> None:
+        source: dict[str, Constant] = {"I034/010/SAC": sac, "I034/010/SIC": sic}
         lsb = {"I034/030": TIME_LSB_NS}
         self._north = Encoder(
             CAT034,
@@ -174,14 +193,13 @@ class ServiceEncoder034:
             lsb=lsb,
         )
 
-    def north_marker(self, t_utc_ns: int) -> bytes:
-        """The antenna passes north; I034/010, 000, 030, 041."""
-        return _block(self._north.record(t_utc_ns), self._north)
+    def north_markers(self, t_utc_ns: ArrayLike, sources: Ints | None = None) -> list[bytes]:
+        """Antennas pass north; I034/010, 000, 030, 041."""
+        return blocks_of_one(self._north, self._north.records({"I034/030": t_utc_ns}, sources))
 
-    def sector_crossing(self, t_utc_ns: int, azimuth_deg: float) -> bytes:
-        """The antenna passes the azimuth at which a sector ends; I034/010, 000, 030, 020."""
-        return _block(self._sector.record(t_utc_ns, azimuth_deg), self._sector)
-
-
-def _block(record: bytes, encoder: Encoder) -> bytes:
-    return blocks_of(encoder.category, record, encoder.record_length)[0]
+    def sector_crossings(
+        self, t_utc_ns: ArrayLike, azimuth_deg: ArrayLike, sources: Ints | None = None
+    ) -> list[bytes]:
+        """Antennas pass the azimuths at which sectors end; I034/010, 000, 030, 020."""
+        columns = {"I034/030": t_utc_ns, "I034/020": azimuth_deg}
+        return blocks_of_one(self._sector, self._sector.records(columns, sources))

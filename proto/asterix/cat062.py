@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from plotfeed.models.state import Bools, Columns, Floats, Ints
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position, measured
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports, checked_position, measured
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 CAT062 = category(
@@ -183,7 +184,7 @@ class TrackEncoder062:
         if not len(tracks):
             return []
         checked_position(tracks.latitude_deg, tracks.longitude_deg, field="I062/105")
-        optional = measured({path: getattr(tracks, name) for path, name in OPTIONAL.items()})
+        optional = measured(tracks, OPTIONAL)
         return self._reports.blocks(
             {
                 "I062/070": tracks.t_utc_ns,

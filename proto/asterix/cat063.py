@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT063 = category(

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports, checked_position
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import TIME_LSB_NS
 

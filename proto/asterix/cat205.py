@@ -9,14 +9,21 @@ for the error of a bearing, the time of its measurement or what the emission say
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 
 import numpy as np
 
 from plotfeed.models.state import Floats, Ints, Plots, Texts
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position, looked_up, measured
+from plotfeed.proto.asterix.codec.encode import Constant
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import (
+    Parts,
+    Reports,
+    checked_position,
+    looked_up,
+    measured,
+)
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
@@ -68,16 +75,17 @@ class BearingEncoder205:
     Latitude and longitude are the sensor's. `sensor` is its I205/170, which the standard asks for
     where sensors share a source. `channel_names` has a name of seven characters, digits and a
     point, for each channel of the plots; without it I205/090 is not sent. `best_snr_db` is the SNR
-    from which on the quality of a signal is the best there is, 255; it is 0 at 0 dB.
+    from which on the quality of a signal is the best there is, 255; it is 0 at 0 dB. Several
+    sensors have a SAC, SIC, latitude and longitude each, in sequences.
     """
 
     def __init__(
         self,
-        sac: int,
-        sic: int,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
         *,
-        latitude_deg: float,
-        longitude_deg: float,
+        latitude_deg: float | Sequence[float],
+        longitude_deg: float | Sequence[float],
         message: Message205 = Message205.SENSOR_DATA,
         sensor: int | None = None,
         channel_names: Mapping[int, str] | None = None,
@@ -86,7 +94,7 @@ class BearingEncoder205:
         checked_position(latitude_deg, longitude_deg, field="I205/050")
         self._channel_names = channel_names
         self._db_a_step = best_snr_db / BEST_QUALITY
-        constants: dict[str, float | str] = {
+        constants: dict[str, Constant] = {
             "I205/010/SAC": sac,
             "I205/010/SIC": sic,
             "I205/000": message,
@@ -107,27 +115,37 @@ class BearingEncoder205:
         )
 
     def blocks(self, plots: Plots, sent_utc_ns: int, *, first_report: int = 0) -> list[bytes]:
-        """A data block a plot, in their order, sent at that time and numbered from there on.
+        """A data block a plot of one sensor, sent at that time and numbered from there on.
 
         A column of nothing but NaN is not measured; one with some NaN is an EncodeError.
         """
+        sent, first = (np.array([number], np.int64) for number in (sent_utc_ns, first_report))
+        return self.blocks_by(plots, Parts.whole(len(plots)), sent, first)[0]
+
+    def blocks_by(
+        self, plots: Plots, parts: Parts, sent_utc_ns: Ints, first_report: Ints
+    ) -> list[list[bytes]]:
+        """A data block a plot, by the parts of the plots; all of them measure the same.
+
+        Each part has a time at which it is sent, and a number of its first plot, (m,).
+        """
         if not len(plots):
-            return []
-        columns: dict[str, Floats | Ints | Texts | int] = {
-            "I205/030": sent_utc_ns,
-            "I205/040": np.arange(first_report, first_report + len(plots)) % REPORTS,
+            return [[] for _ in range(len(parts))]
+        columns: dict[str, Floats | Ints | Texts] = {
+            "I205/030": np.repeat(sent_utc_ns, np.diff(parts.by)),
+            "I205/040": parts.numbered_from(first_report) % REPORTS,
             "I205/070": plots.azimuth_deg,
         }
-        level = measured({"I205/180": plots.amplitude_dbm})
+        level = measured(plots, {"I205/180": "amplitude_dbm"})
         columns |= {path: dbm + DBUV_AT_0_DBM for path, dbm in level.items()}
-        snr = measured({"I205/190": plots.snr})
+        snr = measured(plots, {"I205/190": "snr"})
         columns |= {path: self._quality(path, ratio) for path, ratio in snr.items()}
-        columns |= measured({"I205/200": plots.elevation_deg})
+        columns |= measured(plots, {"I205/200": "elevation_deg"})
         if self._channel_names is not None:
             path = "I205/090"
             names = looked_up(self._channel_names, plots.channel, "name for channel", path)
             columns[path] = names
-        return self._reports.blocks(columns)
+        return self._reports.blocks_by(columns, parts)
 
     def _quality(self, path: str, snr: Floats) -> Ints:
         if not (snr > 0).all():

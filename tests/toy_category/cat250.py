@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.codec.encode import Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports, measured
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT250 = category(
@@ -41,6 +41,6 @@ class PlotEncoder250:
                 "I250/020": plots.t_utc_ns,
                 "I250/030/R": plots.range_m,
                 "I250/030/AZ": plots.azimuth_deg,
-                **measured({"I250/040": plots.elevation_deg}),
+                **measured(plots, {"I250/040": "elevation_deg"}),
             }
         )

@@ -1,21 +1,19 @@
-"""Values to octets, by two paths to the same octets, and what report encoders share.
+"""Values to octets, by two paths to the same octets, and records to data blocks.
 
-An `Encoder` is for one profile: fixed items, fixed length. `Reports` keep one for each choice of
-items.
+An `Encoder` is for one profile: fixed items, fixed length.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
-from plotfeed.proto.asterix.codec.profile import is_at, profile
+from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.asterix.codec.scalar import ScalingRule, compiled
 from plotfeed.proto.asterix.codec.vector import VectorEncoder
 from plotfeed.proto.errors import EncodeError
@@ -28,13 +26,17 @@ UDP_OCTETS = 1400
 
 MAX_OCTETS = 0xFFFF
 
+Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
+"""What a part is in all records, or in those of each source that records may be of."""
+
 
 class Encoder:
     """Encodes records of the items in `paths` (see profile()).
 
-    `constants` holds the parts that never change; all others are `columns`, in the order of the
-    record. `lsb` gives the LSB in the column's unit where that is not the layout's: an int for a
-    column of integers, such as nanoseconds, whose arithmetic is then exact.
+    `constants` holds the parts that never change, one value for all records or a sequence of one
+    for each source that records may be of, whose numbers count from 0. All others are `columns`,
+    in the order of the record. `lsb` gives the LSB in the column's unit where that is not the
+    layout's: an int for a column of integers, such as nanoseconds, whose arithmetic is then exact.
 
     A value is rounded half to even; outside the range it saturates, wraps or is refused as its
     quantity says. What is not a finite number is refused: EncodeError names its path.
@@ -45,50 +47,82 @@ class Encoder:
         category: Category,
         paths: Iterable[str],
         *,
-        constants: Mapping[str, float | str] | None = None,
+        constants: Mapping[str, Constant] | None = None,
         lsb: Mapping[str, float] | None = None,
     ) -> None:
         constants, lsb = constants or {}, lsb or {}
         drawn = profile(category, paths)
         if unknown := {*constants, *lsb} - {slot.path for slot in drawn.slots}:
             raise EncodeError("the profile has no such part", field=min(unknown))
-        template = drawn.template
+        self.sources = sources_of(constants.values())
+        """How many sources there are."""
+        templates = [drawn.template] * self.sources
         rules: list[ScalingRule] = []
         for slot in drawn.slots:
-            if slot.path in constants:
-                template |= ScalingRule.of(slot).integer(constants[slot.path]) << slot.right
-            else:
-                rules.append(ScalingRule.of(slot, lsb.get(slot.path)))
+            rule = ScalingRule.of(slot, lsb.get(slot.path))
+            if slot.path not in constants:
+                rules.append(rule)
+                continue
+            bits = [rule.integer(value) << slot.right for value in each(constants[slot.path])]
+            bits = bits * self.sources if len(bits) == 1 else bits
+            templates = [have | more for have, more in zip(templates, bits, strict=True)]
         self.category = category.number
         self.record_length = drawn.octets
         self.columns = tuple(rule.path for rule in rules)
-        self.record, self._few = compiled(drawn.octets, template, rules)
-        """record(*values) is one record of one number a column, in the order of `columns`."""
+        self._few, self._constants = compiled(drawn.octets, templates, rules)
         self._many = None
         if not any(rule.text for rule in rules):  # no machine word holds text
-            self._many = VectorEncoder(drawn.octets, template, rules).records
+            self._many = VectorEncoder(drawn.octets, templates, rules).records
 
-    def records(self, columns: Mapping[str, ArrayLike]) -> bytes:
-        """The records of columns by path; each (n,), or one number or text for all records."""
+    def record(self, *values: Any) -> bytes:
+        """One record of the first source, of one value a column in the order of `columns`."""
+        return self._few(self._constants[:1], [[value] for value in values])
+
+    def records(self, columns: Mapping[str, ArrayLike], sources: Ints | None = None) -> bytes:
+        """The records of columns by path; each (n,), or one number or text for all records.
+
+        `sources` are the numbers of the records' sources, (n,); there may be one alone.
+        """
         try:
             values: list[Any] = [columns[path] for path in self.columns]
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
         if str in map(type, values):  # a text for all records has a length, but not a column's
             values = [np.asarray(c, np.object_) if isinstance(c, str) else c for c in values]
+        if self.sources == 1:
+            sources = None
+        elif sources is None:
+            raise EncodeError(f"which of {self.sources} sources is not said", field="records")
+        alike = values if sources is None else [*values, sources]
         try:
-            lengths = set(map(len, values))
+            lengths = set(map(len, alike))
         except TypeError:  # a number for all records has no length
-            lengths = {len(column) for column in values if not _is_one(column)} or {1}
+            lengths = {len(column) for column in alike if not _is_one(column)} or {1}
             n = max(lengths)
             values = [np.broadcast_to(np.asarray(c), n) if _is_one(c) else c for c in values]
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
         n = lengths.pop() if lengths else 1
         if n >= CROSSOVER and self._many is not None:
-            return self._many(values, n)
+            return self._many(values, n, sources)
+        held = self._constants
+        constants = held * n if sources is None else [held[i] for i in sources.tolist()]
         # Python's own numbers cost less than NumPy's one by one.
-        return self._few([c.tolist() if isinstance(c, np.ndarray) else c for c in values])
+        values = [c.tolist() if isinstance(c, np.ndarray) else c for c in values]
+        return self._few(constants, values)
+
+
+def each(constant: Constant) -> Sequence[float | str]:
+    """The values of a constant: one for each source, or one alone."""
+    return (constant,) if isinstance(constant, int | float | str) else constant
+
+
+def sources_of(constants: Iterable[Constant]) -> int:
+    """How many sources those constants are of."""
+    lengths = {len(each(c)) for c in constants if not isinstance(c, int | float | str)} or {1}
+    if len(lengths) > 1:
+        raise EncodeError(f"constants of {sorted(lengths)} sources", field="constants")
+    return lengths.pop()
 
 
 def _is_one(column: Any) -> bool:
@@ -100,110 +134,31 @@ def blocks_of(
     category: int, records: bytes, record_length: int, max_octets: int = UDP_OCTETS
 ) -> list[bytes]:
     """Data blocks of whole records, in their order, each no longer than `max_octets`."""
-    if not HEADER_OCTETS + record_length <= max_octets <= MAX_OCTETS:
-        raise EncodeError(
-            f"{max_octets} is not within {HEADER_OCTETS + record_length} to {MAX_OCTETS}",
-            field="max_octets",
-        )
-    step = (max_octets - HEADER_OCTETS) // record_length * record_length
+    step = records_a_block(record_length, max_octets) * record_length
     return [
-        bytes([category]) + (HEADER_OCTETS + len(body)).to_bytes(2, "big") + body
+        header(category, len(body)) + body
         for start in range(0, len(records), step)
         for body in [records[start : start + step]]
     ]
 
 
-class Reports:
-    """Data blocks of the items in `always`, and of those in `optional` that have columns.
+def blocks_of_one(encoder: Encoder, records: bytes) -> list[bytes]:
+    """A data block for each of an encoder's records, in their order."""
+    length = encoder.record_length
+    head = header(encoder.category, length)
+    return [head + records[start : start + length] for start in range(0, len(records), length)]
 
-    `constants` and `lsb` are as for Encoder, and may name parts of items that are not sent.
-    """
 
-    def __init__(
-        self,
-        category: Category,
-        always: Iterable[str],
-        optional: Iterable[str] = (),
-        *,
-        constants: Mapping[str, float | str],
-        lsb: Mapping[str, float] | None = None,
-        max_octets: int = UDP_OCTETS,
-        one_a_block: bool = False,
-    ) -> None:
-        self._category = category
-        self._always = tuple(always)
-        self._optional = tuple(optional)
-        self._constants = constants
-        self._lsb = lsb or {}
-        self._max_octets = max_octets
-        self._one_a_block = one_a_block
-        self._encoders: dict[tuple[str, ...], Encoder] = {}
-        everything = self._encoder_of(self._optional)
-        blocks_of(category.number, b"", everything.record_length, max_octets)
-
-    def blocks(self, columns: Mapping[str, ArrayLike]) -> list[bytes]:
-        """Data blocks of the rows of columns by path, in their order."""
-        key = tuple(columns)
-        encoder = self._encoders.get(key)
-        if encoder is None:
-            chosen = [path for path in self._optional if any(_belongs(c, path) for c in columns)]
-            encoder = self._encoders.setdefault(key, self._encoder_of(chosen))
-        length = encoder.record_length
-        most = HEADER_OCTETS + length if self._one_a_block else self._max_octets
-        return blocks_of(self._category.number, encoder.records(columns), length, most)
-
-    def _encoder_of(self, optional: Sequence[str]) -> Encoder:
-        paths = (*self._always, *optional)
-
-        def is_sent(path: str) -> bool:
-            return any(_belongs(path, sent) for sent in paths)
-
-        return Encoder(
-            self._category,
-            paths,
-            constants={p: value for p, value in self._constants.items() if is_sent(p)},
-            lsb={p: lsb for p, lsb in self._lsb.items() if is_sent(p)},
+def records_a_block(record_length: int, max_octets: int) -> int:
+    """How many records of that length a data block holds; none is an `EncodeError`."""
+    if not HEADER_OCTETS + record_length <= max_octets <= MAX_OCTETS:
+        raise EncodeError(
+            f"{max_octets} is not within {HEADER_OCTETS + record_length} to {MAX_OCTETS}",
+            field="max_octets",
         )
+    return (max_octets - HEADER_OCTETS) // record_length
 
 
-def _belongs(slot: str, path: str) -> bool:
-    """Whether a slot is of the item or subfield at a path."""
-    return is_at(slot, path.partition("*")[0])
-
-
-def measured(columns: Mapping[str, Floats | None]) -> dict[str, Floats]:
-    """Columns that hold numbers; None and one of nothing but NaN are not measured.
-
-    The encoder finds a NaN among numbers by itself.
-    """
-    return {
-        path: column
-        for path, column in columns.items()
-        if column is not None and _is_measured(path, column)
-    }
-
-
-def _is_measured(path: str, column: Floats) -> bool:
-    if not math.isnan(column[0]):
-        return True
-    if np.isnan(column).all():
-        return False
-    raise EncodeError("NaN in some rows and not in others", field=path)
-
-
-def checked_position(latitude_deg: Any, longitude_deg: Any, *, field: str) -> None:
-    """Refuses what is not on the globe, which quantities of more than a turn would carry."""
-    for name, degrees, limit in (("LAT", latitude_deg, 90), ("LON", longitude_deg, 180)):
-        inside = np.abs(np.asarray(degrees, dtype=np.float64)) <= limit
-        if not inside.all():
-            worst = np.asarray(degrees)[~inside].flat[0]
-            raise EncodeError(f"{worst} is not within ±{limit} degrees", field=f"{field}/{name}")
-
-
-def looked_up(values: Mapping[Any, Any], keys: NDArray[Any], what: str, path: str) -> NDArray[Any]:
-    """The value of each key; `what` says what they are of where one has none."""
-    try:
-        found = [values[key] for key in keys.tolist()]
-    except KeyError as error:
-        raise EncodeError(f"no {what} {error}", field=path) from None
-    return np.array(found, np.object_ if isinstance(found[0], str) else None)
+def header(category: int, octets: int) -> bytes:
+    """What comes before the records of a data block, which are so many octets."""
+    return (category << 16 | HEADER_OCTETS + octets).to_bytes(HEADER_OCTETS, "big")

@@ -34,24 +34,29 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """`size` octets at `offset`: `constant`, and the pieces that are ORed into it."""
+    """`size` octets at `offset`, and the pieces that are ORed into what a template has there."""
 
     offset: int
     size: int
-    constant: int
+    right: int
+    """Bits of the record that follow it."""
     pieces: tuple[Piece, ...]
 
+    def of(self, template: int) -> int:
+        """What a template, a record as an integer, has there."""
+        return template >> self.right & (1 << self.size * 8) - 1
 
-def whole(octets: int, template: int, spans: Sequence[WordSpan]) -> list[Word]:
+
+def whole(octets: int, spans: Sequence[WordSpan]) -> list[Word]:
     """Words that make up the whole record, as few as go without cutting a span."""
-    return list(_words(0, octets, octets, template, spans))
+    return list(_words(0, octets, octets, spans))
 
 
-def cells(octets: int, template: int, spans: Sequence[WordSpan]) -> list[Word]:
+def cells(octets: int, spans: Sequence[WordSpan]) -> list[Word]:
     """Words for no more than the octets that spans lie in; adjoining spans share none."""
     words: list[Word] = []
     for start, stop in _islands(octets, spans):
-        words.extend(_words(start, stop, octets, template, spans))
+        words.extend(_words(start, stop, octets, spans))
     return words
 
 
@@ -72,20 +77,18 @@ def _islands(octets: int, spans: Iterable[WordSpan]) -> list[tuple[int, int]]:
     return runs
 
 
-def _words(
-    start: int, stop: int, octets: int, template: int, spans: Sequence[WordSpan]
-) -> Iterator[Word]:
+def _words(start: int, stop: int, octets: int, spans: Sequence[WordSpan]) -> Iterator[Word]:
     inside = {
         octet for first, after in _islands(octets, spans) for octet in range(first + 1, after)
     }
     while start < stop:
         fitting = [size for size in SIZES if start + size <= stop]
         size = next((size for size in fitting if start + size not in inside), fitting[0])
-        yield _word(start, size, octets, template, spans)
+        yield _word(start, size, octets, spans)
         start += size
 
 
-def _word(offset: int, size: int, octets: int, template: int, spans: Sequence[WordSpan]) -> Word:
+def _word(offset: int, size: int, octets: int, spans: Sequence[WordSpan]) -> Word:
     right = (octets - offset - size) * 8
     full = (1 << size * 8) - 1
     pieces = []
@@ -94,4 +97,4 @@ def _word(offset: int, size: int, octets: int, template: int, spans: Sequence[Wo
         if shift < size * 8 and shift + span.bits > 0:
             mask = full if shift + span.bits > size * 8 else 0
             pieces.append(Piece(column, shift, mask))
-    return Word(offset, size, template >> right & full, tuple(pieces))
+    return Word(offset, size, right, tuple(pieces))

@@ -20,8 +20,9 @@ from plotfeed.proto.errors import EncodeError
 
 CODES = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
-One = Callable[..., bytes]
-Many = Callable[[Sequence[Any]], bytes]
+Constants = tuple[int, ...]
+"""What stands in the words of a record before any value does."""
+Few = Callable[[Sequence[Constants], Sequence[Any]], bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +106,11 @@ class ScalingRule:
         return bits
 
 
-def compiled(octets: int, template: int, rules: Sequence[ScalingRule]) -> tuple[One, Many]:
-    """A function of one record's values, and one of the columns of many; both give octets."""
-    words = whole(octets, template, rules)
+def compiled(
+    octets: int, templates: Sequence[int], rules: Sequence[ScalingRule]
+) -> tuple[Few, list[Constants]]:
+    """A function of constants and values, by row and by column, and the constants of templates."""
+    words = whole(octets, rules)
     packer = struct.Struct(">" + "".join(CODES[word.size] for word in words))
     names = {
         "pack": packer.pack,
@@ -116,9 +119,11 @@ def compiled(octets: int, template: int, rules: Sequence[ScalingRule]) -> tuple[
         "faults": (TypeError, ValueError, OverflowError, struct.error),
     }
     names |= {f"text{column}": rule.integer for column, rule in enumerate(rules) if rule.text}
+    stamped = [word for word in words if not word.pieces or any(map(word.of, templates))]
     # The text holds numbers and our own variable names only: nothing of the caller's gets in.
-    exec(_source(rules, words), names)  # noqa: S102 - as dataclasses do, from our layouts alone
-    return cast(One, names["one"]), cast(Many, names["many"])
+    exec(_source(rules, words, stamped), names)  # noqa: S102 - as dataclasses do, from our layouts
+    constants = [tuple(word.of(template) for word in stamped) for template in templates]
+    return cast(Few, names["few"]), constants
 
 
 def _blame(rules: Sequence[ScalingRule]) -> Callable[..., NoReturn]:
@@ -132,21 +137,18 @@ def _blame(rules: Sequence[ScalingRule]) -> Callable[..., NoReturn]:
     return blame
 
 
-def _source(rules: Sequence[ScalingRule], words: Sequence[Word]) -> str:
+def _source(rules: Sequence[ScalingRule], words: Sequence[Word], stamped: Sequence[Word]) -> str:
     values = "".join(f"v{column}, " for column in range(len(rules)))
-    packed = f"pack({', '.join(_word(word) for word in words)})"
+    constants = "".join(f"c{word.offset}, " for word in stamped)
+    packed = f"pack({', '.join(_word(word, word in stamped) for word in words)})"
     steps = [line for column, rule in enumerate(rules) for line in _integer(column, rule)]
-    handler = ["except faults:", f"    blame({values})"]
-    if not rules:
-        return f"one = lambda: {packed}\ndef many(columns): return {packed}\n"
     return "\n".join(
         [
-            f"def one({values}):",
-            *_indented(1, "try:", *_indented(1, *steps, f"return {packed}"), *handler),
-            "def many(columns):",
+            "def few(constants, columns):",
             *_indented(1, "records = []", "add = records.append"),
-            f"    for {values} in zip(*columns):",
-            *_indented(2, "try:", *_indented(1, *steps, f"add({packed})"), *handler),
+            f"    for ({constants}), {values} in zip(constants, *columns):",
+            *_indented(2, "try:", *_indented(1, *steps, f"add({packed})")),
+            *_indented(2, "except faults:", f"    blame({values})"),
             '    return b"".join(records)',
             "",
         ]
@@ -192,11 +194,9 @@ def _integer(column: int, rule: ScalingRule) -> list[str]:
     return lines
 
 
-def _word(word: Word) -> str:
-    terms = [_piece(piece) for piece in word.pieces]
-    if word.constant or not terms:
-        terms.insert(0, str(word.constant))
-    return " | ".join(terms)
+def _word(word: Word, is_stamped: bool) -> str:
+    terms = [f"c{word.offset}"] if is_stamped else []
+    return " | ".join(terms + [_piece(piece) for piece in word.pieces])
 
 
 def _piece(piece: Piece) -> str:

@@ -21,28 +21,38 @@ INT64_SAFE = 2.0**62
 class VectorEncoder:
     """Encodes columns of numbers; its octets are those of the scalar path."""
 
-    def __init__(self, octets: int, template: int, rules: Sequence[ScalingRule]) -> None:
+    def __init__(self, octets: int, templates: Sequence[int], rules: Sequence[ScalingRule]) -> None:
+        """A template is a record as an integer, in which all values are 0."""
         self._rules = tuple(rules)
-        self._words = cells(octets, template, rules)
-        self._template = np.frombuffer(template.to_bytes(octets, "big"), dtype=f"V{octets}")
+        words = cells(octets, rules)
+        self._words = [(word, _name(word), any(map(word.of, templates))) for word in words]
+        rows = b"".join(template.to_bytes(octets, "big") for template in templates)
+        self._templates = np.frombuffer(rows, dtype=f"V{octets}")
         self._dtype = np.dtype(
             {
-                "names": [_name(word) for word in self._words],
-                "formats": [f">u{word.size}" for word in self._words],
-                "offsets": [word.offset for word in self._words],
+                "names": [_name(word) for word in words],
+                "formats": [f">u{word.size}" for word in words],
+                "offsets": [word.offset for word in words],
                 "itemsize": octets,
             }
         )
 
-    def records(self, columns: Sequence[ArrayLike], n: int) -> bytes:
-        """The octets of n records, one after the other; a column is (n,) or one number for all."""
+    def records(
+        self, columns: Sequence[ArrayLike], n: int, which: NDArray[np.int64] | None = None
+    ) -> bytes:
+        """The octets of n records, one after the other; a column is (n,) or one number for all.
+
+        `which` are the templates of the records, (n,); without it, it is the first.
+        """
         integers = [
             _integers(rule, column) for rule, column in zip(self._rules, columns, strict=True)
         ]
-        records = np.repeat(self._template, n)
+        templates = self._templates
+        records = np.repeat(templates[:1], n) if which is None else templates[which]
         view = records.view(self._dtype)
-        for word in self._words:
-            view[_name(word)] = _word(word, integers)
+        for word, name, has_constant in self._words:
+            bits = _word(word, integers)
+            view[name] = bits | view[name] if has_constant else bits
         return records.tobytes()
 
 
@@ -120,6 +130,4 @@ def _word(word: Word, integers: Sequence[NDArray[np.uint64]]) -> NDArray[np.uint
         if piece.mask:
             part = part & np.uint64(piece.mask)
         bits = part if bits is None else bits | part
-    if bits is None:
-        return np.asarray(word.constant, dtype=np.uint64)
-    return bits | np.uint64(word.constant) if word.constant else bits
+    return np.zeros((), np.uint64) if bits is None else bits

@@ -196,9 +196,10 @@ def test_it_reads_plots_to_half_an_lsb() -> None:
 
 def test_it_reads_service_messages() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=2.5)
+    sent = [*encoder.north_markers([10**9]), *encoder.sector_crossings([0], [45.0])]
     north, sector = (
         {name: values_of(item) for name, item in items_of(record).items()}
-        for block in read_blocks([encoder.north_marker(10**9), encoder.sector_crossing(0, 45.0)])
+        for block in read_blocks(sent)
         for record in block
     )
     assert north == {"I034/010": [25, 3], "I034/000": [1], "I034/030": [1.0], "I034/041": [2.5]}

@@ -128,9 +128,9 @@ def test_a_bad_block_length_is_refused_at_once(octets: int) -> None:
 
 def test_service_messages() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
-    north, sector = decode(
-        encoder.north_marker(MIDNIGHT_NS + 10**9) + encoder.sector_crossing(MIDNIGHT_NS - 1, 348.75)
-    )
+    (marker,) = encoder.north_markers([MIDNIGHT_NS + 10**9])
+    (crossing,) = encoder.sector_crossings([MIDNIGHT_NS - 1], [348.75])
+    north, sector = decode(marker + crossing)
     source = {"SAC": 25, "SIC": 3}
     assert north.items == {"I034/010": source, "I034/000": 1, "I034/030": 1.0, "I034/041": 4.0}
     assert sector.items == {"I034/010": source, "I034/000": 2, "I034/030": 0.0, "I034/020": 348.75}
@@ -138,7 +138,7 @@ def test_service_messages() -> None:
 
 def test_the_sector_at_north_is_0() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
-    assert decode(encoder.sector_crossing(0, 360.0))[0].get("I034/020") == 0.0
+    assert decode(encoder.sector_crossings([0], [360.0])[0])[0].get("I034/020") == 0.0
 
 
 @pytest.mark.parametrize("period_s", [512.0, -1.0, math.nan])

@@ -28,9 +28,9 @@ def test_plots(vector: dict[str, Any], n: int) -> None:
 def test_service_messages(vector: dict[str, Any]) -> None:
     encoder = ServiceEncoder034(*SOURCE, antenna_period_s=VECTORS["antenna_period_s"])
     t_utc_ns, azimuth_deg = vector["t_utc_ns"], vector["azimuth_deg"]
-    block = (
-        encoder.north_marker(t_utc_ns)
+    (block,) = (
+        encoder.north_markers([t_utc_ns])
         if azimuth_deg is None
-        else encoder.sector_crossing(t_utc_ns, azimuth_deg)
+        else encoder.sector_crossings([t_utc_ns], [azimuth_deg])
     )
     assert block == bytes.fromhex(vector["block"])
