@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from numpy.typing import NDArray
 
-from plotfeed.models.state import FALSE_ALARM, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Floats, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.plot_rows import rows_of
 from plotfeed.proto.units import decibels
+from plotfeed.proto.varint import varint
 
 _PLOT_COLUMNS = (
     "range_m",
@@ -29,26 +33,81 @@ _PLOT_COLUMNS = (
     "covariance_east_m2",
     "covariance_north_m2",
     "covariance_east_north_m2",
+    "range_rate_m_s",
+    "sigma_range_rate_m_s",
 )
-_RATE_COLUMNS = ("range_rate_m_s", "sigma_range_rate_m_s")
+_TEXTS = ("kind", "identity")
+_SCAN, _SECTOR = (
+    varint(pb.PlotBatch.DESCRIPTOR.fields_by_name[name].number << 3) for name in ("scan", "sector")
+)
+MANY = 8
+"""Plots from which on it is faster to fill rows of octets than objects of protobuf."""
 
 
 def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:
     """A serialised PlotBatch; what is NaN is left out."""
-    batch = pb.PlotBatch(sensor=sensor, scan=scan, sector=sector)
-    names = _PLOT_COLUMNS if plots.range_rate_m_s is None else _PLOT_COLUMNS + _RATE_COLUMNS
-    columns = [(name, getattr(plots, name).tolist()) for name in names]
-    columns.append(("snr_db", decibels(plots.snr).tolist()))
-    for i, t_utc_ns in enumerate(plots.t_utc_ns.tolist()):
-        known = {name: values[i] for name, values in columns if not math.isnan(values[i])}
-        batch.plots.add(
-            time_utc_ns=t_utc_ns,
-            channel=int(plots.channel[i]),
-            kind=plots.kind[i],
-            identity=plots.identity[i],
-            **known,
-        )
-    return batch.SerializeToString()
+    return plot_batches([sensor], [scan], [sector], plots, [0, len(plots)])[0]
+
+
+def plot_batches(
+    sensors: Sequence[str],
+    scans: Sequence[int],
+    sectors: Sequence[int],
+    plots: Plots,
+    by: Sequence[int],
+) -> list[bytes]:
+    """Serialised PlotBatches of sectors, (m,); what is NaN is left out.
+
+    The plots of sector i are the rows from `by[i]` up to `by[i + 1]`, (m+1,).
+    """
+    heads = list(map(_head, sensors, scans, sectors))
+    if not len(plots):
+        return heads
+    held = vars(plots)
+    doubles = {name: held[name] for name in _PLOT_COLUMNS if held.get(name) is not None}
+    if held.get("snr") is not None:
+        doubles["snr_db"] = decibels(plots.snr)
+    if len(plots) >= MANY and (rows := rows_of(plots, doubles)) is not None:
+        octets, length = rows.tobytes(), rows.itemsize
+        return [
+            head + octets[first * length : after * length]
+            for head, (first, after) in zip(heads, pairwise(by), strict=True)
+        ]
+    # Protobuf's messages may be put together by joining their octets.
+    batches = _one_by_one(plots, doubles, by)
+    return [head + batch.SerializeToString() for head, batch in zip(heads, batches, strict=True)]
+
+
+@lru_cache(maxsize=4096)
+def _sensor(sensor: str) -> bytes:
+    return pb.PlotBatch(sensor=sensor).SerializeToString()
+
+
+def _head(sensor: str, scan: int, sector: int) -> bytes:
+    """A batch without plots."""
+    head = _sensor(sensor)
+    if scan:
+        head += _SCAN + varint(scan)
+    if sector:
+        head += _SECTOR + varint(sector)
+    return head
+
+
+def _one_by_one(
+    plots: Plots, doubles: Mapping[str, Floats], by: Sequence[int]
+) -> Iterator[pb.PlotBatch]:
+    """Batches of plots alone."""
+    held = vars(plots)
+    columns = [(name, column.tolist()) for name, column in doubles.items()]
+    columns += [(name, held[name].tolist()) for name in ("channel", *_TEXTS) if name in held]
+    times = plots.t_utc_ns.tolist()
+    for first, after in pairwise(by):
+        batch = pb.PlotBatch()
+        for i in range(first, after):
+            # A number that is not equal to itself is NaN.
+            known = {name: values[i] for name, values in columns if values[i] == values[i]}
+            batch.plots.add(time_utc_ns=times[i], **known)
+        yield batch
 
 
 def ledger(

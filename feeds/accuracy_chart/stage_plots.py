@@ -23,7 +23,7 @@ from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.sensing.sensor_site import with_heights
-from plotfeed.models.beam import Sector, Timetable
+from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -36,7 +36,6 @@ SOME_SCAN = 1000
 """It begins a group of sectors, if its number is a multiple of their size."""
 STEP_S = 1e-3
 """Over which rates of change are taken."""
-Parts = list[tuple[Sector, Plots]]
 
 
 def errors_stage(case: Case) -> ChartStage | None:
@@ -122,21 +121,21 @@ def false_alarms_stage(case: Case) -> ChartStage | None:
 
 def encoding_stage(case: Case) -> ChartStage | None:
     """Every format that such a sensor can report in, and that is installed."""
-    parts = _parts(case)
-    sent = Plots.joined([plots for _, plots in parts])
+    seen = _seen(case)
+    sent = seen.plots
     if not len(sent):
         return None
     found = []
     for name in formats_of(case):
         try:
-            messages = _messages(FORMATS[name].make(case.scene, case.sensor), parts)
+            messages = _messages(FORMATS[name].maker(case.scene, {0: case.sensor}), seen)
         except PlotfeedError:  # an extra is missing, or the sensor measures too little for it
             continue
-        read = _read_back(FORMATS[name], messages, parts[0][0].start_ns)
+        read = _read_back(FORMATS[name], messages, int(seen.sectors.start_ns[0]))
         found.append(
             Method(
                 name=name,
-                run=partial(_messages, FORMATS[name].make(case.scene, case.sensor), parts),
+                run=partial(_messages, FORMATS[name].maker(case.scene, {0: case.sensor}), seen),
                 units=len(sent),
                 errors=_encoding_errors(case, sent, read),
                 ours=name in case.sensor.report,
@@ -154,8 +153,8 @@ def formats_of(case: Case) -> list[str]:
     return [name for name in case.sensor.formats if not FORMATS[name].facts.tells_tracks]
 
 
-def _messages(maker: MessageFormat, parts: Parts) -> list[Message]:
-    return [message for sector, plots in parts for message in maker.messages(Seen(sector, plots))]
+def _messages(maker: MessageFormat, seen: Seen) -> list[Message]:
+    return [message for messages in maker.messages(seen) for message in messages]
 
 
 def _read_back(row: Format, messages: Sequence[Message], near_ns: int) -> MeasuredPlots:
@@ -165,7 +164,7 @@ def _read_back(row: Format, messages: Sequence[Message], near_ns: int) -> Measur
     return MeasuredPlots.joined([row.plots_in(message.payload, near_ns) for message in messages])
 
 
-def _parts(case: Case) -> Parts:
+def _seen(case: Case) -> Seen:
     """One detection of each seen target where that is to be had, spread over a few sectors."""
     targets, rng = case.seen_targets(), case.rng
     _, plots = case.model.observe(targets, rng)
@@ -177,7 +176,8 @@ def _parts(case: Case) -> Parts:
         t_ns = np.full(len(plots), end_ns, np.int64)  # a sensor that stares reports when it ends
     plots = with_heights(plots.but(t_utc_ns=t_ns), case.frame)
     index = np.searchsorted([s.end_ns for s in sectors[:-1]], t_ns, side="right")
-    return [(sector, plots.rows(index == i)) for i, sector in enumerate(sectors)]
+    plots_by = np.searchsorted(index, np.arange(len(sectors) + 1))
+    return Seen(Sectors.of(sectors), plots, plots_by)
 
 
 def _group(case: Case) -> list[Sector]:

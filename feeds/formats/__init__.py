@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from plotfeed.feeds.formats.asterix_015 import Asterix015
 from plotfeed.feeds.formats.asterix_048 import Asterix048
 from plotfeed.feeds.formats.asterix_062 import Asterix062
@@ -18,10 +20,11 @@ from plotfeed.feeds.formats.message_format import (
     Announcer,
     Format,
     MessageFormat,
-    PlotBatches,
-    Seen,
+    SectorFormat,
 )
+from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
+from plotfeed.feeds.formats.seen import Seen, SeenSector
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -33,11 +36,11 @@ from plotfeed.proto.batch import plots_in_batch
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
-        Format(facts=REPORT_FORMATS["plots"], make=PlotBatches, plots_in=plots_in_batch),
-        Format(facts=REPORT_FORMATS["asterix-015"], make=Asterix015, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-048"], make=Asterix048, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-205"], make=Asterix205, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-062"], make=Asterix062, plots_in=None),
+        Format(facts=REPORT_FORMATS["plots"], maker=PlotBatches, plots_in=plots_in_batch),
+        Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix),
+        Format(facts=REPORT_FORMATS["asterix-048"], maker=Asterix048, plots_in=plots_in_asterix),
+        Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix),
+        Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062.of_sensors, plots_in=None),
         SAPIENT,
     )
 }
@@ -74,9 +77,29 @@ def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
     return check
 
 
-def formats_of(scene: Scene, sensor: Sensor) -> list[MessageFormat]:
-    """What makes the messages of a sensor: the formats that the scene asks of it, each once."""
-    return [FORMATS[name].make(scene, sensor) for name in dict.fromkeys(sensor.report)]
+class SceneFormats:
+    """What makes the messages of a scene's sensors, in all formats that the scene asks of them."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Raises `PlotfeedError` if an extra is missing."""
+        asked = [tuple(dict.fromkeys(sensor.report)) for sensor in scene.sensor]
+        self._reports = list(dict.fromkeys(asked))
+        self._report = np.array([self._reports.index(names) for names in asked], np.int64)
+        wanted = dict.fromkeys(name for names in self._reports for name in names)
+        self._formats = {name: FORMATS[name].make(scene) for name in wanted}
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """Messages of each sector, due when it ends, in the order in which they are to leave."""
+        return seen.in_groups(self._report[seen.sectors.sensor], self._in_formats)
+
+    def _in_formats(self, report: int, seen: Seen) -> list[list[Message]]:
+        """Messages of sensors that report in the same formats."""
+        made = [self._formats[name].messages(seen) for name in self._reports[report]]
+        if len(made) == 1:
+            return made[0]
+        if not made:
+            return [[] for _ in range(len(seen))]
+        return [[m for messages in each for m in messages] for each in zip(*made, strict=True)]
 
 
 def announcer_of(scene: Scene, sensor: Sensor) -> Announcer | None:
@@ -90,10 +113,12 @@ __all__ = [
     "Announcer",
     "Format",
     "MessageFormat",
+    "SceneFormats",
+    "SectorFormat",
     "Seen",
+    "SeenSector",
     "announcer_of",
     "carries_plots",
-    "formats_of",
     "in_time",
     "register",
 ]

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
-    Seen,
-    Topics,
-    comes_up,
+    AsterixFormat,
+    Blocks,
+    Sensors,
     max_block_octets,
+    numbers_of,
+    periods_in,
 )
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam import Sector
+from plotfeed.models.beam import Sectors
 from plotfeed.models.frames import LocalFrame
+from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
@@ -34,52 +39,80 @@ GEOMETRIES = {
 class Status025:
     """A status report every ten seconds, for sensors whose own category has none."""
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        place = frame_at(scene.scene.site, sensor.position_enu_m)
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        self._numbers = numbers_of(sensors)
+        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._encoder = StatusEncoder025(
-            sensor.sac,
-            sensor.sic,
-            latitude_deg=place.latitude_deg,
-            longitude_deg=place.longitude_deg,
-            height_m=place.height_m,
+            [sensor.sac for sensor in sensors.values()],
+            [sensor.sic for sensor in sensors.values()],
+            latitude_deg=[place.latitude_deg for place in places],
+            longitude_deg=[place.longitude_deg for place in places],
+            height_m=[place.height_m for place in places],
             geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
             category=EDITIONS[scene.asterix.longitude_025],
         )
 
-    def blocks(self, sector: Sector) -> list[tuple[int, bytes]]:
-        """The report, if one is due in this sector."""
-        if not comes_up(SERVICE_PERIOD_NS, sector):
-            return []
-        return [(25, self._encoder.block(sector.end_ns))]
+    def add_to(self, found: list[Blocks], sectors: Sectors) -> None:
+        """Add the reports that are due in sectors to the blocks of these."""
+        due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
+        if len(due):
+            numbers = self._numbers[sectors.sensor[due]]
+            blocks = self._encoder.regular_blocks(sectors.end_ns[due], numbers)
+            for i, block in zip(due.tolist(), blocks, strict=True):
+                found[i].append((25, block))
 
 
-class Asterix015:
+class Asterix015(AsterixFormat):
     """Measurement plots of 015 at their full precision, 016 for a passive radar, and 025.
 
     Each scan's plots come first, then what there is to say of the system.
     """
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
-        self._plots = PlotEncoder015(
-            sensor.sac,
-            sensor.sic,
-            geometry=GEOMETRIES[sensor.geometry],
-            scanning=Scanning.FORWARD if sensor.scan.rotates else Scanning.STATIC,
-            max_octets=max_block_octets(scene, sensor),
-        )
-        self._status = Status025(scene, sensor)
-        self._system = _system(scene, sensor) if sensor.illuminators else None
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        super().__init__(scene, sensors)
+        geometries = list(dict.fromkeys(sensor.geometry for sensor in sensors.values()))
+        self._geometry = np.zeros(len(numbers_of(sensors)), np.int64)
+        for i, sensor in sensors.items():
+            self._geometry[i] = geometries.index(sensor.geometry)
+        self._plots = [
+            _plots_of(scene, {i: s for i, s in sensors.items() if s.geometry is geometry})
+            for geometry in geometries
+        ]
+        self._status = Status025(scene, sensors)
+        self._systems = {i: _system(scene, s) for i, s in sensors.items() if s.illuminators}
 
-    def messages(self, seen: Seen) -> list[Message]:
-        """Blocks of category 015, then those of 016 and 025 if they are due."""
-        sector = seen.sector
-        first = sector.scan * OBSERVATIONS_A_SCAN
-        blocks = [(15, block) for block in self._plots.blocks(seen.plots, first_observation=first)]
-        if self._system is not None and comes_up(SERVICE_PERIOD_NS, sector):
-            blocks.extend((16, block) for block in self._system.blocks(sector.end_ns))
-        blocks.extend(self._status.blocks(sector))
-        return self._topics.asterix(sector, blocks)
+    def blocks(self, seen: Seen) -> list[Blocks]:
+        """Blocks of category 015, then those of 016 and 025 where they are due."""
+        sectors = seen.sectors
+        found = seen.in_groups(self._geometry[sectors.sensor], self._of_plots)
+        if self._systems:
+            due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
+            for i in due.tolist():
+                system = self._systems.get(int(sectors.sensor[i]))
+                if system is not None:
+                    found[i].extend((16, b) for b in system.blocks(int(sectors.end_ns[i])))
+        self._status.add_to(found, sectors)
+        return found
+
+    def _of_plots(self, geometry: int, seen: Seen) -> list[Blocks]:
+        """Blocks of category 015 of sensors of one geometry."""
+        numbers, encoder = self._plots[geometry]
+        parts = seen.parts(numbers[seen.sectors.sensor])
+        first = seen.sectors.scan * OBSERVATIONS_A_SCAN
+        every = encoder.blocks_by(seen.plots, parts, first)
+        return [[(15, block) for block in blocks] for blocks in every]
+
+
+def _plots_of(scene: Scene, sensors: Sensors) -> tuple[Ints, PlotEncoder015]:
+    """The numbers of sensors of one geometry, by their index, and the encoder of their plots."""
+    every = list(sensors.values())
+    return numbers_of(sensors), PlotEncoder015(
+        [sensor.sac for sensor in every],
+        [sensor.sic for sensor in every],
+        geometry=GEOMETRIES[every[0].geometry],
+        scanning=[Scanning.FORWARD if s.scan.rotates else Scanning.STATIC for s in every],
+        max_octets=[max_block_octets(scene, sensor) for sensor in every],
+    )
 
 
 def _system(scene: Scene, sensor: Sensor) -> SystemEncoder016:

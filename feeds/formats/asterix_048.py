@@ -2,41 +2,65 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import Seen, Topics, max_block_octets
-from plotfeed.feeds.messages.message import Message
+import numpy as np
+
+from plotfeed.feeds.formats.message_format import (
+    AsterixFormat,
+    Blocks,
+    Sensors,
+    max_block_octets,
+    numbers_of,
+)
+from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 
 
-class Asterix048:
+class Asterix048(AsterixFormat):
     """Target reports of category 048, and service messages of 034 where a beam turns.
 
     A sector's target reports leave when its end is crossed, before the message that says so; the
     north marker comes before the crossing of sector 0.
     """
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        super().__init__(scene, sensors)
+        self._numbers = numbers_of(sensors)
         self._plots = PlotEncoder048(
-            sensor.sac,
-            sensor.sic,
+            [sensor.sac for sensor in sensors.values()],
+            [sensor.sic for sensor in sensors.values()],
             geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
-            max_octets=max_block_octets(scene, sensor),
+            max_octets=[max_block_octets(scene, sensor) for sensor in sensors.values()],
         )
+        turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}
+        self._turning = numbers_of(turning, len(self._numbers))
         self._service = None
-        if sensor.scan.rotates:
+        if turning:
             self._service = ServiceEncoder034(
-                sensor.sac, sensor.sic, antenna_period_s=sensor.scan.period_s
+                [sensor.sac for sensor in turning.values()],
+                [sensor.sic for sensor in turning.values()],
+                antenna_period_s=[sensor.scan.period_s for sensor in turning.values()],
             )
 
-    def messages(self, seen: Seen) -> list[Message]:
+    def blocks(self, seen: Seen) -> list[Blocks]:
         """Blocks of category 048, then those of category 034."""
-        sector = seen.sector
-        blocks = [(48, block) for block in self._plots.blocks(seen.plots)]
-        if self._service is not None:
-            if sector.end_deg >= 360.0:
-                blocks.append((34, self._service.north_marker(sector.end_ns)))
-            crossed_deg = sector.end_deg % 360.0
-            blocks.append((34, self._service.sector_crossing(sector.end_ns, crossed_deg)))
-        return self._topics.asterix(sector, blocks)
+        sectors = seen.sectors
+        parts = seen.parts(self._numbers[sectors.sensor])
+        found = [
+            [(48, block) for block in blocks] for blocks in self._plots.blocks_by(seen.plots, parts)
+        ]
+        turning = self._turning[sectors.sensor]
+        which = np.flatnonzero(turning >= 0)
+        if self._service is None or not len(which):
+            return found
+        north = which[sectors.end_deg[which] >= 360.0]
+        if len(north):
+            markers = self._service.north_markers(sectors.end_ns[north], turning[north])
+            for i, block in zip(north.tolist(), markers, strict=True):
+                found[i].append((34, block))
+        crossings = self._service.sector_crossings(
+            sectors.end_ns[which], sectors.end_deg[which] % 360.0, turning[which]
+        )
+        for i, block in zip(which.tolist(), crossings, strict=True):
+            found[i].append((34, block))
+        return found

@@ -6,11 +6,11 @@ import numpy as np
 
 from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
-    Seen,
-    Topics,
-    comes_up,
+    SectorFormat,
     max_block_octets,
+    periods_in,
 )
+from plotfeed.feeds.formats.seen import SeenSector
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -26,14 +26,14 @@ from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
 from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
 
 
-class Asterix062:
+class Asterix062(SectorFormat):
     """Tracks of category 062 after each sector, and every ten seconds the sensor in 063.
 
     The system's reference point is the scene's site.
     """
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
+        super().__init__(scene, sensor)
         self._site = site_frame(scene.scene.site)
         here = frame_at(scene.scene.site, sensor.position_enu_m)
         self._to_site = self._site.rotation_from_ecef @ here.rotation_from_ecef.T
@@ -45,7 +45,7 @@ class Asterix062:
         self._status = SensorStatus(sac=sensor.sac, sic=sensor.sic)
         self._service = SensorStatusEncoder063(sensor.sac, sensor.sic, max_octets=most)
 
-    def messages(self, seen: Seen) -> list[Message]:
+    def messages_of(self, seen: SeenSector) -> list[Message]:
         """Blocks of category 062, then 063 if it is due."""
         sector = seen.sector
         looks = self._looks(seen.looks, seen.plots)
@@ -58,10 +58,10 @@ class Asterix062:
         )
         blocks = [(62, b) for b in self._encoder.blocks(self._columns(states, sector.end_ns))]
         blocks.extend((63, block) for block in self._service_blocks(sector))
-        return self._topics.asterix(sector, blocks)
+        return self.topics.asterix(seen.stamp, blocks)
 
     def _service_blocks(self, sector: Sector) -> list[bytes]:
-        if not comes_up(SERVICE_PERIOD_NS, sector):
+        if not periods_in(SERVICE_PERIOD_NS, sector.start_ns, sector.end_ns):
             return []
         return self._service.blocks(sector.end_ns, [self._status])
 
@@ -81,7 +81,7 @@ class Asterix062:
             drone=drone, t_utc_ns=looks.t_utc_ns[at], hit=hit, covariance_m2=errors_m2
         )
 
-    def _truth(self, seen: Seen, drones: Ints) -> LocalStates:
+    def _truth(self, seen: SeenSector, drones: Ints) -> LocalStates:
         truth = seen.truth_at(seen.sector.end_ns, drones)
         return LocalStates(
             drone=truth.drone,

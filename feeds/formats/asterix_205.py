@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 from plotfeed.feeds.formats.asterix_015 import Status025
-from plotfeed.feeds.formats.message_format import Seen, Topics
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.formats.message_format import AsterixFormat, Blocks, Sensors, numbers_of
+from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 REPORTS_A_SCAN = 16
 """Numbers set aside for the reports of a scan, so that they do not depend on earlier ones."""
 
 
-class Asterix205:
+class Asterix205(AsterixFormat):
     """Sensor data of 205, a block a bearing, and 025."""
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
-        place = frame_at(scene.scene.site, sensor.position_enu_m)
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        super().__init__(scene, sensors)
+        self._numbers = numbers_of(sensors)
+        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._bearings = BearingEncoder205(
-            sensor.sac,
-            sensor.sic,
-            latitude_deg=place.latitude_deg,
-            longitude_deg=place.longitude_deg,
+            [sensor.sac for sensor in sensors.values()],
+            [sensor.sic for sensor in sensors.values()],
+            latitude_deg=[place.latitude_deg for place in places],
+            longitude_deg=[place.longitude_deg for place in places],
         )
-        self._status = Status025(scene, sensor)
+        self._status = Status025(scene, sensors)
 
-    def messages(self, seen: Seen) -> list[Message]:
-        """Blocks of category 205, then 025 if it is due."""
-        sector = seen.sector
-        first = sector.scan * REPORTS_A_SCAN
-        bearings = self._bearings.blocks(seen.plots, sector.end_ns, first_report=first)
-        blocks = [(205, block) for block in bearings]
-        return self._topics.asterix(sector, [*blocks, *self._status.blocks(sector)])
+    def blocks(self, seen: Seen) -> list[Blocks]:
+        """Blocks of category 205, then 025 where it is due."""
+        sectors = seen.sectors
+        parts = seen.parts(self._numbers[sectors.sensor])
+        first = sectors.scan * REPORTS_A_SCAN
+        bearings = self._bearings.blocks_by(seen.plots, parts, sectors.end_ns, first)
+        found = [[(205, block) for block in blocks] for blocks in bearings]
+        self._status.add_to(found, sectors)
+        return found

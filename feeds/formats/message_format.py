@@ -1,22 +1,25 @@
-"""What formats have in common, and the plainest of them: plotfeed's own batches in protobuf."""
+"""What formats have in common: rows of their table, their two kinds, and addresses of messages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
-from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, ReportFormat
+import numpy as np
+
+from plotfeed.feeds.formats.seen import Seen, SeenSector
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
+from plotfeed.feeds.scene.report_formats import ReportFormat
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam import Sector
-from plotfeed.models.sensors.sensor_model import NO_LOOKS
-from plotfeed.models.state import Ints, Looks, Plots, TruthState
+from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.asterix.decode_plots import PlotItems
-from plotfeed.proto.batch import plot_batch
 from plotfeed.proto.content_types import asterix_content_type
+from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
@@ -24,27 +27,17 @@ MAX_BLOCK_OCTETS = 65535
 """What the length field of an ASTERIX data block can say."""
 SERVICE_PERIOD_NS = 10 * NS
 """How often a sensor says where it stands and that it works."""
-
-
-def _no_truth(t_utc_ns: int, _drones: Ints, /) -> TruthState:
-    raise LookupError(f"nothing is known of the truth at {t_utc_ns}")
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What came of one sector, and a way to ask where drones, by index, truly are at a time."""
-
-    sector: Sector
-    plots: Plots
-    looks: Looks = NO_LOOKS
-    truth_at: Callable[[int, Ints], TruthState] = _no_truth
+Sensors = Mapping[int, Sensor]
+"""Sensors by their index in the scene."""
+Blocks = list[tuple[int, bytes]]
+"""Data blocks of ASTERIX, each with its category."""
 
 
 class MessageFormat(Protocol):
-    """Makes the messages that carry what came of one sector."""
+    """Makes the messages that carry what came of sectors of a scene's sensors."""
 
-    def messages(self, seen: Seen) -> list[Message]:
-        """Due when the sector ends, in the order in which they are to leave."""
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """Messages of each sector, due when it ends, in the order in which they are to leave."""
 
 
 class Announcer(Protocol):
@@ -68,8 +61,8 @@ class Format:
     """A row of `FORMATS`: a format's facts, and how its messages are made and read."""
 
     facts: ReportFormat
-    make: Callable[[Scene, Sensor], MessageFormat]
-    """What makes the messages of a sensor; raises `PlotfeedError` if an extra is missing."""
+    maker: Callable[[Scene, Sensors], MessageFormat]
+    """What makes the messages of some sensors; raises `PlotfeedError` if an extra is missing."""
     plots_in: Callable[[bytes, int], MeasuredPlots] | None
     """The plots in a payload, given a UTC time near its own; raises `DecodeError`.
 
@@ -89,6 +82,72 @@ class Format:
         """The name that scenes have for it."""
         return self.facts.name
 
+    def make(self, scene: Scene) -> MessageFormat:
+        """What makes the messages of all sensors that report in it; raises `PlotfeedError`."""
+        return self.maker(
+            scene, {i: s for i, s in enumerate(scene.sensor) if self.name in s.report}
+        )
+
+
+class SectorFormat(ABC):
+    """A format that is made for each sensor, and goes sector by sector: the easy kind."""
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        self.topics = Topics(scene, sensor)
+
+    @classmethod
+    def of_sensors(cls, scene: Scene, sensors: Sensors) -> MessageFormat:
+        """What makes the messages of those sensors."""
+        return _SectorBySector({i: cls(scene, sensor) for i, sensor in sensors.items()})
+
+    @abstractmethod
+    def messages_of(self, seen: SeenSector) -> list[Message]:
+        """Due when the sector ends, in the order in which they are to leave."""
+
+
+@dataclass(frozen=True, slots=True)
+class _SectorBySector:
+    formats: Mapping[int, SectorFormat]
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        every = map(seen.one, range(len(seen)))
+        return [self.formats[one.sensor].messages_of(one) for one in every]
+
+
+class AsterixFormat(ABC):
+    """A format of ASTERIX that encodes what came of all sectors at once, whatever their sensors."""
+
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
+
+    @abstractmethod
+    def blocks(self, seen: Seen) -> list[Blocks]:
+        """Blocks of each sector, in the order in which they are to leave."""
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """Messages of each sector; one that cannot be encoded is an `EncodeError`."""
+        try:
+            blocks = self.blocks(seen)
+        except EncodeError:
+            if len(seen) == 1:
+                raise
+            # What some of them measure and others do not cannot be encoded together.
+            each = [seen.rows(np.array([i])) for i in range(len(seen))]
+            return [messages for one in each for messages in self.messages(one)]
+        topics, stamps = self._topics, seen.stamps
+        sensors = seen.sectors.sensor.tolist()
+        return [
+            topics[sensor].asterix(stamp, found) if found else []
+            for sensor, stamp, found in zip(sensors, stamps, blocks, strict=True)
+        ]
+
+
+def numbers_of(sensors: Sensors, n: int | None = None) -> Ints:
+    """Numbers of sensors in their own order, by their index in the scene, (n,); -1 for any other."""
+    numbers = np.full(max(sensors, default=-1) + 1 if n is None else n, -1, np.int64)
+    numbers[list(sensors)] = np.arange(len(sensors))
+    return numbers
+
 
 class Topics:
     """Addresses a sensor's messages, with CloudEvents attributes as MQTT 5 user properties."""
@@ -97,57 +156,37 @@ class Topics:
         self._root = f"{scene.mqtt.prefix}/{sensor.id}"
         self._sensor = sensor.id
         self._qos = scene.mqtt.qos
-        self._alike: tuple[Sector | None, tuple[tuple[str, str], ...]] = (None, ())
+        self._categories: dict[int, Address] = {}
 
-    def asterix(self, sector: Sector, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
+    def asterix(self, stamp: SectorStamp, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
         """A message for each data block, given with its category, numbered within its category."""
         counts: dict[int, int] = {}
         messages = []
         for category, block in blocks:
-            counts[category] = counts.get(category, -1) + 1
-            messages.append(
-                self.message(
-                    f"asterix/{category:03d}",
-                    asterix_content_type(category),
-                    block,
-                    sector,
-                    counts[category],
-                )
-            )
+            counts[category] = number = counts.get(category, -1) + 1
+            address = self._categories.get(category)
+            if address is None:
+                content_type = asterix_content_type(category)
+                address = self.address(f"asterix/{category:03d}", content_type)
+                self._categories[category] = address
+            messages.append(message_to(address, block, stamp, number))
         return messages
 
-    def message(
-        self, kind: str, content_type: str, payload: bytes, sector: Sector, number: int = 0
-    ) -> Message:
-        """One message; `number` tells those of one kind and sector apart."""
-        return Message(
-            topic=f"{self._root}/{kind}",
-            payload=payload,
-            content_type=content_type,
-            due_utc_ns=sector.end_ns,
-            qos=self._qos,
-            properties=(
-                ("id", f"{kind.replace('/', '-')}-{sector.scan}-{sector.index}-{number}"),
-                ("type", f"plotfeed.{kind.replace('/', '.')}"),
-                *self._alike_of(sector),
-            ),
-        )
+    def address(self, kind: str, content_type: str) -> Address:
+        """Where its messages of a kind go."""
+        return Address(self._root, self._sensor, kind, content_type, self._qos)
 
-    def _alike_of(self, sector: Sector) -> tuple[tuple[str, str], ...]:
-        """The attributes that all messages of a sector share, worked out once."""
-        if self._alike[0] is not sector:
-            of_sector = attributes(
-                self._root,
-                "",
-                "",
-                sector.end_ns,
-                sensor=self._sensor,
-                scan=sector.scan,
-                sector=sector.index,
-            )
-            own = {"id", "type"}
-            self._alike = (sector, tuple(pair for pair in of_sector if pair[0] not in own))
-        return self._alike[1]
+
+def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int = 0) -> Message:
+    """One message of a sector; `number` tells those of one kind and sector apart."""
+    return Message(
+        topic=address.topic,
+        payload=payload,
+        content_type=address.content_type,
+        due_utc_ns=stamp.end_ns,
+        properties=SectorProperties(address, stamp, number),
+        qos=address.qos,
+    )
 
 
 def max_block_octets(scene: Scene, sensor: Sensor) -> int:
@@ -156,23 +195,9 @@ def max_block_octets(scene: Scene, sensor: Sensor) -> int:
     return min(datagrams, default=MAX_BLOCK_OCTETS)
 
 
-def comes_up(period_ns: int, sector: Sector) -> bool:
-    """Whether something periodic, at whole multiples of its period, is due in a sector."""
-    return sector.end_ns // period_ns != sector.start_ns // period_ns
+Times = TypeVar("Times", int, Ints)
 
 
-PLOTS = REPORT_FORMATS["plots"]
-
-
-class PlotBatches:
-    """plotfeed's own protobuf, one message a sector; an empty one says that nothing was found."""
-
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
-        self._sensor = sensor.id
-
-    def messages(self, seen: Seen) -> list[Message]:
-        """The batch of the sector."""
-        sector = seen.sector
-        batch = plot_batch(self._sensor, sector.scan, sector.index, seen.plots)
-        return [self._topics.message(PLOTS.topic, PLOTS.content_type, batch, sector)]
+def periods_in(period_ns: int, start_ns: Times, end_ns: Times) -> Times:
+    """How often something periodic, at whole multiples of its period, is due within times."""
+    return end_ns // period_ns - start_ns // period_ns

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from plotfeed.feeds.messages.user_properties import Pair, dashed, type_of
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
@@ -12,9 +13,9 @@ MESSAGE_EXPIRY_S = 60
 """So long a broker keeps a message that it cannot pass on."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)  # frozen, it would take thrice as long to make
 class Message:
-    """A payload, where it goes, and when it is due there.
+    """A payload, where it goes, and when it is due there; it stays as it was made.
 
     `properties` become MQTT 5 user properties; whoever cannot read those finds the same in the
     payload.
@@ -24,7 +25,7 @@ class Message:
     payload: bytes
     content_type: str
     due_utc_ns: int
-    properties: tuple[tuple[str, str], ...] = ()
+    properties: Sequence[Pair] = ()
     retain: bool = False
     qos: int = 0
     packets: dict[int, bytes] = field(init=False, default_factory=dict, compare=False, repr=False)
@@ -33,13 +34,13 @@ class Message:
 
 def attributes(
     source: str, kind: str, number: str, t_utc_ns: int, **more: object
-) -> tuple[tuple[str, str], ...]:
+) -> tuple[Pair, ...]:
     """Properties of a message about that time; `number` tells those of a source and kind apart."""
     return (
         ("specversion", "1.0"),
-        ("id", f"{kind.replace('/', '-')}-{number}"),
+        ("id", f"{dashed(kind)}-{number}"),
         ("source", source),
-        ("type", f"plotfeed.{kind.replace('/', '.')}"),
+        ("type", type_of(kind)),
         ("time", iso_utc(t_utc_ns)),
         *[(name, str(value)) for name, value in more.items()],
     )

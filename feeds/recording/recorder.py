@@ -204,7 +204,7 @@ class SessionRecorder(Observer):
                 log_time_ns=at_utc_ns,
                 publish_time_ns=message.due_utc_ns,
                 content_type=message.content_type,
-                properties=message.properties,
+                properties=tuple(message.properties),
                 retain=message.retain,
                 qos=message.qos,
                 stage=stage,

@@ -5,9 +5,7 @@ Nothing here waits or sends. A sensor can be asked for any sector, in any order,
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from plotfeed.feeds.formats import Seen, formats_of
+from plotfeed.feeds.formats import SceneFormats, Seen
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -34,7 +32,7 @@ class EmulatedSensor:
         self.sectors = sensor.scan.sectors
         self._scene_site = scene.scene.site
         self._trajectories = trajectories
-        self._formats = formats_of(scene, sensor)
+        self._formats = SceneFormats(scene.model_copy(update={"sensor": [sensor]}))
         self._chance = Chance(scene.scene.seed, sensor.id)
         jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, self._chance)
@@ -67,14 +65,14 @@ class EmulatedSensor:
     def report(self, sector: Sector) -> SectorReport:
         """Look at every drone when the beam is there, and say what was measured."""
         looks, plots = self.look(sector)
-        seen = Seen(sector, plots, looks, self._trajectories.state_at)
+        seen = Seen.of_one(sector, plots, looks, self._trajectories.state_at)
         if self._beam.site.errs:
-            seen = self._as_taken(seen)
-        messages = [message for made in self._formats for message in made.messages(seen)]
+            seen = self._as_taken(sector, plots, looks)
+        (messages,) = self._formats.messages(seen)
         return SectorReport(self.sensor.id, sector, looks, plots, messages)
 
-    def _as_taken(self, seen: Seen) -> Seen:
+    def _as_taken(self, sector: Sector, plots: Plots, looks: Looks) -> Seen:
         """What was seen by the sensor's own clock, and the truth as it appears to it."""
-        site, plots = self._beam.site, seen.plots
+        site = self._beam.site
         told = plots.but(t_utc_ns=plots.t_utc_ns + site.clock_ahead_ns)
-        return replace(seen, plots=told, truth_at=site.apparent_at)
+        return Seen.of_one(sector, told, looks, site.apparent_at)

@@ -19,7 +19,7 @@ import numpy as np
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
-from plotfeed.feeds.formats import Seen
+from plotfeed.feeds.formats import Seen, SeenSector
 from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example
@@ -105,16 +105,18 @@ def main() -> None:
         "range-bearing": SapientReports(scene, sensor),
         "location": SapientReports(on_earth, sensor),
     }
-    sector = Timetable(10**9, 32).sector(T_NS // 10**9, 31)
-    while not reports["range-bearing"].messages(Seen(sector, plots(1))):
-        sector = Timetable(10**9, 32).sector(sector.scan, sector.index - 1)
     found = {n: plots(n) for n in SIZES}
+    sector = Timetable(10**9, 32).sector(T_NS // 10**9, 31)
+
+    def seen(n: int) -> SeenSector:
+        return Seen.of_one(sector, found[n]).one(0)
+
+    while not reports["range-bearing"].messages_of(seen(1)):
+        sector = Timetable(10**9, 32).sector(sector.scan, sector.index - 1)
     ways: dict[str, Callable[[int], object]] = {
         "encoder alone": lambda n: encoder.messages(T_NS, found[n]),
-        "with topics, range-bearing": lambda n: reports["range-bearing"].messages(
-            Seen(sector, found[n])
-        ),
-        "with topics, location": lambda n: reports["location"].messages(Seen(sector, found[n])),
+        "with topics, range-bearing": lambda n: reports["range-bearing"].messages_of(seen(n)),
+        "with topics, location": lambda n: reports["location"].messages_of(seen(n)),
         "from its parts": lambda n: from_parts(node.node_id, found[n]),
     }
     times: dict[tuple[str, int], list[float]] = {}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from toy_category.cat250 import CAT250, PlotEncoder250
 
-from plotfeed.feeds.formats import Format, Seen
-from plotfeed.feeds.formats.message_format import Topics, max_block_octets
+from plotfeed.feeds.formats import Format, SectorFormat, SeenSector
+from plotfeed.feeds.formats.message_format import max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import SentCategory, asterix
 from plotfeed.feeds.scene.scene import Scene
@@ -13,23 +13,23 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.asterix.decode_plots import PlotItems, plots_in_asterix
 
 
-class Asterix250:
+class Asterix250(SectorFormat):
     """Plots of category 250, and nothing besides."""
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
+        super().__init__(scene, sensor)
         most = max_block_octets(scene, sensor)
         self._plots = PlotEncoder250(sensor.sac, sensor.sic, max_octets=most)
 
-    def messages(self, seen: Seen) -> list[Message]:
+    def messages_of(self, seen: SeenSector) -> list[Message]:
         """Blocks of category 250."""
         blocks = [(250, block) for block in self._plots.blocks(seen.plots)]
-        return self._topics.asterix(seen.sector, blocks)
+        return self.topics.asterix(seen.stamp, blocks)
 
 
 FORMAT = Format(
     facts=asterix({250: SentCategory("plots of a radar that does not exist")}, range_step_m=1.0),
-    make=Asterix250,
+    maker=Asterix250.of_sensors,
     plots_in=plots_in_asterix,
     layouts=(CAT250,),
     plot_items=PlotItems(

@@ -5,7 +5,7 @@ What a node says of itself is in `sapient_node`, what it says of detections in `
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat
+from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Sensors
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -24,11 +24,11 @@ def need_sapient() -> None:
         ) from None
 
 
-def _reports(scene: Scene, sensor: Sensor) -> MessageFormat:
+def _reports(scene: Scene, sensors: Sensors) -> MessageFormat:
     need_sapient()
     from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 
-    return SapientReports(scene, sensor)
+    return SapientReports.of_sensors(scene, sensors)
 
 
 def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
@@ -53,7 +53,7 @@ def _late(scene: Scene, message: Message, t_utc_ns: int) -> Message | None:
 
 FORMAT = Format(
     facts=REPORT_FORMATS["sapient"],
-    make=_reports,
+    maker=_reports,
     plots_in=_plots_in,
     late=_late,
     announcer=_announcer,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import Seen, Topics
+from plotfeed.feeds.formats.message_format import SectorFormat, message_to
 from plotfeed.feeds.formats.sapient.sapient_node import (
     CONTENT_TYPE,
     groups_of,
@@ -15,11 +15,11 @@ from plotfeed.feeds.formats.sapient.sapient_node import (
     node_of,
     tells_location,
 )
+from plotfeed.feeds.formats.seen import SeenSector
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.beam import Sector
 from plotfeed.models.frames import WGS84_A_M, LocalFrame, aer_to_enu
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.sapient.encode_detections import (
@@ -90,7 +90,7 @@ def _degrees(metres: Floats, latitude_deg: Floats | None = None) -> Floats:
     return np.minimum(degrees, MAX_SIGMA_DEG)
 
 
-class SapientReports:
+class SapientReports(SectorFormat):
     """One message a plot, all of a group of sectors stamped with the end of the last.
 
     The standard has no time of measurement, and a middleware may refuse detections whose stamps are
@@ -98,7 +98,8 @@ class SapientReports:
     """
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._topics = Topics(scene, sensor)
+        super().__init__(scene, sensor)
+        self._address = self.topics.address("sapient", CONTENT_TYPE)
         self._groups = groups_of(sensor)
         self._encoder = DetectionEncoder(node_of(scene, sensor), manner_of(scene, sensor))
         self._frame = frame_at(scene.scene.site, sensor.position_enu_m)
@@ -109,7 +110,7 @@ class SapientReports:
         self._group = -1
         self._waiting: list[Plots] = []
 
-    def messages(self, seen: Seen) -> list[Message]:
+    def messages_of(self, seen: SeenSector) -> list[Message]:
         """The messages of a group of sectors, if this one ends it."""
         sector = seen.sector
         group = self._groups.number(sector)
@@ -121,7 +122,9 @@ class SapientReports:
         together, self._waiting = Plots.joined(self._waiting), []
         together = _with_finite_errors(together)
         payloads = self._encoder.messages(sector.end_ns, together, self._positions(together))
-        return self._addressed(sector, payloads)
+        return [
+            message_to(self._address, payload, seen.stamp, n) for n, payload in enumerate(payloads)
+        ]
 
     def _positions(self, plots: Plots) -> Positions | None:
         if not self._on_earth:
@@ -129,17 +132,6 @@ class SapientReports:
         if self._has_direction:
             return positions_of(plots, self._frame)
         return somewhere_near(plots, self._frame, self._range_max_m)
-
-    def _addressed(self, sector: Sector, payloads: list[bytes]) -> list[Message]:
-        if not payloads:
-            return []
-        model = self._topics.message("sapient", CONTENT_TYPE, payloads[0], sector)
-        alike = tuple(pair for pair in model.properties if pair[0] != "id")
-        place = f"sapient-{sector.scan}-{sector.index}"
-        return [
-            replace(model, payload=payload, properties=(("id", f"{place}-{n}"), *alike))
-            for n, payload in enumerate(payloads)
-        ]
 
 
 def _with_finite_errors(plots: Plots) -> Plots:

@@ -6,12 +6,22 @@ mostly the same ones again.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message
+from plotfeed.feeds.messages.user_properties import packed, packed_text
+from plotfeed.proto.varint import varint
 
-PUBLISH, RETAIN = 0x30, 0x01
-EXPIRY, CONTENT_TYPE, USER_PROPERTY = b"\x02", b"\x03", b"\x26"
+PUBLISH, RETAINED = b"\x30", b"\x31"
+EXPIRY, CONTENT_TYPE = b"\x02", b"\x03"
+
+
+def pack(messages: Iterable[Message], version: int) -> None:
+    """Have messages of QoS 0 hold their packets for a version; others need an id of their own."""
+    for message in messages:
+        if not message.qos:
+            message.packets[version] = publish_packet(message, version)
 
 
 def publish_packet(message: Message, version: int, expiry_s: int = MESSAGE_EXPIRY_S) -> bytes:
@@ -19,45 +29,23 @@ def publish_packet(message: Message, version: int, expiry_s: int = MESSAGE_EXPIR
 
     MQTT 3.1.1, section 3.3, and MQTT 5.0, sections 2.2.2 and 3.3.
     """
-    topic = _text(message.topic)
-    rest = topic + message.payload
-    if version >= 5:
-        properties = _properties(message, expiry_s)
-        rest = b"".join((topic, _varint(len(properties)), properties, message.payload))
-    return bytes((PUBLISH | (RETAIN if message.retain else 0),)) + _varint(len(rest)) + rest
-
-
-def _properties(message: Message, expiry_s: int) -> bytes:
-    parts = [_content_type(message.content_type)]
-    parts += [_user_property(name, value) for name, value in message.properties]
-    if not message.retain:
-        parts.append(EXPIRY + expiry_s.to_bytes(4, "big"))
-    return b"".join(parts)
+    first = RETAINED if message.retain else PUBLISH
+    topic, payload = packed_text(message.topic), message.payload
+    if version < 5:
+        return b"".join((first, varint(len(topic) + len(payload)), topic, payload))
+    content_type, properties = _content_type(message.content_type), packed(message.properties)
+    expiry = b"" if message.retain else _expiry(expiry_s)
+    octets = len(content_type) + len(properties) + len(expiry)
+    length = varint(octets)
+    rest = varint(len(topic) + len(length) + octets + len(payload))
+    return b"".join((first, rest, topic, length, content_type, properties, expiry, payload))
 
 
 @lru_cache(maxsize=256)
 def _content_type(text: str) -> bytes:
-    return CONTENT_TYPE + _text(text)
+    return CONTENT_TYPE + packed_text(text)
 
 
-@lru_cache(maxsize=4096)
-def _user_property(name: str, value: str) -> bytes:
-    return USER_PROPERTY + _text(name) + _text(value)
-
-
-@lru_cache(maxsize=4096)
-def _text(text: str) -> bytes:
-    octets = text.encode()
-    return len(octets).to_bytes(2, "big") + octets
-
-
-def _varint(number: int) -> bytes:
-    """Seven bits an octet, the lowest first; the highest bit says that more follow."""
-    if number < 128:
-        return bytes((number,))
-    octets = bytearray()
-    while True:
-        number, low = number >> 7, number & 0x7F
-        octets.append(low | (0x80 if number else 0))
-        if not number:
-            return bytes(octets)
+@lru_cache(maxsize=256)
+def _expiry(expiry_s: int) -> bytes:
+    return EXPIRY + expiry_s.to_bytes(4, "big")

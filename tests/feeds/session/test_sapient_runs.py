@@ -267,7 +267,7 @@ def test_what_was_not_finished_is_not_sent_later() -> None:
     def sent(index: int, scan: int) -> int:
         sector = Timetable(10**9, 32).sector(scan, index)
         plot = Plots.of(t_utc_ns=np.array([sector.start_ns]), azimuth_deg=np.array([1.0]))
-        return len(reports.messages(Seen(sector, plot)))
+        return len(reports.messages_of(Seen.of_one(sector, plot).one(0)))
 
     scan = 3 * 10**8
     for index, expected in ((0, 0), (1, 0), (2, 3), (3, 0), (4, 0)):

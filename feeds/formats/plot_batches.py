@@ -1,0 +1,37 @@
+"""The plainest of formats: plotfeed's own batches in protobuf."""
+
+from __future__ import annotations
+
+from plotfeed.feeds.formats.message_format import Sensors, Topics, message_to
+from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.proto.batch import plot_batches
+
+PLOTS = REPORT_FORMATS["plots"]
+
+
+class PlotBatches:
+    """plotfeed's own protobuf, one message a sector; an empty one says that nothing was found."""
+
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        self._names = {i: sensor.id for i, sensor in sensors.items()}
+        self._addresses = {
+            i: Topics(scene, sensor).address(PLOTS.topic, PLOTS.content_type)
+            for i, sensor in sensors.items()
+        }
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """The batch of each sector."""
+        sectors, stamps = seen.sectors, seen.stamps
+        sensors = sectors.sensor.tolist()
+        batches = plot_batches(
+            [self._names[sensor] for sensor in sensors],
+            [stamp.scan for stamp in stamps],
+            [stamp.index for stamp in stamps],
+            seen.plots,
+            seen.plots_by.tolist(),
+        )
+        every = zip(sensors, batches, stamps, strict=True)
+        return [[message_to(self._addresses[i], batch, stamp)] for i, batch, stamp in every]
