@@ -31,6 +31,7 @@ sys.path.insert(0, str(HERE.parent))
 
 from demo_process import COMMAND  # noqa: E402
 from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
+from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 
 from plotfeed.feeds.console.process import collect_seldom, keep_freed  # noqa: E402
@@ -44,33 +45,7 @@ from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
 SECONDS = 30.0
 RADARS, SECTORS, DRONES = 200, 32, 50
 NS = 1_000_000_000
-NANOSLEEP_C = r"""
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
-#include <sys/prctl.h>
-static int order(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-int main(int n_arguments, char **arguments) {
-    long n = atol(arguments[1]), step_ns = atol(arguments[2]), n_late = 0;
-    double *late_us = malloc(n * sizeof *late_us);
-    struct timespec due, now;
-    prctl(PR_SET_TIMERSLACK, 1UL);
-    clock_gettime(CLOCK_MONOTONIC, &due);
-    for (long i = 0; i < n; i++) {
-        due.tv_nsec += step_ns;
-        while (due.tv_nsec >= 1000000000L) { due.tv_nsec -= 1000000000L; due.tv_sec++; }
-        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        late_us[n_late++] = (now.tv_sec - due.tv_sec) * 1e6 + (now.tv_nsec - due.tv_nsec) / 1e3;
-    }
-    qsort(late_us, n, sizeof *late_us, order);
-    printf("%f %f %f\n", late_us[n / 2], late_us[n * 99 / 100], late_us[n * 999 / 1000]);
-    return n_arguments < 0;
-}
-"""
+PERCENTILES = (50, 99, 99.9)
 
 
 def scene_tree(sensors: list[dict[str, Any]], drones: int, **more: Any) -> dict[str, Any]:
@@ -193,20 +168,6 @@ def under_load(seconds: float) -> None:
         print(f"| {what} | {value} |")
 
 
-def nanosleep_us(folder: Path, deadlines: int, step_ns: int) -> list[float] | None:
-    """p50, p99, p99.9 of clock_nanosleep from C; None without a compiler."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        return None
-    program = folder / "nanosleep"
-    if not program.exists():
-        source = folder / "nanosleep.c"
-        source.write_text(NANOSLEEP_C)
-        subprocess.run([compiler, "-O2", "-o", program, source], check=True)
-    out = subprocess.run([program, str(deadlines), str(step_ns)], check=True, capture_output=True)
-    return [float(x) for x in out.stdout.split()]
-
-
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one schedule, one clock."""
     clock = WallClock()
@@ -233,20 +194,21 @@ def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     plan(0)
     asyncio.run(engine.work(None))
     clock.close()
-    return [float(p) / 1e3 for p in np.percentile(late_ns, (50, 99, 99.9))]
+    return [float(p) / 1e3 for p in np.percentile(late_ns, PERCENTILES)]
 
 
 def beside_nanosleep(seconds: float) -> None:
     """In turns, medians of three."""
     step_ns = NS // (RADARS * SECTORS)
     deadlines = round(seconds * NS) // step_ns // 3
-    ours, theirs = [], []
-    with tempfile.TemporaryDirectory() as folder:
-        for _ in range(3):
-            found = nanosleep_us(Path(folder), deadlines, step_ns)
-            if found is not None:
-                theirs.append(found)
-            ours.append(scheduler_us(deadlines, step_ns))
+    ours, theirs, shares = [], [], []
+    for _ in range(3):
+        found = nanosleep_late_us(deadlines, step_ns)
+        if found is not None:
+            theirs.append(np.percentile(found, PERCENTILES))
+        spent_s, began_s = time.process_time(), time.monotonic()
+        ours.append(scheduler_us(deadlines, step_ns))
+        shares.append((time.process_time() - spent_s) / (time.monotonic() - began_s))
     print(
         f"\n{NS // step_ns:,} deadlines a second, lateness in µs, medians of three runs in turns:\n"
     )
@@ -259,6 +221,7 @@ def beside_nanosleep(seconds: float) -> None:
         print(f"| {name} | " + " | ".join(f"{x:.0f}" for x in row) + " |")
     if theirs:
         print("| ratio (aim 2) | " + " | ".join(f"{x:.2f}" for x in ratio) + " |")
+    print(f"\nThe engine took {np.median(shares):.2f} cores for it.")
 
 
 def plots_a_second() -> None:
