@@ -20,9 +20,11 @@ import click
 
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.process import (
-    collect_seldom,
+    GARBAGE_OF_SESSION,
     keep_freed,
+    leave_alone_what_is_there,
     stopped_by_signals,
+    undisturbed,
 )
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters
@@ -181,18 +183,18 @@ async def _run(
 ) -> tuple[int, SessionCounters]:
     """The exit code and the counts of a session that signals stop."""
     stop = asyncio.Event()
-    collect_seldom()
     keep_freed()
     asyncio.get_running_loop().set_exception_handler(partial(_stray_error, stop))
     status: asyncio.Task[None] | None = None
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
         nonlocal status
+        leave_alone_what_is_there()  # nothing is due yet
         if not quiet:
             _introduce(scene, urls, note)
             status = asyncio.create_task(show_status(lambda: _line(totals)), name="status")
 
-    with stopped_by_signals(stop.set) as signals:
+    with stopped_by_signals(stop.set) as signals, undisturbed(GARBAGE_OF_SESSION):
         totals = await run_session(stop=stop, on_ready=ready)
     if status is not None:
         status.cancel()

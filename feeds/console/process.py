@@ -45,16 +45,6 @@ def stopped_by_signals(stop: Callable[[], object]) -> Iterator[list[signal.Signa
             loop.remove_signal_handler(which)
 
 
-def collect_seldom() -> None:
-    """Let the garbage collector leave alone what stays, and look less often at what goes.
-
-    Sectors leave no cycles behind; each look at hundreds of sensors holds everything up.
-    """
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(GARBAGE_OF_SESSION, 10, 10)
-
-
 def keep_freed() -> None:
     """Let the C library keep freed memory for the next array, where that is glibc.
 
@@ -70,12 +60,16 @@ def keep_freed() -> None:
 
 
 @contextlib.contextmanager
-def undisturbed() -> Iterator[None]:
-    """Let neither a thread nor the garbage collector, which finds nothing, hold up the loop."""
+def undisturbed(garbage: int = GARBAGE_OF_REPLAY) -> Iterator[None]:
+    """Let neither a thread nor the garbage collector, which finds little, hold up the loop.
+
+    The collector looks at what is `garbage` objects more than before, and never again at what is
+    there by now: sectors and messages leave no cycles behind, and each look at all that hundreds
+    of sensors consist of would hold everything up.
+    """
     switch_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(GARBAGE_OF_REPLAY, *thresholds[1:])
+    leave_alone_what_is_there()
+    gc.set_threshold(garbage, 10, 10)
     sys.setswitchinterval(SWITCH_S)
     try:
         yield
@@ -83,6 +77,12 @@ def undisturbed() -> Iterator[None]:
         sys.setswitchinterval(switch_s)
         gc.set_threshold(*thresholds)
         gc.unfreeze()
+
+
+def leave_alone_what_is_there() -> None:
+    """Collect garbage now, and let the collector never look again at what is left."""
+    gc.collect()
+    gc.freeze()
 
 
 def already_there(path: Path) -> PlotfeedError:

@@ -34,7 +34,7 @@ from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 
-from plotfeed.feeds.console.process import collect_seldom, keep_freed  # noqa: E402
+from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
 from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
@@ -267,9 +267,9 @@ def main() -> None:
     seconds = float(sys.argv[1]) if sys.argv[1:] else SECONDS
     under_load(seconds)
     beside_nanosleep(seconds)
-    collect_seldom()
     keep_freed()
-    plots_a_second()
+    with undisturbed(GARBAGE_OF_SESSION):
+        plots_a_second()
 
 
 if __name__ == "__main__":
