@@ -32,6 +32,7 @@ from scipy.special import (
 )
 
 from plotfeed.models import looks_chain
+from plotfeed.models.gamma_tail import gamma_exceeded_with
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats
 
@@ -244,13 +245,13 @@ def inverse_detected_power_noncoherent(
 
 @nan_without_warnings
 def draw_detected_energy(
-    snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike, rng: np.random.Generator
+    snr: ArrayLike, pfa: ArrayLike, n_samples: float, rng: np.random.Generator
 ) -> Floats:
     """Energies that crossed the threshold: the exact law given the hit; broadcast shape.
 
     S = 0 makes false alarms.
     """
-    shape = np.broadcast_shapes(np.shape(snr), np.shape(pfa), np.shape(n_samples))
+    shape = np.broadcast_shapes(np.shape(snr), np.shape(pfa))
     return _energy_exceeded_by(1 - rng.random(shape), snr, pfa, n_samples)
 
 
@@ -316,10 +317,8 @@ def _probability(pfa: ArrayLike) -> Floats:
     return np.where((probability > 0) & (probability <= 1), probability, np.nan)
 
 
-def _energy_exceeded_by(
-    share: Floats, snr: ArrayLike, pfa: ArrayLike, n_samples: ArrayLike
-) -> Floats:
+def _energy_exceeded_by(share: Floats, snr: ArrayLike, pfa: ArrayLike, n_samples: float) -> Floats:
     """The energy that this share of the detections exceeds; rounding may not undo a detection."""
     tail = pd_noncoherent_swerling2(snr, pfa, n_samples)
-    energy = (1 + as_floats(snr)) * gammainccinv(n_samples, share * tail)
+    energy = (1 + as_floats(snr)) * gamma_exceeded_with(share * tail, n_samples)
     return as_floats(np.maximum(energy, threshold_noncoherent(pfa, n_samples)))

@@ -16,7 +16,8 @@ from plotfeed.models.state import Columns, Emitter, Floats, Ints, Texts, with_ro
 class Emissions(Columns):
     """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone.
 
-    `emitter` is a row of the table that they are from.
+    `emitter` is a row of the table that they are from, `share` what of their power a sensor
+    receives, where that is known.
     """
 
     target: Ints
@@ -25,6 +26,7 @@ class Emissions(Columns):
     frequency_hz: Floats
     bandwidth_hz: Floats
     eirp_dbm: Floats
+    share: Floats | None = None
 
 
 class EmitterTable(Sequence[tuple[Emitter, ...]]):
@@ -87,11 +89,11 @@ class EmitterTable(Sequence[tuple[Emitter, ...]]):
 
     def kinds(self, emissions: Emissions) -> Texts:
         """Kinds of emissions that are from here; (n,)."""
-        return self._made().texts[0, emissions.emitter]
+        return np.asarray(self._made().texts[0, emissions.emitter])
 
     def identities(self, emissions: Emissions) -> Texts:
         """What emissions that are from here say when they are decoded; (n,)."""
-        return self._made().texts[1, emissions.emitter]
+        return np.asarray(self._made().texts[1, emissions.emitter])
 
     def _made(self) -> _EmitterColumns:
         if self._columns is None:

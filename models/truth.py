@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.known_track import KnownTrack, Segment
 from plotfeed.models.live_samples import (
@@ -27,7 +28,6 @@ from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
     NS,
     Bools,
-    Emitter,
     Floats,
     Ints,
     PlaceState,
@@ -63,7 +63,7 @@ class Trajectories:
         self._coefficients: Floats = np.zeros((4, 3, 0))
         self._rcs_m2: Floats = np.zeros(0)
         self._sound_power_db: Floats = np.zeros(0)
-        self._emitters: list[tuple[Emitter, ...]] = []
+        self._emitters = EmitterTable()
 
     def add_sample(
         self,

@@ -16,12 +16,13 @@ from plotfeed.feeds.scene.fields import enu_from
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models import detection
+from plotfeed.models.emitters import Emissions
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats, Ints, Signatures
 
@@ -292,7 +293,7 @@ def passive_snrs(model: PassiveRadar, targets: Targets) -> Floats:
 
 def strongest_emissions(model: RfDirectionFinder, targets: Targets) -> tuple[Emissions, Floats]:
     """The emission with the highest ratio of each target that emits, and that ratio."""
-    emissions = Emissions.of(targets)
+    emissions = emissions_of(targets)
     snr = model.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
     order = np.lexsort((-snr, emissions.target))
     _, first = np.unique(emissions.target[order], return_index=True)

@@ -17,7 +17,7 @@ from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.acoustic import REFERENCE_DISTANCE_M, MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats
 
@@ -119,7 +119,7 @@ def _(model: PassiveRadar, targets: Targets, antenna_m: float) -> PropagationMet
 
 @propagation_methods.register
 def _(model: RfDirectionFinder, targets: Targets, antenna_m: float) -> PropagationMethods:
-    emissions = Emissions.of(targets)
+    emissions = emissions_of(targets)
 
     def ratios(sensor: RfDirectionFinder) -> Floats:
         return sensor.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])

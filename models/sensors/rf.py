@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,43 +16,18 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.emitters import Emissions, EmitterTable
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
 from plotfeed.models.sensors.stacking import sensor_property
-from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Texts
+from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endless
 
 
-@dataclass(frozen=True, kw_only=True)
-class Emissions(Columns):
-    """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone."""
-
-    target: Ints
-    channel: Ints
-    frequency_hz: Floats
-    bandwidth_hz: Floats
-    eirp_dbm: Floats
-    kind: Texts
-    identity: Texts
-
-    @classmethod
-    def of(cls, targets: Targets) -> Self:
-        """Emissions of targets, a row an emitter, in the order of the targets."""
-        found = [
-            (row, channel, emitter)
-            for row, drone in enumerate(targets.drone.tolist())
-            for channel, emitter in enumerate(targets.signatures.emitters[drone])
-        ]
-        return cls(
-            target=np.array([row for row, _, _ in found], np.int64),
-            channel=np.array([channel for _, channel, _ in found], np.int64),
-            frequency_hz=np.array([e.frequency_hz for _, _, e in found], np.float64),
-            bandwidth_hz=np.array([e.bandwidth_hz for _, _, e in found], np.float64),
-            eirp_dbm=np.array([e.eirp_dbm for _, _, e in found], np.float64),
-            kind=np.array([e.kind for _, _, e in found], np.object_),
-            identity=np.array([e.identity for _, _, e in found], np.object_),
-        )
+def emissions_of(targets: Targets) -> Emissions:
+    """What targets emit, a row an emitter, in the order of the targets."""
+    return EmitterTable.of(targets.signatures.emitters).emissions(targets.drone)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +97,12 @@ class RfDirectionFinder(CellSensor):
         carrier = np.where(width_hz >= 0, 1.0, 0.0)
         return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
 
+    def received_share(self, emissions: Emissions) -> Floats:
+        """The share of each emission's power that lies in the band, as it may be known already."""
+        if emissions.share is not None:
+            return emissions.share
+        return self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz)
+
     @nan_without_warnings
     def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
         """Probability that a burst or more falls into the dwell, where it is tuned: 1 - (1-p)^n.
@@ -142,9 +123,8 @@ class RfDirectionFinder(CellSensor):
             self.path_loss_exponent,
             self.path_loss_reference_m,
         )
-        share = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz)
         received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
-        return share * 10 ** ((received_dbm - self.noise_dbm) / 10)
+        return self.received_share(emissions) * 10 ** ((received_dbm - self.noise_dbm) / 10)
 
     def received_snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
         """Ratios of emissions over the ground, if it is modelled; ranges are the targets'."""
@@ -159,8 +139,7 @@ class RfDirectionFinder(CellSensor):
         """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
         intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
         crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
-        in_band = self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz) > 0
-        return np.where(in_band, intercepted * crossed, 0.0)
+        return np.where(self.received_share(emissions) > 0, intercepted * crossed, 0.0)
 
     @nan_without_warnings
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
@@ -181,12 +160,11 @@ class RfDirectionFinder(CellSensor):
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look once at each emitter of each target within cover and within the band."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
-        emissions = Emissions.of(targets)
-        in_band = self.rows(emissions.target).share_in_band(
-            emissions.frequency_hz, emissions.bandwidth_hz
-        )
+        table = EmitterTable.of(targets.signatures.emitters)
+        emissions = table.emissions(targets.drone)
+        share = self.rows(emissions.target).received_share(emissions)
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
-        emissions = emissions.rows((in_band > 0) & covered)
+        emissions = emissions.but(share=share).rows((share > 0) & covered)
         mine, rng = self.rows(emissions.target), of_rows(rng, emissions.target)
         snr = mine.received_snr(emissions, targets, range_m)
         pd = mine.pd(emissions, snr)
@@ -202,14 +180,27 @@ class RfDirectionFinder(CellSensor):
         if not detected.any():
             return looks, NO_PLOTS
         hits, emitted, rng = looks.rows(detected), emissions.rows(detected), of_rows(rng, detected)
-        return looks, mine.rows(detected)._measure(hits, emitted, targets, rng)
+        plots = mine.rows(detected)._measure(hits, emitted, targets, rng)
+        return looks, plots.but(**self._read(table, emitted))
+
+    def _read(self, table: EmitterTable, emissions: Emissions) -> dict[str, Texts]:
+        """What plots of those emissions say of them beside their measurements."""
+        kinds = table.kinds(emissions)
+        nothing = endless("", np.object_)[: len(kinds)]
+        if not self.decodes:
+            return {"kind": kinds if self.classifies else nothing, "identity": nothing}
+        read = np.array([kind in self.decodes for kind in kinds.tolist()], np.bool_)
+        return {
+            "kind": kinds if self.classifies else np.where(read, kinds, ""),
+            "identity": np.where(read, table.identities(emissions), ""),
+        }
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
 
         NaN for targets that do not emit.
         """
-        emissions = Emissions.of(targets)
+        emissions = emissions_of(targets)
         source = emissions.target
         snr = self.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
         pd = np.nan_to_num(self.pd(emissions, snr))
@@ -242,11 +233,9 @@ class RfDirectionFinder(CellSensor):
     def _measure(
         self, hits: Looks, emissions: Emissions, targets: Targets, rng: np.random.Generator
     ) -> Plots:
-        """Directions with errors by the SNR that each very detection shows, and what was read."""
+        """Directions with errors by the SNR that each very detection shows."""
         snr = self._draw_estimated_snr(hits.snr, rng)
         errors = rng.standard_normal((len(hits),))
-        read = [kind in self.decodes for kind in emissions.kind]
-        classified = np.array(read, np.bool_) | self.classifies
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         return self._plots(
             snr,
@@ -254,8 +243,6 @@ class RfDirectionFinder(CellSensor):
             azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
             t_utc_ns=hits.t_utc_ns,
             channel=hits.channel,
-            kind=np.where(classified, emissions.kind, ""),
-            identity=np.where(read, emissions.identity, ""),
             **hits.whose(),
             **targets.true_geometry(hits, emissions.target),
         )

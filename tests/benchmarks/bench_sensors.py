@@ -173,6 +173,7 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
     """Drones of 0.01 m2, 80 dB and 20 dBm, 20 to 70 degrees from north, 2 to 20 above horizon."""
     import numpy as np
 
+    from plotfeed.models.emitters import EmitterTable
     from plotfeed.models.frames import aer_to_enu
     from plotfeed.models.sensors.sensor_model import Targets
     from plotfeed.models.state import Emitter, Signatures
@@ -187,7 +188,9 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
         position_enu_m=enu_m,
         true_position_enu_m=enu_m,
         signatures=Signatures(
-            rcs_m2=np.full(n, 0.01), sound_power_db=np.full(n, 80.0), emitters=[emitters] * n
+            rcs_m2=np.full(n, 0.01),
+            sound_power_db=np.full(n, 80.0),
+            emitters=EmitterTable([emitters] * n),
         ),
     )
 

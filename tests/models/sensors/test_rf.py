@@ -18,7 +18,7 @@ from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.rf import Emissions, RfDirectionFinder
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures
 
@@ -271,7 +271,7 @@ def test_prediction_is_of_a_report_by_any_emitter() -> None:
     )
     predicted = sensor.predict(there)
     assert predicted.pd == pytest.approx([1 - 0.6**2, 0.4, 0.0, 0.0])
-    snr = sensor.mean_snr(Emissions.of(there), np.full(4, 300.0))
+    snr = sensor.mean_snr(emissions_of(there), np.full(4, 300.0))
     assert predicted.snr[:2] == pytest.approx([snr[:2].max(), snr[2]])
     assert np.isnan(predicted.snr[2])
     assert np.isnan(predicted.sigma_azimuth_deg[2:]).all()
