@@ -143,7 +143,7 @@ class AsterixFormat(ABC):
 
 
 def numbers_of(sensors: Sensors, n: int | None = None) -> Ints:
-    """Numbers of sensors in their own order, by their index in the scene, (n,); -1 for any other."""
+    """Numbers of sensors in their own order, by index in the scene, (n,); -1 for any other."""
     numbers = np.full(max(sensors, default=-1) + 1 if n is None else n, -1, np.int64)
     numbers[list(sensors)] = np.arange(len(sensors))
     return numbers

@@ -10,10 +10,18 @@ from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, SWITCH_S, undistu
 
 def test_what_keeps_a_loop_undisturbed_is_put_back_whatever_happens() -> None:
     before = sys.getswitchinterval(), gc.get_threshold()
-    with pytest.raises(ZeroDivisionError), undisturbed(GARBAGE_OF_SESSION):
-        assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
-        assert gc.get_threshold()[0] == GARBAGE_OF_SESSION
-        assert gc.get_freeze_count() > 0
-        raise ZeroDivisionError
+    seen = []
+
+    def fail() -> None:
+        with undisturbed(GARBAGE_OF_SESSION):
+            seen.append((sys.getswitchinterval(), gc.get_threshold()[0], gc.get_freeze_count()))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    ((switch_s, garbage, frozen),) = seen
+    assert switch_s == pytest.approx(SWITCH_S)
+    assert garbage == GARBAGE_OF_SESSION
+    assert frozen > 0
     assert (sys.getswitchinterval(), gc.get_threshold()) == before
     assert gc.get_freeze_count() == 0
