@@ -1,11 +1,13 @@
-"""How exactly a recording is replayed, ours and ast-tool-py's, and how fast without deadlines.
+"""How exactly a recording is replayed, beside C and ast-tool-py, and how fast without deadlines.
 
     python tests/benchmarks/bench_replay.py [repeats]
 
 The recording is the ASTERIX of eight rotating radars, as a pcap that both read. Both send it by UDP
 over loopback to a process that has the kernel stamp each datagram as it comes. ast-tool-py runs in
 `.venv-ast-tool`, which is made where it is missing, and sends as its documentation says, through a
-pipe. Errors are reckoned from the datagram that came earliest beside its recorded time.
+pipe. The player in C has all in memory, sleeps by clock_nanosleep with a timer slack of 1 ns and
+calls sendto: what the machine itself can do. Errors are reckoned from the datagram that came
+earliest beside its recorded time.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import shutil
 import socket
 import statistics
 import struct
@@ -27,6 +30,7 @@ from typing import Any
 
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-ast-tool"
+IN_C = "clock_nanosleep and sendto in C"
 AST_TOOL = "ast-tool-py==0.27.25"
 SECONDS, DRIFT_SECONDS = 12.0, 60.0
 REPEATS = 5
@@ -36,6 +40,42 @@ SO_TIMESTAMPNS, SO_RCVBUFFORCE = 35, 33
 """Of Linux, and unknown to Python."""
 SILENCE_S = 3.0
 S = 1_000_000_000
+PLAYER_C = r"""
+#include <arpa/inet.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <time.h>
+static const int64_t S = 1000000000, READY_NS = 20000000;
+int main(int n_arguments, char **arguments) {
+    if (n_arguments != 3) return 2;
+    FILE *file = fopen(arguments[1], "rb");
+    fseek(file, 0, SEEK_END);
+    long octets = ftell(file);
+    rewind(file);
+    char *all = malloc(octets);
+    if (fread(all, 1, octets, file) != (size_t)octets) return 3;
+    int way_out = socket(AF_INET, SOCK_DGRAM, 0);
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(atoi(arguments[2]))};
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    prctl(PR_SET_TIMERSLACK, 1UL);
+    struct timespec due;
+    clock_gettime(CLOCK_MONOTONIC, &due);
+    int64_t begin_ns = due.tv_sec * S + due.tv_nsec + READY_NS;
+    for (char *at = all; at < all + octets;) {
+        int64_t after_ns = ((int64_t *)at)[0], length = ((int64_t *)at)[1];
+        due.tv_sec = (begin_ns + after_ns) / S;
+        due.tv_nsec = (begin_ns + after_ns) % S;
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
+        sendto(way_out, at + 16, length, 0, (struct sockaddr *)&to, sizeof to);
+        at += 16 + (length + 7) / 8 * 8;
+    }
+    return 0;
+}
+"""
+"""It reads of each datagram: nanoseconds after the first, octets, and these, filled up to 8."""
 
 
 def listen(port_file: Path, result_file: Path, count: int) -> None:
@@ -134,7 +174,7 @@ def recorded(folder: Path, seconds: float) -> list[Any]:
 
 
 def pcap(path: Path, messages: Sequence[Any]) -> Path:
-    """A file of them."""
+    """A file of them, and beside it one for the player in C."""
     from plotfeed.replay.pcap.libpcap import PcapWriter
 
     with path.open("wb") as file:
@@ -142,6 +182,11 @@ def pcap(path: Path, messages: Sequence[Any]) -> Path:
         for each in messages:
             writer.write(each)
         writer.close()
+    with path.with_suffix(".datagrams").open("wb") as file:
+        for each in messages:
+            octets = len(each.payload)
+            file.write(struct.pack("<qq", each.log_time_ns - messages[0].log_time_ns, octets))
+            file.write(each.payload.ljust((octets + 7) // 8 * 8, b"\0"))
     return path
 
 
@@ -192,7 +237,19 @@ def by_ast_tool(path: Path, port: int, *more: str) -> None:
     player.wait()
 
 
-PLAYERS: dict[str, Callable[..., Any]] = {"plotfeed": by_plotfeed, "ast-tool-py": by_ast_tool}
+def by_c(path: Path, port: int) -> None:
+    """The same by clock_nanosleep and sendto."""
+    from support.nanosleep import compiled
+
+    program = compiled(PLAYER_C, "player")
+    assert program is not None
+    subprocess.run([program, path.with_suffix(".datagrams"), str(port)], check=True)
+
+
+def players() -> dict[str, Callable[..., Any]]:
+    """Who replays, in turns; C where there is a compiler."""
+    by_compiler = {IN_C: by_c} if shutil.which("cc") else {}
+    return {"plotfeed": by_plotfeed, **by_compiler, "ast-tool-py": by_ast_tool}
 
 
 def errors_us(messages: Sequence[Any], heard: Heard) -> Any:
@@ -210,9 +267,9 @@ def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     import numpy as np
 
     file = pcap(folder / "short.pcap", messages)
-    found: dict[str, list[Any]] = {name: [] for name in PLAYERS}
+    found: dict[str, list[Any]] = {name: [] for name in players()}
     for _ in range(repeats):
-        for name, play in PLAYERS.items():
+        for name, play in players().items():
             listener = Listener(folder, len(messages))
             play(file, listener.port)
             errors = errors_us(messages, listener.heard())
@@ -226,8 +283,13 @@ def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
             + " | ".join(_spread(column) for column in zip(*runs, strict=True))
             + " |"
         )
-    ours, theirs = (statistics.median(run[1] for run in found[name]) for name in PLAYERS)
-    print(f"\nThe p99 of plotfeed is smaller by a factor of {theirs / ours:.0f}.")
+    middle = {name: np.median(runs, axis=0) for name, runs in found.items()}
+    for name, others in middle.items():
+        if name != "plotfeed":
+            p50, p99, _ = middle["plotfeed"] / others
+            print(
+                f"\nOf {name}'s, plotfeed's p50 is {p50:.2f} times as much, its p99 {p99:.2f} times."
+            )
 
 
 def drift(folder: Path, messages: Sequence[Any]) -> None:
@@ -239,7 +301,7 @@ def drift(folder: Path, messages: Sequence[Any]) -> None:
           f"{DRIFT_SECONDS:g} s,\nµs.\n")  # fmt: skip
     print("| | drift |\n|---|--:|")
     few = sum(m.log_time_ns < messages[0].log_time_ns + 5 * S for m in messages)
-    for name, play in PLAYERS.items():
+    for name, play in players().items():
         listener = Listener(folder, len(messages))
         play(file, listener.port)
         errors = errors_us(messages, listener.heard())
