@@ -146,8 +146,8 @@ class Transport(Protocol):
         """Wait until everything has left, or the time is up."""
 
 
-class ConnectedTransport(Transport, Protocol):
-    """A transport whose connection has to be made, and made again, while the session runs."""
+class KeptUp(Protocol):
+    """What has to be connected, and connected again, while the session runs."""
 
     name: str
 

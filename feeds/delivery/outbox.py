@@ -55,6 +55,8 @@ class Outbox:
         """
         self.counters = ClientCounters()
         self.transports = transports
+        self.retained: dict[str, Message] = {}
+        """What was last sent to stay, by topic, such as a status."""
         self._clock = clock
         self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
         self._totals = totals or SessionCounters()
@@ -120,6 +122,9 @@ class Outbox:
 
         for transport in self.transports:
             transport.publish_together(messages, made)  # nobody asks what becomes of them
+        for message in messages:
+            if message.retain:
+                self.retained[message.topic] = message
         for tell in self._after_link:
             for message in messages:
                 tell(message, self._clock.now_ns())

@@ -7,12 +7,12 @@ import contextlib
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from plotfeed.feeds.delivery.delivery import ConnectedTransport, Delivery, Transport
+from plotfeed.feeds.delivery.delivery import Delivery, KeptUp, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of, in_time
 from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
@@ -23,6 +23,7 @@ from plotfeed.feeds.transport.embedded_broker import LOOPBACK, EmbeddedBroker
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
+from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 from plotfeed.feeds.transport.udp import UdpTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -48,8 +49,8 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
         return
     embedded = await EmbeddedBroker.start(scene.mqtt.port)
     try:
-        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,))
-        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,))
+        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,), ends_with_us=True)
+        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,), ends_with_us=True)
         yield [mqtt5, mqtt3], embedded.ports.urls()
         await asyncio.sleep(LINGER_S)
     finally:
@@ -72,63 +73,80 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
 
 
 class Outputs:
-    """A client for each sensor and broker, one for the session itself, and the UDP sockets."""
+    """A link to each broker for all that a session sends, last wills beside it, and UDP sockets."""
 
     def __init__(self, context: SessionContext, addresses: Sequence[BrokerAddress]) -> None:
         observers = context.observers
         self.udp = [UdpTransport(to, f"udp[{i}]") for i, to in enumerate(context.scene.udp)]
-        self.connected: list[ConnectedTransport] = []
-        """All that have to be kept up, the session's own first."""
-        self._of_session: list[MqttTransport] = []
+        self.connected: list[KeptUp] = []
+        """All that have to be kept up, the links to brokers first."""
+        self.brokers: list[MqttTransport] = []
+        """The links that a broker may hold up."""
+        self._sapient: list[Transport] = []
         self._addresses = addresses
         self._context = context
         self._scene, self._clock = context.scene, context.clock
         self._before_link = [o.before_link for o in observers if cares(o, "before_link")]
         self._after_link = [o.after_link for o in observers if cares(o, "after_link")]
-
-    @property
-    def brokers(self) -> list[MqttTransport]:
-        """The connections that a broker may hold up."""
-        return [each for each in self.connected if isinstance(each, MqttTransport)]
+        self._of_sensor: dict[str, Outbox] = {}
+        self._announcers: list[Announcer] = []
+        self._wills: dict[str, Message] = {}
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage) -> Outbox:
         """The session's own: it receives what comes on those topics. Asked for before any other."""
-        self._of_session = self._mqtt("session", subscribe=list(topics), on_message=on_message)
-        self.connected.extend(self._of_session)
-        return Outbox(self._clock, self._of_session, after_link=self._after_link)
+        self.brokers = [
+            MqttTransport(
+                to,
+                "plotfeed-session",
+                subscribe=list(topics),
+                on_message=on_message,
+                on_connect=self._announce_again,
+                queue=self._scene.mqtt.queue,
+            )
+            for to in self._addresses
+        ]
+        self.connected.extend(self.brokers)
+        for link in self.brokers:
+            if not link.address.ends_with_us:
+                self.connected.append(LastWills(link, self._wills, partial(self._is_back, link)))
+        return Outbox(self._clock, self.brokers, after_link=self._after_link)
 
     def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
-        """A sensor is a client of its own, whose last will is that it is offline.
+        """A sensor goes over the session's links; that it is offline is a last will of its own.
 
-        With whoever announces it on its connections, if it reports in a format that wants that.
+        With whoever announces it on them, if it reports in a format that wants that.
         Raises `PlotfeedError`.
         """
         announcer = announcer_of(self._scene, sensor)
         offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
-        transports: list[ConnectedTransport] = [
-            *self._mqtt(
-                sensor.id,
-                will=status_message(self._scene.mqtt.prefix, offline, start_ns),
-                on_connect=None if announcer is None else partial(self._announce_again, announcer),
-            )
-        ]
+        self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
+        transports: list[Transport] = [*self.brokers]
         middleware = self._scene.sapient.middleware
+        if announcer is not None:
+            self._announcers.append(announcer)
         if announcer is not None and middleware is not None:
             from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
 
-            transports.append(SapientTcpTransport(middleware, sensor.id, announcer, self._clock))
-        self.connected.extend(transports)
-        return self._outbox(sensor.id, transports, sensor.link), announcer
+            of_its_own = SapientTcpTransport(middleware, sensor.id, announcer, self._clock)
+            transports.append(of_its_own)
+            self._sapient.append(of_its_own)
+            self.connected.append(of_its_own)
+        outbox = self._of_sensor[sensor.id] = self._outbox(sensor.id, transports, sensor.link)
+        return outbox, announcer
 
     def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:
         """Drones that report themselves go over the session's own connections."""
-        return self._outbox(COOPERATIVE, self._of_session, link)
+        return self._outbox(COOPERATIVE, self.brokers, link)
 
-    def _mqtt(self, name: str, **more: Any) -> list[MqttTransport]:
-        queue = self._scene.mqtt.queue
-        return [
-            MqttTransport(to, f"plotfeed-{name}", queue=queue, **more) for to in self._addresses
-        ]
+    async def drain(self, timeout_s: float) -> None:
+        """Wait until the sockets have taken everything, or the time is up."""
+        transports = [*self.brokers, *self._sapient, *self.udp]
+        await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
+
+    def give_up(self) -> None:
+        """Settle what brokers have not taken by now, which the session's end leaves undelivered."""
+        for link in self.brokers:
+            link.give_up()
 
     def _outbox(
         self, name: str, transports: Sequence[Transport], link: LinkSettings | None
@@ -145,8 +163,15 @@ class Outputs:
             impair=partial(Impairment, seed=self._scene.scene.seed, name=name),
         )
 
-    def _announce_again(self, announcer: Announcer, transport: MqttTransport) -> None:
-        """A new connection is told who the sensor is; the first one is told anyway."""
-        if transport.connections > 1:
-            for message in announcer.opening(self._clock.now_ns()):
-                transport.publish(Delivery(message, self._clock, 1))
+    def _announce_again(self, link: MqttTransport) -> None:
+        """A new connection is told who the sensors are; the first one is told anyway."""
+        if link.connections > 1:
+            for announcer in self._announcers:
+                for message in announcer.opening(self._clock.now_ns()):
+                    link.publish(Delivery(message, self._clock, 1))
+
+    def _is_back(self, link: MqttTransport, sensor: str) -> None:
+        """Its last will was lost, and the broker has published it: say again how it is."""
+        outbox, topic = self._of_sensor[sensor], self._wills[sensor].topic
+        if topic in outbox.retained:
+            link.publish(Delivery(outbox.retained[topic], self._clock, 1, client=outbox.counters))

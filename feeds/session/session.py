@@ -259,12 +259,12 @@ class Session:
         for task in sensors:
             task.cancel()
         await asyncio.gather(*sensors, return_exceptions=True)
+        self._outputs.give_up()
         self._loop.do_all_later()
         await self._outbox.drain(FAREWELL_S / 2)
 
     async def _drain(self) -> None:
-        outboxes = [self._outbox, *(task.outbox for task in self.sensor_tasks.values())]
-        await asyncio.gather(*(outbox.drain(FAREWELL_S) for outbox in outboxes))
+        await self._outputs.drain(FAREWELL_S)
 
 
 async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:

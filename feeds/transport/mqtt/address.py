@@ -136,6 +136,8 @@ class BrokerAddress:
     versions: tuple[int, ...] = VERSIONS["any"]
     tls: bool = False
     access: BrokerAccess = NO_ACCESS
+    ends_with_us: bool = False
+    """Whether it is the embedded one: nobody is left to be told when its session dies."""
 
     @classmethod
     def parse(

@@ -82,6 +82,11 @@ class MqttTransport:
         """Whether a broker has accepted the connection and has not gone away since."""
         return self._connection is not None and not self._connection.lost.is_set()
 
+    @property
+    def version(self) -> int:
+        """The version of MQTT that it speaks, 4 for 3.1.1; the first to try, before it is up."""
+        return self._versions[0]
+
     @contextlib.asynccontextmanager
     async def connected(self, timeout_s: float) -> AsyncIterator[Self]:
         """Keep the link up meanwhile; raises `MqttError` if it is not up in that time."""
@@ -128,9 +133,7 @@ class MqttTransport:
             self._ended = True
             still_up = self._connection
             self._send_by(None)
-            for queue in self._queues:
-                queue.give_up()
-            self._room.set()
+            self.give_up()
             if still_up is not None:
                 await still_up.close()
 
@@ -222,6 +225,14 @@ class MqttTransport:
             if loop.time() > deadline_s:
                 return
             await asyncio.sleep(0.001)
+
+    def give_up(self) -> None:
+        """Settle all that is not delivered by now, waiting or unacknowledged, as undelivered."""
+        if self._connection is not None:
+            self._queues[1].put_back(self._connection.give_up())
+        for queue in self._queues:
+            queue.give_up()
+        self._room.set()
 
     def _expire(self) -> None:
         """Drop what has waited too long."""

@@ -273,6 +273,7 @@ async def test_a_session_outlives_its_broker(
             await asyncio.sleep(0.1)
         await asyncio.to_thread(client.wait_for, lambda m: m.topic.endswith("/plots"))
         status = await asyncio.to_thread(client.wait_for, is_status("ONLINE"))
+        await until(lambda: totals.messages > totals.undelivered)  # it goes on delivering
         stop.set()
         await asyncio.to_thread(client.wait_for, is_status("OFFLINE"))
         totals = await working
@@ -280,9 +281,9 @@ async def test_a_session_outlives_its_broker(
         await asyncio.to_thread(mosquitto_runs.close)
     assert json.loads(status.payload)["sensor"] == "radar"
     assert totals.telemetry >= 1
-    assert 5 < totals.undelivered < totals.messages
+    assert totals.undelivered > 5
     lost = [r.message for r in caplog.records if "lost the connection" in r.message]
-    assert len(lost) == 2  # the session's own and the sensor's: a line each
+    assert len(lost) == 1  # of the one connection for data; those of last wills say nothing
 
 
 @pytest.mark.asyncio

@@ -1,0 +1,209 @@
+"""Connections that hold a last will each, against gmqtt's packets and over real brokers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import gmqtt
+import pytest
+from gmqtt.mqtt.package import LoginPackageFactor
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brokers import free_port, mosquitto
+from support.cut_proxy import proxied
+from support.mqtt_client import Client, listening
+from support.sessions import Start, every_broker, iotcore
+from support.waiting import PATIENCE_S, until
+
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.mqtt import last_wills
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.gmqtt_client import KEEP_ALIVE_S
+from plotfeed.feeds.transport.mqtt.last_wills import LastWills, connect_packet
+
+words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
+narrow = st.text(st.characters(max_codepoint=126, exclude_categories=["Cc"]), min_size=1)
+"""Of one octet a character, which is what gmqtt counts."""
+wills = st.builds(
+    Message,
+    topic=words,
+    payload=st.binary(max_size=300),
+    content_type=words,
+    due_utc_ns=st.just(0),
+    properties=st.lists(st.tuples(words, words), max_size=5).map(tuple),
+    retain=st.just(True),
+    qos=st.sampled_from([0, 1]),
+)
+
+
+def by_gmqtt(
+    client_id: str, will: Message, version: int, username: str | None, password: str | None
+) -> bytes:
+    more = {}
+    if version >= 5:
+        more = {"content_type": will.content_type}
+        if will.properties:
+            more["user_property"] = list(will.properties)  # type: ignore[assignment]
+    packed = gmqtt.Message(will.topic, will.payload, qos=will.qos, retain=True, **more)
+    protocol = SimpleNamespace(proto_ver=version, proto_name=b"MQTT")
+    octets = LoginPackageFactor.build_package(
+        client_id, username, password, True, KEEP_ALIVE_S, protocol, will_message=packed
+    )
+    return bytes(octets)
+
+
+@given(narrow, wills, st.sampled_from([4, 5]), narrow, narrow)
+def test_a_packet_is_what_an_independent_client_makes_of_the_same_will(
+    client_id: str, will: Message, version: int, username: str, password: str
+) -> None:
+    expected = by_gmqtt(client_id, will, version, username, password)
+    assert connect_packet(client_id, will, version, username, password) == expected
+
+
+SENSORS = [f"s{i}" for i in range(25)]
+
+
+def status(sensor: str, state: str) -> Message:
+    payload = json.dumps({"sensor": sensor, "state": state}).encode()
+    return Message(
+        topic=f"p/{sensor}/status",
+        payload=payload,
+        content_type="application/json",
+        due_utc_ns=0,
+        retain=True,
+        qos=1,
+    )
+
+
+@asynccontextmanager
+async def placed(
+    port: int, sensors: Sequence[str] = SENSORS, versions: tuple[int, ...] = (5, 4)
+) -> AsyncIterator[tuple[LastWills, list[str]]]:
+    """With a link that says ONLINE, and whose wills came back."""
+    link = MqttTransport(BrokerAddress("127.0.0.1", port, versions), "test")
+    back: list[str] = []
+
+    def is_back(sensor: str) -> None:
+        back.append(sensor)
+        link.publish(Delivery(status(sensor, "ONLINE"), WallClock(), 1))
+
+    there = LastWills(link, {s: status(s, "OFFLINE") for s in sensors}, is_back)
+    async with link.connected(PATIENCE_S):
+        running = asyncio.create_task(there.run())
+        await there.wait_until_up()
+        for sensor in sensors:
+            link.publish(Delivery(status(sensor, "ONLINE"), WallClock(), 1))
+        await link.drain(PATIENCE_S)
+        try:
+            yield there, back
+        finally:
+            await link.drain(PATIENCE_S)
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+
+
+def states(ears: Client, sensor: str) -> list[str]:
+    return [json.loads(payload)["state"] for payload in ears.on(f"p/{sensor}/status")]
+
+
+def all_states(ears: Client) -> dict[str, list[str]]:
+    return {sensor: states(ears, sensor) for sensor in SENSORS}
+
+
+def were(*expected: str) -> dict[str, list[str]]:
+    return {sensor: [*expected] for sensor in SENSORS}
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    port = free_port()
+    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+        async with proxied(port) as proxy:
+            async with placed(proxy.port) as (there, back):
+                assert there.placed == len(SENSORS)
+                await until(lambda: all_states(ears) == were("ONLINE"))
+                proxy.cut()
+                await until(lambda: all_states(ears) == were("ONLINE", "OFFLINE", "ONLINE"))
+                assert sorted(back) == sorted(SENSORS)
+                assert there.placed == len(SENSORS)
+            await asyncio.sleep(0.2)  # those that say goodbye have no will
+            assert all_states(ears) == were("ONLINE", "OFFLINE", "ONLINE")
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_wills_that_say_goodbye_are_forgotten(start: Start, tmp_path: Path) -> None:
+    port = free_port()
+    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+        async with placed(port):
+            await until(lambda: all_states(ears) == were("ONLINE"))
+        await asyncio.sleep(0.2)
+        assert all_states(ears) == were("ONLINE")
+
+
+@pytest.mark.asyncio
+async def test_connections_that_say_nothing_else_are_kept_alive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And one whose broker is silent is cut, which the broker finds out sooner or later."""
+    for name, value in (("KEEP_ALIVE_S", 1), ("LOOK_EVERY_S", 0.1)):
+        monkeypatch.setattr(last_wills, name, value)
+    port = free_port()
+    with iotcore(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+        async with proxied(port) as proxy, placed(proxy.port) as (there, back):
+            await until(lambda: all_states(ears) == were("ONLINE"))
+            await asyncio.sleep(3.0)
+            assert (there.placed, back) == (len(SENSORS), [])
+            assert all_states(ears) == were("ONLINE")
+            proxy.hold()
+            await until(lambda: len(back) == len(SENSORS))
+
+
+@pytest.mark.asyncio
+async def test_a_broker_that_does_not_take_so_many_connections_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(last_wills, "BACKOFF_S", (0.05,))
+    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    port = free_port()
+    listener = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_connections 5\n"
+    with mosquitto(tmp_path, port, listener):
+        async with placed(port) as (there, back):
+            await asyncio.sleep(0.5)
+            assert 0 < there.placed < len(SENSORS)
+            assert back == []
+    assert len([r for r in caplog.records if "no last will" in r.message]) == 1
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_a_broker_that_is_away_is_not_asked_by_everybody(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The link beside them is the one that knocks."""
+    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    port = free_port()
+    async with proxied(port) as proxy:
+        with start(tmp_path, port) as process:
+            async with placed(proxy.port) as (there, back):
+                process.kill()
+                process.wait()
+                await until(lambda: there.placed == 0)
+                before = proxy.connections
+                await asyncio.sleep(1.0)
+                assert proxy.connections == before
+                with start(tmp_path, port):
+                    await until(lambda: there.placed == len(SENSORS))
+                    assert sorted(back) == sorted(SENSORS)
