@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
@@ -158,14 +157,14 @@ class KeptUp(Protocol):
         """Return once it is up; raises `PlotfeedError` if it is not in that time."""
 
 
-@dataclass(frozen=True, slots=True)
 class SentTogether:
     """Messages of one client that all left when they were due, over a link that does nothing."""
 
-    messages: Sequence[Message]
-    number: int
-    """Of the first; the others count on."""
-    sent_utc_ns: int
+    __slots__ = ("messages", "number", "sent_utc_ns")
+
+    def __init__(self, messages: Sequence[Message], number: int, sent_utc_ns: int) -> None:
+        """`number` is that of the first; the others count on."""
+        self.messages, self.number, self.sent_utc_ns = messages, number, sent_utc_ns
 
     def records(self) -> list[pb.Sent]:
         """What the ledger says of them."""

@@ -301,7 +301,7 @@ class _Leaving:
         if deliveries is None:
             sent_utc_ns = self.sent_utc_ns or outbox.now_ns()
             late_ns = [sent_utc_ns - message.due_utc_ns for message in self.messages]
-            outbox.counters.lateness_ns.extend(late_ns)
+            outbox.counters.lateness_ns += late_ns
             outbox._totals.sent(late_ns)
             if self._on_complete is not None:
                 self._on_complete(SentTogether(self.messages, self._number, sent_utc_ns))

@@ -22,8 +22,8 @@ class MqttQueueKeys(SceneTable):
     """What gives way when as much waits as may: the oldest, what comes, or the session, which
     stands still until there is room."""
     messages: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
-    """How many may wait, of each QoS; without it, 10,000 of QoS 1 and none of QoS 0, since a late
-    plot is worth nothing."""
+    """How many may wait, of each sensor and QoS; without it, 10,000 of QoS 1 and none of QoS 0,
+    since a late plot is worth nothing."""
     max_age_s: Positive | None = None
     """What has waited longer is dropped; without it, nothing is for its age."""
 

@@ -121,7 +121,7 @@ def _of_session() -> Iterator[Flow]:
         name="status",
         address="{prefix}/{sensor}/status",
         content_type=JSON,
-        summary="A sensor's state, every 5 s, at the end, and as the last will of its client.",
+        summary="A sensor's state, every 5 s, at the end, and as a last will.",
         message=f"{OURS}.SensorStatus",
         attributes=OF_SENSOR,
         kind="plotfeed.status",
