@@ -58,7 +58,7 @@ class SessionCounters:
     def sent(self, lateness_ns: Sequence[int]) -> None:
         """Count messages that were sent, so late each."""
         self.messages += len(lateness_ns)
-        self.lateness_ns += lateness_ns
+        self.lateness_ns.extend(lateness_ns)
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a copy of a message."""

@@ -11,6 +11,8 @@ from plotfeed.models.state import Ints
 
 LATENESS_KEPT = 100_000
 _FIRST_ROOM = 64
+_FEW = 16
+"""Values of which arrays of NumPy would take longer than one after the other."""
 
 
 class LastLateness:
@@ -37,6 +39,10 @@ class LastLateness:
 
     def extend(self, lateness_ns: Iterable[int]) -> None:
         """Keep others, in that order; a column of integers is taken as it is."""
+        if isinstance(lateness_ns, list) and len(lateness_ns) < _FEW:
+            for each in lateness_ns:
+                self.append(each)
+            return
         values = np.asarray(
             lateness_ns if isinstance(lateness_ns, np.ndarray) else list(lateness_ns), np.int64
         )

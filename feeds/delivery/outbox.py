@@ -59,7 +59,7 @@ class Outbox:
         """What was last sent to stay, by topic, such as a status."""
         self._clock = clock
         self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
-        self._totals = totals or SessionCounters()
+        self.totals = totals or SessionCounters()
         self._before_link, self._after_link = before_link, after_link
         self._in_time = in_time
         self._impair = impair
@@ -101,7 +101,7 @@ class Outbox:
         if self._impairment is None:
             send_all([(self, messages, on_complete)])
             return
-        entry = LedgerEntry(self.counters, self._totals, on_complete)
+        entry = LedgerEntry(self.counters, self.totals, on_complete)
         for message in messages:
             for tell in self._before_link:
                 tell(message)
@@ -230,8 +230,12 @@ def send_all(departures: Iterable[Departure]) -> None:
         else:
             impaired.append(departure)
     _leave(leaving)
+    late_ns: dict[int, tuple[SessionCounters, list[int]]] = {}
     for one in leaving:
-        one.tell()
+        totals = one.outbox.totals
+        late_ns.setdefault(id(totals), (totals, []))[1].extend(one.tell())
+    for totals, late in late_ns.values():
+        totals.sent(late)
     for outbox, messages, on_complete in impaired:
         outbox.send(*messages, on_complete=on_complete)
 
@@ -278,7 +282,7 @@ class _Leaving:
         """One for each message; what transports have taken before is still to be told."""
         if self._deliveries is None:
             outbox = self.outbox
-            entry = LedgerEntry(outbox.counters, outbox._totals, self._on_complete)
+            entry = LedgerEntry(outbox.counters, outbox.totals, self._on_complete)
             self._deliveries = [
                 outbox._deliver(entry, message, number)
                 for number, message in enumerate(self.messages, self._number)
@@ -292,8 +296,12 @@ class _Leaving:
         for delivery in self._deliveries or ():
             delivery.taken(sent_utc_ns)
 
-    def tell(self) -> None:
-        """Tell and count what became of it, as far as that is known."""
+    def tell(self) -> list[int]:
+        """Tell and count what became of it, as far as that is known.
+
+        How late its messages left in nanoseconds, which is still to be counted in the totals; of
+        those that have deliveries these tell.
+        """
         outbox, deliveries = self.outbox, self._deliveries
         for tell in outbox._before_link:
             for message in self.messages:
@@ -301,14 +309,15 @@ class _Leaving:
         if deliveries is None:
             sent_utc_ns = self.sent_utc_ns or outbox.now_ns()
             late_ns = [sent_utc_ns - message.due_utc_ns for message in self.messages]
-            outbox.counters.lateness_ns += late_ns
-            outbox._totals.sent(late_ns)
+            for late in late_ns:
+                outbox.counters.lateness_ns.append(late)
             if self._on_complete is not None:
                 self._on_complete(SentTogether(self.messages, self._number, sent_utc_ns))
             for tell_time in outbox._after_link:
                 for message in self.messages:
                     tell_time(message, sent_utc_ns)
-            return
+            return late_ns
         for tell_time in outbox._after_link:
             for delivery in deliveries:
                 tell_time(delivery.message, delivery.sent_utc_ns or outbox.now_ns())
+        return []

@@ -23,7 +23,7 @@ from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     reason_name,
     refusal_code,
 )
-from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
+from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
 from plotfeed.proto.errors import PlotfeedError
 
@@ -150,9 +150,7 @@ class MqttConnection:
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
-        for message in messages:
-            if not message.qos and self.version not in message.packets:
-                message.packets[self.version] = publish_packet(message, self.version)
+        pack(messages, self.version)
 
     def send_until_acknowledged(self, delivery: Delivery) -> None:
         """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
