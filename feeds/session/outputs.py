@@ -171,7 +171,7 @@ class Outputs:
                     link.publish(Delivery(message, self._clock, 1))
 
     def _is_back(self, link: MqttTransport, sensor: str) -> None:
-        """Its last will was lost, and the broker has published it: say again how it is."""
+        """Say again how a sensor is: its will was lost, and the broker has published that."""
         outbox, topic = self._of_sensor[sensor], self._wills[sensor].topic
         if topic in outbox.retained:
             link.publish(Delivery(outbox.retained[topic], self._clock, 1, client=outbox.counters))

@@ -287,9 +287,7 @@ def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     for name, others in middle.items():
         if name != "plotfeed":
             p50, p99, _ = middle["plotfeed"] / others
-            print(
-                f"\nOf {name}'s, plotfeed's p50 is {p50:.2f} times as much, its p99 {p99:.2f} times."
-            )
+            print(f"\nOf {name}'s, plotfeed's p50 is {p50:.2f} times as much, its p99 {p99:.2f}.")
 
 
 def drift(folder: Path, messages: Sequence[Any]) -> None:
