@@ -16,14 +16,18 @@ digits. The relative error is some (samples + looks) times that of float64.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.numerics import unit_interval
 from plotfeed.models.state import Floats, Ints
 
-BLOCK_ELEMENTS = 1 << 22
-"""Size of the tables behind a draw: 32 MB."""
+BLOCK_ELEMENTS = 1 << 15
+"""Numbers of a table that are worked on at once: 256 kB."""
+CERTAIN = 1 - 1e-12
+"""What a probability is taken to be at least of, whatever rounding has done."""
 _TAIL = 36.0
 """Means of an exponential beyond which 2e-16 of it lies."""
 
@@ -36,12 +40,28 @@ def outlasting(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
 def draw_outlasting(
     snrs: Floats, multiplier: float, n_samples: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Sums of looks that outlast their samples, and the sums of these; (n, K) in, (n,) out."""
-    block = max(1, BLOCK_ELEMENTS // (snrs.shape[-1] * (n_samples + 1)))
-    starts = range(0, max(len(snrs), 1), block)
-    parts = [_draw_block(snrs[i : i + block], multiplier, n_samples, rng) for i in starts]
-    powers, samples = zip(*parts, strict=True)
-    return np.concatenate(powers), np.concatenate(samples)
+    """Sums of looks that outlast their samples, and the sums of these; (n, K) in, (n,) out.
+
+    Look by look: how many samples it outlasts given the success, and then the times. Whatever ends
+    first, the time until then is exponential of mean (1+S)/(multiplier+1+S), in units of the
+    samples, so that times are gamma distributed by the number of ends. Without memory, the look
+    that lasts at the end is from there on as long as a new one.
+    """
+    n = len(snrs)
+    ends, goes_on = _odds(snrs, np.asarray(multiplier))
+    samples_left = np.full(n, n_samples)
+    reference_sum, beyond = np.zeros(n), np.zeros(n)
+    for i, mean in enumerate(1 + snrs.T):
+        outlasted = samples_left
+        if i < len(ends) - 1:
+            level = rng.random((n,))
+            outlasted = _outlasted(level, ends[i:], goes_on[i:], samples_left, n_samples)
+        own_end = outlasted < samples_left
+        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (n,))
+        samples_left = samples_left - outlasted
+        rest = mean * rng.standard_exponential((n,))
+        beyond += np.where(samples_left == 0, rest, 0.0)
+    return multiplier * reference_sum + beyond, reference_sum
 
 
 def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
@@ -74,72 +94,92 @@ def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: Arr
     Carried back sample by sample to the start of the first look.
     """
     ends, goes_on = _odds(snrs, multiplier)
-    chance = np.empty_like(ends)
-    chance.T[...] = at_the_end
-    for _ in range(n_samples):
-        _carry_back(chance, ends, goes_on)
-    return np.asarray(chance[0])
+    chances = np.empty(ends.shape[1:], ends.dtype)
+    n_looks, rows = len(ends), chances.size
+    flat, ends, goes_on = (
+        chances.reshape(-1),
+        ends.reshape(n_looks, -1),
+        goes_on.reshape(n_looks, -1),
+    )
+    for part in _blocks(rows, n_looks):
+        of_part = ends[:, part], goes_on[:, part]
+        chance = np.empty_like(of_part[0])
+        chance.T[...] = at_the_end
+        back = _Backwards(chance, *of_part)
+        for _ in range(n_samples):
+            back.step()
+        flat[part] = chance[0]
+    return chances
 
 
-def _draw_block(
-    snrs: Floats, multiplier: float, n_samples: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Sums, look by look: how many samples it outlasts given the success, and then the times.
+def _outlasted(
+    level: Floats, ends: Floats, goes_on: Floats, samples_left: Ints, n_samples: int
+) -> Ints:
+    """How many of the samples left the first look outlasts, given that all looks outlast all; (n,).
 
-    Whatever ends first, the time until then is exponential of mean (1+S)/(multiplier+1+S), in
-    units of the samples, so that times are gamma distributed by the number of ends. Without memory,
-    the look that lasts at the end is from there on as long as a new one.
+    Drawn by inversion from uniform levels. That of a strong look nearly always outlasts them all:
+    as it does by itself with probability goes_on**samples_left, given the success it does at least
+    with that.
     """
-    ends, goes_on = _odds(snrs, np.asarray(multiplier))
-    chances = np.empty((n_samples + 1, *ends.shape))
+    outlasted = samples_left.copy()
+    surely = level < goes_on[0] ** samples_left * CERTAIN
+    doubtful = np.flatnonzero(~surely & (samples_left > 0))
+    for part in _blocks(len(doubtful), n_samples + 1):
+        rows = doubtful[part]
+        outlasted[rows] = _inverted(
+            level[rows], ends[:, rows], goes_on[:, rows], samples_left[rows], n_samples
+        )
+    return outlasted
+
+
+def _inverted(
+    level: Floats, ends: Floats, goes_on: Floats, samples_left: Ints, n_samples: int
+) -> Ints:
+    """What `_outlasted` draws, by chances of success from the first look on with 0, 1, ... left.
+
+    Outlasting one more sample and then succeeding becomes less probable with each.
+    """
+    chances = np.empty((n_samples + 1, len(level)))
+    chance = np.ones_like(ends)
+    back = _Backwards(chance, ends, goes_on)
     chances[0] = 1.0
     for n in range(n_samples):
-        chances[n + 1] = chances[n]
-        _carry_back(chances[n + 1], ends, goes_on)
-    samples_left = np.full(len(snrs), n_samples)
-    reference_sum, beyond = np.zeros(len(snrs)), np.zeros(len(snrs))
-    for i, mean in enumerate(1 + snrs.T):
-        is_last = i == len(ends) - 1
-        outlasted = (
-            samples_left
-            if is_last
-            else _draw_outlasted(chances[:, i], goes_on[i], samples_left, rng)
-        )
-        own_end = outlasted < samples_left
-        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (len(snrs),))
-        samples_left = samples_left - outlasted
-        rest = mean * rng.standard_exponential((len(snrs),))
-        beyond += np.where(samples_left == 0, rest, 0.0)
-    return multiplier * reference_sum + beyond, reference_sum
-
-
-def _draw_outlasted(
-    chance: Floats, goes_on: Floats, samples_left: Ints, rng: np.random.Generator
-) -> Ints:
-    """How many of the samples left a look outlasts, given that all looks outlast all; (n,).
-
-    `chance` is that of success from this look on with 0, 1, ... samples left; (samples + 1, n).
-    Outlasting one more sample and then succeeding becomes less probable with each: the number
-    follows by inversion.
-    """
-    left = np.arange(len(chance))[:, None]
-    at_least = chance / goes_on**left  # with so many left, over what no longer depends on it
-    level = (
-        rng.random((len(samples_left),)) * np.take_along_axis(at_least, samples_left[None], 0)[0]
-    )
-    return np.asarray(((at_least > level) & (left < samples_left)).sum(axis=0))
+        back.step()
+        chances[n + 1] = chance[0]
+    left = np.arange(n_samples + 1)[:, None]
+    at_least = chances / goes_on[0] ** left  # with so many left, over what no longer depends on it
+    above = level * np.take_along_axis(at_least, samples_left[None], 0)[0]
+    return np.asarray(((at_least > above) & (left < samples_left)).sum(axis=0))
 
 
 def _odds(snrs: Floats, multiplier: Floats) -> tuple[Floats, Floats]:
     """Odds of the look ending first, and of the sample; (K, ...), looks first."""
     shape = np.broadcast_shapes(snrs.shape[:-1], multiplier.shape)
-    mean = 1 + np.moveaxis(np.broadcast_to(snrs, (*shape, snrs.shape[-1])), -1, 0)
+    looks_first = np.moveaxis(np.broadcast_to(snrs, (*shape, snrs.shape[-1])), -1, 0)
+    mean = np.add(looks_first, 1, order="C")
     share = multiplier / mean
     return 1 / (1 + 1 / share), 1 / (1 + share)
 
 
-def _carry_back(chance: Floats, ends: Floats, goes_on: Floats) -> None:
-    """Turn the chances within each look to those one sample before, in place; (K, ...)."""
-    chance *= goes_on
-    for i in range(len(chance) - 2, -1, -1):
-        chance[i] += ends[i] * chance[i + 1]
+class _Backwards:
+    """Chances within each look, (K, n), that are turned to those of one sample before, in place."""
+
+    def __init__(self, chance: Floats, ends: Floats, goes_on: Floats) -> None:
+        self._chance = chance
+        self._goes_on = goes_on
+        self._looks = [(chance[i], ends[i], chance[i + 1]) for i in range(len(chance) - 2, -1, -1)]
+        self._product = np.empty(chance.shape[1:], chance.dtype)
+
+    def step(self) -> None:
+        """One sample back."""
+        product = self._product
+        np.multiply(self._chance, self._goes_on, out=self._chance)
+        for own, ends, following in self._looks:
+            np.multiply(ends, following, out=product)
+            np.add(own, product, out=own)
+
+
+def _blocks(rows: int, each: int) -> Iterator[slice]:
+    """Parts of rows, of which each takes so many numbers, that stay near the processor."""
+    block = max(1, BLOCK_ELEMENTS // each)
+    return (slice(start, start + block) for start in range(0, rows, block))

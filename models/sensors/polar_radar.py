@@ -27,9 +27,21 @@ from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
 
 
+FEW_SIGNALS = 8
+"""Below, one addition after the other is what NumPy's sum along a row does, many times as fast."""
+
+
 def mean_over_signals(snrs: Floats) -> Floats:
     """The mean ratio of each look (eq 18); (n, K) in, (n,) out."""
-    return snrs[:, 0] if snrs.shape[1] == 1 else snrs.mean(axis=-1)
+    n_signals = snrs.shape[1]
+    if n_signals == 1:
+        return snrs[:, 0]
+    if n_signals >= FEW_SIGNALS:
+        return np.asarray(snrs.mean(axis=-1))
+    total = snrs[:, 0] + snrs[:, 1]
+    for k in range(2, n_signals):
+        total += snrs[:, k]
+    return np.asarray(total / n_signals)
 
 
 @dataclass(frozen=True, kw_only=True)
