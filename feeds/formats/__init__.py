@@ -90,6 +90,8 @@ class SceneFormats:
 
     def messages(self, seen: Seen) -> list[list[Message]]:
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
+        if len(self._reports) == 1:
+            return self._in_formats(0, seen)
         return seen.in_groups(self._report[seen.sectors.sensor], self._in_formats)
 
     def _in_formats(self, report: int, seen: Seen) -> list[list[Message]]:

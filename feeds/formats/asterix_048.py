@@ -15,6 +15,8 @@ from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 
+ALL = slice(None)
+
 
 class Asterix048(AsterixFormat):
     """Target reports of category 048, and service messages of 034 where a beam turns.
@@ -34,6 +36,7 @@ class Asterix048(AsterixFormat):
         )
         turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}
         self._turning = numbers_of(turning, len(self._numbers))
+        self._all_turn = len(turning) == len(sensors)
         self._service = None
         if turning:
             self._service = ServiceEncoder034(
@@ -49,18 +52,18 @@ class Asterix048(AsterixFormat):
         found = [
             [(48, block) for block in blocks] for blocks in self._plots.blocks_by(seen.plots, parts)
         ]
-        turning = self._turning[sectors.sensor]
-        which = np.flatnonzero(turning >= 0)
-        if self._service is None or not len(which):
+        if self._service is None:
             return found
-        north = which[sectors.end_deg[which] >= 360.0]
-        if len(north):
-            markers = self._service.north_markers(sectors.end_ns[north], turning[north])
-            for i, block in zip(north.tolist(), markers, strict=True):
-                found[i].append((34, block))
-        crossings = self._service.sector_crossings(
-            sectors.end_ns[which], sectors.end_deg[which] % 360.0, turning[which]
-        )
-        for i, block in zip(which.tolist(), crossings, strict=True):
-            found[i].append((34, block))
+        turning = self._turning[sectors.sensor]
+        which = ALL if self._all_turn else np.flatnonzero(turning >= 0)
+        end_ns, end_deg, turning = sectors.end_ns[which], sectors.end_deg[which], turning[which]
+        theirs = found if isinstance(which, slice) else [found[i] for i in which.tolist()]
+        north = end_deg >= 360.0
+        if north.any():
+            markers = self._service.north_markers(end_ns[north], turning[north])
+            for i, block in zip(np.flatnonzero(north).tolist(), markers, strict=True):
+                theirs[i].append((34, block))
+        crossings = self._service.sector_crossings(end_ns, end_deg % 360.0, turning)
+        for blocks, crossing in zip(theirs, crossings, strict=True):
+            blocks.append((34, crossing))
         return found

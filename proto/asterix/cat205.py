@@ -132,7 +132,7 @@ class BearingEncoder205:
         if not len(plots):
             return [[] for _ in range(len(parts))]
         columns: dict[str, Floats | Ints | Texts] = {
-            "I205/030": np.repeat(sent_utc_ns, np.diff(parts.by)),
+            "I205/030": np.repeat(sent_utc_ns, parts.lengths()),
             "I205/040": parts.numbered_from(first_report) % REPORTS,
             "I205/070": plots.azimuth_deg,
         }

@@ -52,13 +52,17 @@ class Parts:
         """The first row of each part, and the one after its last."""
         return pairwise(self.by.tolist())
 
+    def lengths(self) -> Ints:
+        """How many rows each part has; (m,)."""
+        return self.by[1:] - self.by[:-1]
+
     def of_rows(self) -> Ints:
         """The source of each row; (n,)."""
-        return np.repeat(self.sources, np.diff(self.by))
+        return np.repeat(self.sources, self.lengths())
 
     def numbered_from(self, first: Ints) -> Ints:
         """Numbers of all rows, which count on from `first`, (m,), in each part; (n,)."""
-        numbers: Ints = np.arange(self.by[-1]) + np.repeat(first - self.by[:-1], np.diff(self.by))
+        numbers: Ints = np.arange(self.by[-1]) + np.repeat(first - self.by[:-1], self.lengths())
         return numbers
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gmqtt
@@ -11,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
+from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
+from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
 
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
 
@@ -30,13 +32,20 @@ def by_gmqtt(message: Message, version: int, expiry_s: int) -> bytes:
     return bytes(octets)
 
 
+numbers = st.integers(-1, 10**10)
+of_sectors = st.builds(
+    SectorProperties,
+    st.builds(Address, words, words, words, words, st.just(0)),
+    st.builds(SectorStamp, numbers, numbers, st.integers(-(2**40), 2**63)),
+    st.integers(0, 1000),
+)
 messages = st.builds(
     Message,
     topic=words,
     payload=st.binary(max_size=300),
     content_type=words,
     due_utc_ns=st.just(0),
-    properties=st.lists(st.tuples(words, words), max_size=5).map(tuple),
+    properties=st.lists(st.tuples(words, words), max_size=5).map(tuple) | of_sectors,
     retain=st.booleans(),
 )
 
@@ -46,6 +55,17 @@ def test_a_packet_is_what_an_independent_client_makes_of_the_same_message(
     message: Message, version: int, expiry_s: int
 ) -> None:
     assert publish_packet(message, version, expiry_s) == by_gmqtt(message, version, expiry_s)
+
+
+@given(st.lists(messages, max_size=5), st.sampled_from([4, 5]), st.integers(0, 1))
+def test_messages_of_qos_0_hold_their_packets_when_they_are_packed(
+    some: list[Message], version: int, qos: int
+) -> None:
+    last = [replace(message, qos=qos) for message in some[-1:]]
+    pack([*some[:-1], *last], version)
+    for message in [*some[:-1], *last]:
+        made = {} if message.qos else {version: publish_packet(message, version)}
+        assert message.packets == made
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,171 @@
+"""Sectors of many sensors in one pass have the messages that each has by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.road import scene
+from support.seen_sectors import KINDS, scene_of, sectors_of, seen_by
+
+from plotfeed.feeds.formats import SceneFormats, Seen
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.state import Ints, TruthState
+from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.utc import iso_utc
+
+CASES = (
+    ("rotating", ["asterix-048"]),
+    ("rotating", ["asterix-015", "plots"]),
+    ("rotating", ["plots", "asterix-062", "asterix-048"]),
+    ("rotating", ["sapient"]),
+    ("staring", ["asterix-048", "sapient"]),
+    ("passive", ["asterix-015"]),
+    ("gate", ["asterix-015", "plots"]),
+    ("rf", ["asterix-205", "plots"]),
+)
+
+
+def truth_at(_row: int, t_utc_ns: int, drones: Ints) -> TruthState:
+    """Drones that stand still, a kilometre apart."""
+    place = np.array([4_850_000.0, -310_000.0, 4_120_000.0])
+    return TruthState(
+        drone=drones,
+        t_utc_ns=np.full(len(drones), t_utc_ns, np.int64),
+        position_ecef_m=place + 1000.0 * drones[:, None],
+        velocity_ecef_m_s=np.zeros((len(drones), 3)),
+    )
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Sectors that follow each other of some sensors, shuffled among each other."""
+
+    scene: Scene
+    seen: Seen
+
+
+@st.composite
+def passes(draw: st.DrawFn, kind: str, report: list[str]) -> Pass:
+    count = draw(st.integers(1, 4))
+    taken = [draw(st.sampled_from([128, 300, 1400])) for _ in range(count)]
+    udp = [
+        {"destination": f"127.0.0.1:{5000 + i}", "sensors": [f"{kind}-{i}"], "max_octets": octets}
+        for i, octets in enumerate(taken)
+    ]
+    made = scene_of(kind, count, report, udp=udp)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    sensors = rng.permutation(np.repeat(np.arange(count), draw(st.integers(1, 12))))
+    before = rng.integers(0, 1000, count)
+    numbers = np.array([before[s] + (sensors[:i] == s).sum() for i, s in enumerate(sensors)])
+    plots = rng.integers(0, draw(st.sampled_from([2, 4, 40])), len(sensors))
+    seen = seen_by(kind, sectors_of(made, sensors, numbers), plots, rng)
+    return Pass(made, replace(seen, truth_at=truth_at))
+
+
+def alone(formats: SceneFormats, seen: Seen) -> list[list[Message]]:
+    """What each sector has if it is worked out by itself."""
+    every = [seen.rows(np.array([i])) for i in range(len(seen))]
+    return [messages for one in every for messages in formats.messages(one)]
+
+
+@pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
+@settings(max_examples=25)
+@given(st.data())
+def test_together_they_are_as_alone(kind: str, report: list[str], data: st.DataObject) -> None:
+    drawn = data.draw(passes(kind, report))
+    together = SceneFormats(drawn.scene).messages(drawn.seen)
+    assert together == alone(SceneFormats(drawn.scene), drawn.seen)
+    ends_ns = drawn.seen.sectors.end_ns.tolist()
+    assert all(m.due_utc_ns == t for t, each in zip(ends_ns, together, strict=True) for m in each)
+
+
+@pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
+@settings(max_examples=25)
+@given(st.data())
+def test_it_matters_not_in_which_order_sensors_stand(
+    kind: str, report: list[str], data: st.DataObject
+) -> None:
+    drawn = data.draw(passes(kind, report))
+    n = len(drawn.scene.sensor)
+    order = data.draw(st.permutations(range(n)))
+    other = drawn.scene.model_copy(update={"sensor": [drawn.scene.sensor[i] for i in order]})
+    sensors = np.argsort(order)[drawn.seen.sectors.sensor]
+    seen = replace(drawn.seen, sectors=replace(drawn.seen.sectors, sensor=sensors))
+    assert SceneFormats(other).messages(seen) == SceneFormats(drawn.scene).messages(drawn.seen)
+
+
+def of_two_reports() -> Scene:
+    first, second = scene_of("rotating", 2, ["asterix-048"]).sensor
+    more = second.model_copy(update={"report": ("plots", "asterix-015")})
+    made = scene([KINDS["rotating"]], seed=1)
+    return made.model_copy(update={"sensor": [first, more]})
+
+
+def test_sensors_of_one_pass_may_report_in_other_formats() -> None:
+    made, rng = of_two_reports(), np.random.default_rng(1)
+    sectors = sectors_of(made, np.array([0, 1, 0, 1, 1]), np.array([5, 8, 6, 9, 10]))
+    seen = seen_by("rotating", sectors, np.array([1, 2, 0, 3, 0]), rng)
+    messages = SceneFormats(made).messages(seen)
+    assert messages == alone(SceneFormats(made), seen)
+    kinds = [[m.topic.partition("/rotating-")[2][2:] for m in each] for each in messages]
+    assert kinds == [
+        ["asterix/048", "asterix/034"],
+        ["plots", "asterix/015"],
+        ["asterix/034"],
+        ["plots", "asterix/015"],
+        ["plots"],
+    ]
+
+
+def test_what_some_measure_and_others_do_not_is_encoded_apart() -> None:
+    made, rng = scene_of("staring", 2, ["asterix-048"]), np.random.default_rng(1)
+    sectors = sectors_of(made, np.array([0, 1]), np.array([5, 5]))
+    seen = seen_by("staring", sectors, np.array([2, 2]), rng)
+    height_m = seen.plots.height_m.copy()
+    height_m[:2] = np.nan
+    without = Seen(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
+    (first,), (second,) = SceneFormats(made).messages(without)
+    assert len(first.payload) == len(second.payload) - 2 * 4  # heights and their flags
+    assert [second] == SceneFormats(made).messages(seen)[1]
+    height_m[1] = 0.0
+    with pytest.raises(EncodeError, match="NaN"):
+        SceneFormats(made).messages(Seen(sectors, seen.plots.but(height_m=height_m), seen.plots_by))
+
+
+def test_properties_are_those_of_cloudevents_in_their_order() -> None:
+    made, rng = scene_of("rotating", 1, ["asterix-048"]), np.random.default_rng(1)
+    sectors = sectors_of(made, np.array([0]), np.array([3]))
+    ((_, crossing),) = SceneFormats(made).messages(seen_by("rotating", sectors, np.array([1]), rng))
+    scan, end_ns = int(sectors.scan[0]), int(sectors.end_ns[0])
+    expected: tuple[tuple[str, Any], ...] = (
+        ("id", f"asterix-034-{scan}-3-0"),
+        ("type", "plotfeed.asterix.034"),
+        ("specversion", "1.0"),
+        ("source", "plotfeed/rotating-0"),
+        ("time", iso_utc(end_ns)),
+        ("sensor", "rotating-0"),
+        ("scan", str(scan)),
+        ("sector", "3"),
+    )
+    assert tuple(crossing.properties) == expected
+    assert crossing.properties == expected
+    assert crossing.properties[0] == expected[0]
+    assert len(crossing.properties) == len(expected)
+    assert expected[4] in crossing.properties
+    assert dict(crossing.properties) == dict(expected)
+    assert repr(crossing.properties) == repr(expected)
+    assert hash(crossing.properties) == hash(expected)
+    assert crossing.properties != expected[1:]
+
+
+def test_no_sectors_have_no_messages() -> None:
+    made = scene_of("rotating", 2, ["asterix-048", "plots"])
+    none = np.zeros(0, np.int64)
+    seen = seen_by("rotating", sectors_of(made, none, none), none, np.random.default_rng(1))
+    assert SceneFormats(made).messages(seen) == []
