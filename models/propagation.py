@@ -130,9 +130,9 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
     range_tx, range_rx = distance_m(target - transmitter), distance_m(target)
     baseline = distance_m(transmitter)
     sides = np.maximum(range_rx + baseline, np.finfo(np.float64).tiny)
-    surplus = _dot(target - transmitter, target + transmitter) / sides  # range_rx - baseline
+    surplus = dot(target - transmitter, target + transmitter) / sides  # range_rx - baseline
     # Law of cosines, with range_rx baseline (1 - cos beta) from the cross product ahead.
-    along, across = _dot(target, transmitter), distance_m(as_floats(np.cross(target, transmitter)))
+    along, across = dot(target, transmitter), _length_of_cross(target, transmitter)
     sides_product = range_rx * baseline
     versine = np.where(along > 0, across**2 / (sides_product + along), sides_product - along)
     return np.where(surplus >= 0, range_tx + surplus, 2 * versine / (range_tx - surplus))
@@ -147,27 +147,32 @@ def range_from_bistatic(
     The angle is that at the receiver between target and transmitter, in space (eqs 33 to 35,
     right form). NaN on the baseline between the two, where every point has bistatic range 0.
     """
-    excess, baseline = as_floats(bistatic_range_m), as_floats(baseline_m)
-    return excess * (excess + 2 * baseline) / (2 * (excess + baseline * _versine(angle_deg)))
+    return range_from_bistatic_with_slopes(bistatic_range_m, baseline_m, angle_deg)[0]
 
 
 @nan_without_warnings
-def range_from_bistatic_slopes(
+def range_from_bistatic_with_slopes(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
-) -> tuple[Floats, Floats]:
-    """Change of `range_from_bistatic` with the bistatic range, and with the angle, metres/radian.
+) -> tuple[Floats, Floats, Floats]:
+    """`range_from_bistatic`, its change with the bistatic range, and with the angle, metres/radian.
 
     What errors of the measured pair are multiplied by; infinite on the baseline.
     """
     excess, baseline = as_floats(bistatic_range_m), as_floats(baseline_m)
     half_rad = np.radians(as_floats(angle_deg)) / 2
-    depth = baseline * _versine(angle_deg)
-    divisor = 2 * (excess + depth) ** 2
+    half_sine = np.sin(half_rad)
+    depth = baseline * (2 * half_sine**2)  # the versed sine, 1 - cos, without the cancellation
+    within = excess + depth
+    divisor = 2 * within**2
+    both_ways = excess * (excess + 2 * baseline)
     by_range = (excess**2 + 2 * depth * (excess + baseline)) / divisor
-    sine = 2 * np.sin(half_rad) * np.cos(half_rad)
-    by_angle = -excess * (excess + 2 * baseline) * baseline * sine / divisor
+    by_angle = -both_ways * baseline * (2 * half_sine * np.cos(half_rad)) / divisor
     singular = (excess == 0) & (depth == 0)
-    return np.where(singular, np.inf, by_range), np.where(singular, -np.inf, by_angle)
+    return (
+        both_ways / (2 * within),
+        np.where(singular, np.inf, by_range),
+        np.where(singular, -np.inf, by_angle),
+    )
 
 
 @nan_without_warnings
@@ -307,14 +312,17 @@ def sound_level_db(
     return as_floats(power_level_db) + as_floats(directivity_db) - as_floats(attenuation_db)
 
 
-def _versine(angle_deg: ArrayLike) -> Floats:
-    """Versed sine, 1 - cos, without the cancellation."""
-    return 2 * np.sin(np.radians(as_floats(angle_deg)) / 2) ** 2
-
-
 def _ratio(level_db: ArrayLike) -> Floats:
     return 10 ** (as_floats(level_db) / 10)
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def dot(a: Floats, b: Floats) -> Floats:
+    """Scalar products of vectors; (..., 3) in, (...) out."""
     return as_floats(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
+
+
+def _length_of_cross(a: Floats, b: Floats) -> Floats:
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return as_floats(np.sqrt(x * x + y * y + z * z))

@@ -206,7 +206,7 @@ def geometry(angle_deg: float, range_m: float) -> tuple[float, float]:
     """Bistatic range of a place at that angle from a transmitter 20 km away, and dR_rx/dR."""
     transmitter, place = _at(0.0, 0.0, 20_000.0), _at(angle_deg, 0.0, range_m)
     excess_m = propagation.bistatic_range(place, transmitter)
-    slope, _ = propagation.range_from_bistatic_slopes(excess_m, 20_000.0, angle_deg)
+    _, slope, _ = propagation.range_from_bistatic_with_slopes(excess_m, 20_000.0, angle_deg)
     return float(excess_m), float(slope)
 
 

@@ -19,8 +19,9 @@ from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
+from plotfeed.models.frames import aer_to_enu, distance_m, enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.propagation import dot
 from plotfeed.models.sensors.passive_signals import PassiveSignals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
@@ -30,10 +31,12 @@ from plotfeed.models.state import Floats, Ints, Looks, Plots
 class FlatSolution:
     """Distances in the receiver's horizontal plane, and how they change with what was measured.
 
-    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...).
+    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...). Beside
+    them are the lines of sight, and what is to the right of these, (..., 3).
     """
 
-    azimuth_deg: Floats
+    outwards: Floats
+    rightwards: Floats
     range_m: Floats
     by_bistatic_range: Floats
     by_azimuth_m: Floats
@@ -51,15 +54,17 @@ class FlatSolution:
         self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Covariances of the position: east, north, and east with north (eqs 32, 33)."""
-        outwards, rightwards = _directions(self.azimuth_deg)
-        by_range = self.by_bistatic_range[..., None] * outwards
-        by_azimuth = self.by_azimuth_m[..., None] * outwards + self.range_m[..., None] * rightwards
-        along = by_range * np.asarray(sigma_bistatic_range_m)[..., None]
-        across = by_azimuth * np.radians(sigma_azimuth_deg)[..., None]
+        sigma_azimuth = np.radians(sigma_azimuth_deg)
+        along, across = [], []  # of east and of north
+        for i in range(2):
+            outwards, rightwards = self.outwards[..., i], self.rightwards[..., i]
+            by_azimuth = self.by_azimuth_m * outwards + self.range_m * rightwards
+            along.append(self.by_bistatic_range * outwards * sigma_bistatic_range_m)
+            across.append(by_azimuth * sigma_azimuth)
         return (
-            along[..., 0] ** 2 + across[..., 0] ** 2,
-            along[..., 1] ** 2 + across[..., 1] ** 2,
-            along[..., 0] * along[..., 1] + across[..., 0] * across[..., 1],
+            along[0] ** 2 + across[0] ** 2,
+            along[1] ** 2 + across[1] ** 2,
+            along[0] * along[1] + across[0] * across[1],
         )
 
     @nan_without_warnings
@@ -85,29 +90,25 @@ def flat_solution(
     (...), (...) and (..., 3). The transmitter may be above or below that plane. Undefined for a
     bistatic range of zero or less, which noise makes of targets near the baseline: NaN there.
     """
-    outwards, rightwards = _directions(azimuth_deg)
-    baseline_m = np.linalg.norm(transmitter_enu_m, axis=-1)
+    outwards = aer_to_enu(azimuth_deg, 0.0, 1.0)
+    rightwards = aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
+    baseline_m = distance_m(transmitter_enu_m)
     towards = transmitter_enu_m / baseline_m[..., None]
-    angle_rad = 2 * np.arctan2(
-        np.linalg.norm(outwards - towards, axis=-1), np.linalg.norm(outwards + towards, axis=-1)
-    )
+    angle_rad = 2 * np.arctan2(distance_m(outwards - towards), distance_m(outwards + towards))
     measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
-    case = (measured, baseline_m, np.degrees(angle_rad))
-    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
+    range_m, by_range, by_angle = propagation.range_from_bistatic_with_slopes(
+        measured, baseline_m, np.degrees(angle_rad)
+    )
     # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
     sine = np.sin(angle_rad)
-    turn = np.where(sine > 0, -np.sum(rightwards * towards, axis=-1) / sine, 0.0)
+    turn = np.where(sine > 0, -dot(rightwards, towards) / sine, 0.0)
     return FlatSolution(
-        azimuth_deg=np.broadcast_to(azimuth_deg, measured.shape),
-        range_m=propagation.range_from_bistatic(*case),
+        outwards=outwards,
+        rightwards=rightwards,
+        range_m=range_m,
         by_bistatic_range=by_range,
         by_azimuth_m=by_angle * turn,
     )
-
-
-def _directions(azimuth_deg: Floats) -> tuple[Floats, Floats]:
-    """Along a horizontal line of sight, and to the right of it; (...) in, (..., 3) out."""
-    return aer_to_enu(azimuth_deg, 0.0, 1.0), aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +176,7 @@ class PassiveRadar(PassiveSignals):
             columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
         return self._plots(
             snr,
+            sigmas,
             hits.powers,
             t_utc_ns=echoes.t_utc_ns,
             channel=echoes.channel,
@@ -250,6 +252,7 @@ class PassiveRadar(PassiveSignals):
             columns = self.doppler.of_false_alarms(snr, channel, rng)
         return self._plots(
             snr,
+            self.sigmas(snr, self.range_resolution_m[channel]),
             np.zeros(n),
             t_utc_ns=beam_times_ns(sector, azimuth_deg),
             channel=channel,
@@ -258,7 +261,9 @@ class PassiveRadar(PassiveSignals):
             **columns,
         )
 
-    def _plots(self, snr: Floats, target_w: Floats, **columns: NDArray[Any]) -> Plots:
+    def _plots(
+        self, snr: Floats, sigmas: tuple[Floats, Floats], target_w: Floats, **columns: NDArray[Any]
+    ) -> Plots:
         """What the sensor makes of its measurements: places, stated errors, amplitudes.
 
         A place is stated where it is within range and its error is not beyond all range, which is
@@ -266,11 +271,10 @@ class PassiveRadar(PassiveSignals):
         echo has its own part (eq 25).
         """
         channel = columns["channel"]
-        disturbance_w, time_bandwidth, range_resolution_m, transmitter_enu_m = (
+        disturbance_w, time_bandwidth, transmitter_enu_m = (
             self.of_channel(name, channel)
-            for name in ("disturbance_w", "time_bandwidth", "range_resolution_m", "positions_enu_m")
+            for name in ("disturbance_w", "time_bandwidth", "positions_enu_m")
         )
-        sigmas = self.sigmas(snr, range_resolution_m)
         flat = flat_solution(columns["bistatic_range_m"], columns["azimuth_deg"], transmitter_enu_m)
         east_m2, north_m2, east_north_m2 = flat.covariance_m2(*sigmas)
         noise_w = (disturbance_w + target_w) / time_bandwidth

@@ -26,7 +26,6 @@ from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
 
-
 FEW_SIGNALS = 8
 """Below, one addition after the other is what NumPy's sum along a row does, many times as fast."""
 

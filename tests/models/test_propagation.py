@@ -72,7 +72,7 @@ def test_range_from_bistatic_agrees_with_the_reference():
     case = (table["bistatic_range"], table["rb"], table["beta_rx_deg"])
     found = propagation.range_from_bistatic(*case)
     np.testing.assert_allclose(found, table["r_rx_from_range_and_beta"], rtol=1e-12)
-    by_range, by_angle = propagation.range_from_bistatic_slopes(*case)
+    _, by_range, by_angle = propagation.range_from_bistatic_with_slopes(*case)
     np.testing.assert_allclose(by_range, table["drrx_dsum"], rtol=1e-12)
     # Straight behind the receiver the slope vanishes, and rounding of 180 degrees is all there is.
     np.testing.assert_allclose(by_angle, table["drrx_dbeta_m_per_rad"], rtol=1e-12, atol=1e-11)
@@ -114,7 +114,9 @@ def test_range_comes_back_from_bistatic_range_and_angle(target, transmitter):
 @pytest.mark.parametrize("angle_deg", [5.0, 45.0, 90.0, 179.0])
 def test_bistatic_slopes_are_derivatives(range_m, angle_deg):
     baseline, step = 20e3, 1e-3
-    by_range, by_angle = propagation.range_from_bistatic_slopes(range_m, baseline, angle_deg)
+    _, by_range, by_angle = propagation.range_from_bistatic_with_slopes(
+        range_m, baseline, angle_deg
+    )
     low, high = propagation.range_from_bistatic(
         range_m + np.array([-step, step]), baseline, angle_deg
     )
