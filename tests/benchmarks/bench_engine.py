@@ -30,6 +30,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 from demo_process import COMMAND  # noqa: E402
+from support.arrivals import Arrivals  # noqa: E402
 from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
@@ -100,27 +101,6 @@ def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
             yield "rumqttd", port
 
 
-COUNTER = """
-import asyncio, sys, gmqtt
-async def main():
-    count, done = 0, asyncio.Event()
-    def heard(*_):
-        nonlocal count
-        count += 1
-        return 0
-    client = gmqtt.Client("count")
-    client.on_message = heard
-    client.on_disconnect = lambda *_: None
-    await client.connect("127.0.0.1", int(sys.argv[1]), version=5)
-    client.subscribe("plotfeed/+/asterix/#")
-    print("ready", flush=True)
-    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
-    await asyncio.sleep(1.0)
-    print(count, flush=True)
-asyncio.run(main())
-"""
-
-
 def under_load(seconds: float) -> None:
     """A session in a process of its own, and what it says of itself."""
     with tempfile.TemporaryDirectory() as name:
@@ -129,15 +109,7 @@ def under_load(seconds: float) -> None:
         tree = scene_tree(radars(RADARS), DRONES)
         scene.write_text("\n".join(f"{key} = {toml(value)}" for key, value in tree.items()))
         with a_broker(folder) as (broker, port):
-            counter = subprocess.Popen(
-                [sys.executable, "-c", COUNTER, str(port)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            assert counter.stdout
-            assert counter.stdin
-            counter.stdout.readline()
+            arrivals = Arrivals(port)
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             url = f"mqtt://127.0.0.1:{port}"
             out = subprocess.run(
@@ -147,7 +119,7 @@ def under_load(seconds: float) -> None:
                 text=True,
             ).stdout
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            arrived = int(counter.communicate("")[0])
+            arrived = arrivals.count()
     totals = json.loads(out.splitlines()[-1])
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     print(

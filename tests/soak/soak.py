@@ -1,17 +1,22 @@
-"""A long session under everything at once, and what it costs: docs/soak.md and docs/soak.png.
+"""A long session, and what it costs: docs/soak.md and its pictures.
 
-    python tests/soak/soak.py --minutes 30
-    python tests/soak/soak.py --page FOLDER     # the page again, from what a run left
+    python tests/soak/soak.py --minutes 30                  # under everything at once
+    python tests/soak/soak.py --minutes 30 --radars 200     # many sensors, and nothing goes wrong
+    python tests/soak/soak.py --page FOLDER                 # the page again, from what a run left
 
-The four sensors of section 4 and three rotating radars, each over an impaired link of its own; live
-telemetry with some garbage in it, commands, a broker that is killed, stopped and paused by turns,
-everything recorded. The session is `plotfeed run` in a process of its own, looked at from outside.
+Under everything at once: the four sensors of section 4 and three rotating radars, each over an
+impaired link of its own; live telemetry with some garbage in it, commands, a broker that is killed,
+stopped and paused by turns, everything recorded. With `--radars`, as many of 32 sectors at 1 Hz in
+step, telemetry of 50 drones at 10 Hz, a subscriber to all of it and clock_nanosleep of C beside it;
+`--fault-every` has the broker go there too. The session is `plotfeed run` in a process of its own,
+looked at from outside.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import random
 import shutil
@@ -24,26 +29,68 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+import numpy as np
 from prometheus_client.parser import text_string_to_metric_families
 from soak_page import write_page
-from soak_scene import COMMANDS, KEPT_MESSAGES, reported, scene_text
+from soak_scene import COMMANDS, KEPT_MESSAGES, radars_text, reported, scene_text
+from support.arrivals import Arrivals
 from support.brokers import free_port, mosquitto, rumqttd, wait_until_listening
 from support.command import PLOTFEED
 from support.mqtt_client import Client
+from support.nanosleep import Nanosleep
 
 DOCS = Path(__file__).parents[2] / "docs"
 SAMPLE_EVERY_S = 5.0
-TELEMETRY_HZ, DRONES = 5, 10
-GARBAGE_EVERY = 100
 CONTROL_EVERY_S = 17.0
 FAULTS = (("killed", 5.0), ("stopped", 20.0), ("paused", 10.0))
 """What happens to the broker by turns, and for how long."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What a session has to do."""
+
+    scene: str
+    drones: int
+    telemetry_hz: float
+    garbage_every: int
+    """One in so many telemetry messages; 0 for none."""
+    commands: tuple[bytes, ...]
+    is_recorded: bool
+    """If not, a subscriber counts what arrives, and C sleeps beside it."""
+    fault_every_s: float
+
+
+def everything() -> Load:
+    """Much of each kind goes wrong."""
+    return Load(
+        scene=scene_text(),
+        drones=10,
+        telemetry_hz=5.0,
+        garbage_every=100,
+        commands=COMMANDS,
+        is_recorded=True,
+        fault_every_s=180.0,
+    )
+
+
+def many_radars(number: int) -> Load:
+    """There is much of it, and all goes well."""
+    return Load(
+        scene=radars_text(number),
+        drones=50,
+        telemetry_hz=10.0,
+        garbage_every=0,
+        commands=(),
+        is_recorded=False,
+        fault_every_s=math.inf,
+    )
 
 
 class Broker:
@@ -94,7 +141,7 @@ class Soak:
 
     folder: Path
     minutes: float
-    fault_every_s: float
+    load: Load
     faults: list[dict[str, Any]] = field(default_factory=list)
     over: threading.Event = field(default_factory=threading.Event)
     published: int = 0
@@ -106,10 +153,15 @@ class Soak:
     def run(self) -> None:
         """All of it."""
         scene = self.folder / "scene.toml"
-        scene.write_text(scene_text())
+        scene.write_text(self.load.scene)
         self.broker.start()
+        beside, arrivals = None, None
         try:
+            if not self.load.is_recorded:
+                arrivals = Arrivals(self.broker.port)
             with self.session(scene) as (process, port):
+                if not self.load.is_recorded:
+                    beside = nanosleep_beside(self.minutes)
                 helpers = [
                     threading.Thread(target=work, daemon=True)
                     for work in (self.publish, self.disturb)
@@ -122,9 +174,13 @@ class Soak:
                 for helper in helpers:
                     helper.join()
                 exit_s, code = ended(process)
+            arrived = None if arrivals is None else arrivals.count()
         finally:
             self.broker.stop()
+        if beside is not None:
+            np.save(self.folder / "nanosleep.npy", beside.late_us())
         said = {
+            "arrived": arrived,
             "began": began,
             "minutes": self.minutes,
             "broker": self.broker.name,
@@ -134,6 +190,9 @@ class Soak:
             "exit_s": exit_s,
             "exit_code": code,
             "queue_messages": KEPT_MESSAGES,
+            "sensors": self.load.scene.count("active_radar"),
+            "drones": self.load.drones,
+            "telemetry_hz": self.load.telemetry_hz,
             "nice": os.nice(0),
         }
         (self.folder / "run.json").write_text(json.dumps(said))
@@ -143,7 +202,9 @@ class Soak:
         """The session, at work, and the port of its metrics."""
         port = free_port()
         options = ["--broker", f"mqtt://127.0.0.1:{self.broker.port}", "--metrics", str(port)]
-        options += ["--record", str(self.folder / "soak.mcap"), "--json"]
+        if self.load.is_recorded:
+            options += ["--record", str(self.folder / "soak.mcap")]
+        options += ["--json"]
         with (self.folder / "out").open("wb") as out, (self.folder / "err").open("wb") as err:
             process = subprocess.Popen(
                 [*PLOTFEED, "run", str(scene), *options], stdout=out, stderr=err
@@ -158,7 +219,9 @@ class Soak:
     def disturb(self) -> None:
         """One fault after the other."""
         number = 0
-        while not self.over.wait(self.fault_every_s):
+        if math.isinf(self.load.fault_every_s):
+            return
+        while not self.over.wait(self.load.fault_every_s):
             what, for_s = FAULTS[number % len(FAULTS)]
             number += 1
             from_ns = time.time_ns()
@@ -167,25 +230,30 @@ class Soak:
 
     def publish(self) -> None:
         """Telemetry and commands, by a client that comes back as often as it is thrown out."""
-        chance, client = random.Random(1), None  # noqa: S311 - no secret
-        next_command_s = time.monotonic() + CONTROL_EVERY_S
-        while not self.over.wait(1 / TELEMETRY_HZ):
+        load, client = self.load, None
+        period_s = 1 / load.telemetry_hz
+        next_s = next_command_s = time.monotonic() + period_s
+        while not self.over.wait(max(0.0, next_s - time.monotonic())):
+            next_s = max(next_s + period_s, time.monotonic() - 1.0)
             if client is None or client.ended:
                 client = self._client()
                 continue
             with suppress(OSError):
-                for drone in range(DRONES):
-                    payload = reported(drone, time.time_ns())
-                    if self.published % GARBAGE_EVERY == 0:
-                        payload = chance.randbytes(200)
-                    client.publish(f"plotfeed/telemetry/d{drone}", payload)
-                    self.published += 1
-                if time.monotonic() > next_command_s:
+                client.publish_all([self._telemetry(drone) for drone in range(load.drones)])
+                if load.commands and time.monotonic() > next_command_s:
                     next_command_s = time.monotonic() + CONTROL_EVERY_S
-                    client.publish("plotfeed/control", COMMANDS[self.commands % len(COMMANDS)])
+                    command = load.commands[self.commands % len(load.commands)]
+                    client.publish("plotfeed/control", command)
                     self.commands += 1
         if client is not None:
             client.close()
+
+    def _telemetry(self, drone: int) -> tuple[str, bytes]:
+        self.published += 1
+        payload = reported(drone, time.time_ns())
+        if self.load.garbage_every and self.published % self.load.garbage_every == 0:
+            payload = random.Random(self.published).randbytes(200)  # noqa: S311 - no secret
+        return f"plotfeed/telemetry/d{drone}", payload
 
     def _client(self) -> Client | None:
         with suppress(OSError):
@@ -234,8 +302,8 @@ def of_session(port: int) -> dict[str, float]:
     found: dict[str, float] = {}
     for family in text_string_to_metric_families(text):
         for one in family.samples:
-            if "quantile" not in one.labels:
-                found[one.name] = found.get(one.name, 0.0) + one.value
+            name = one.name + one.labels.get("quantile", "")
+            found[name] = found.get(name, 0.0) + one.value
     return found
 
 
@@ -245,6 +313,13 @@ def ended(process: subprocess.Popen[bytes]) -> tuple[float, int]:
     process.send_signal(signal.SIGTERM)
     code = process.wait(60)
     return time.monotonic() - begin_s, code
+
+
+def nanosleep_beside(minutes: float) -> Nanosleep | None:
+    """C, which wakes a hundred times a second as long as the session runs."""
+    with suppress(FileNotFoundError):
+        return Nanosleep(round(minutes * 60 * 100), 10_000_000)
+    return None
 
 
 def prefer(nice: int) -> None:
@@ -259,7 +334,8 @@ def main() -> None:
     """Runs, and writes the page."""
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     options.add_argument("--minutes", type=float, default=30.0)
-    options.add_argument("--fault-every", type=float, default=180.0, metavar="SECONDS")
+    options.add_argument("--radars", type=int, metavar="N", help="instead of everything at once")
+    options.add_argument("--fault-every", type=float, metavar="SECONDS")
     options.add_argument("--nice", type=int, default=0, help="of all that the run consists of")
     options.add_argument("--page", type=Path, metavar="FOLDER", help="of a run that is over")
     options.add_argument("--to", type=Path, default=DOCS)
@@ -269,7 +345,10 @@ def main() -> None:
         folder = Path(tempfile.mkdtemp(prefix="plotfeed-soak-"))
         print(folder, flush=True)
         prefer(asked.nice)
-        Soak(folder, asked.minutes, asked.fault_every).run()
+        load = everything() if asked.radars is None else many_radars(asked.radars)
+        if asked.fault_every is not None:
+            load = replace(load, fault_every_s=asked.fault_every)
+        Soak(folder, asked.minutes, load).run()
     write_page(folder, asked.to)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
@@ -93,9 +94,27 @@ def scene_text() -> str:
     return "\n".join(f"{key} = {toml(value)}" for key, value in tree.items())
 
 
+def radars_text(number: int) -> str:
+    """So many radars of 32 sectors at 1 Hz in step, in a square of 6 km, and no drone."""
+    rng = random.Random(2)  # noqa: S311 - no secret
+    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
+    sensors = [
+        radar(
+            id=f"r{i}",
+            scan=rotating(1.0, 32),
+            report=["asterix-048"],
+            pfa=1e-8,
+            position_enu_m=[rng.uniform(-3000, 3000), rng.uniform(-3000, 3000), 0.0],
+        )
+        for i in range(number)
+    ]
+    tree = {"scene": {"name": "radars", "seed": 1, "site": site}, "sensor": sensors}
+    return "\n".join(f"{key} = {toml(value)}" for key, value in tree.items())
+
+
 def reported(drone: int, t_utc_ns: int) -> bytes:
-    """A report of a drone that flies in a circle."""
-    radius_deg = 0.01 + 0.004 * drone
+    """A report of a drone that flies in a circle, 1 to 9 km wide."""
+    radius_deg = 0.01 + 0.004 * (drone % 18)
     angle = t_utc_ns / 1e9 * 20.0 / (radius_deg * 111_000) + drone
     at = datetime.fromtimestamp(t_utc_ns // 10**9, UTC)
     return json.dumps(
