@@ -38,7 +38,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 from prometheus_client.parser import text_string_to_metric_families
 from soak_page import write_page
-from soak_scene import COMMANDS, KEPT_MESSAGES, radars_text, reported, scene_text
+from soak_scene import KEPT_MESSAGES, Load, everything, many_radars, reported
 from support.arrivals import Arrivals
 from support.brokers import free_port, mosquitto, rumqttd, wait_until_listening
 from support.command import PLOTFEED
@@ -50,47 +50,6 @@ SAMPLE_EVERY_S = 5.0
 CONTROL_EVERY_S = 17.0
 FAULTS = (("killed", 5.0), ("stopped", 20.0), ("paused", 10.0))
 """What happens to the broker by turns, and for how long."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Load:
-    """What a session has to do."""
-
-    scene: str
-    drones: int
-    telemetry_hz: float
-    garbage_every: int
-    """One in so many telemetry messages; 0 for none."""
-    commands: tuple[bytes, ...]
-    is_recorded: bool
-    """If not, a subscriber counts what arrives, and C sleeps beside it."""
-    fault_every_s: float
-
-
-def everything() -> Load:
-    """Much of each kind goes wrong."""
-    return Load(
-        scene=scene_text(),
-        drones=10,
-        telemetry_hz=5.0,
-        garbage_every=100,
-        commands=COMMANDS,
-        is_recorded=True,
-        fault_every_s=180.0,
-    )
-
-
-def many_radars(number: int) -> Load:
-    """There is much of it, and all goes well."""
-    return Load(
-        scene=radars_text(number),
-        drones=50,
-        telemetry_hz=10.0,
-        garbage_every=0,
-        commands=(),
-        is_recorded=False,
-        fault_every_s=math.inf,
-    )
 
 
 class Broker:
@@ -282,6 +241,7 @@ def of_process(pid: int) -> dict[str, float]:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return {
         "rss_mb": int(status["VmRSS"].split()[0]) * 1024 / 1e6,
+        "own_mb": int(status["RssAnon"].split()[0]) * 1024 / 1e6,
         "cpu_s": (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"),
         "threads": int(status["Threads"]),
         "descriptors": sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir()),

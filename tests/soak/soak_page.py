@@ -1,7 +1,8 @@
-"""The page and the picture of a soak: docs/soak.md, docs/soak.png."""
+"""The page and the pictures of soaks: docs/soak.md, each run between its marks."""
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -9,6 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
+
+from pages import between
+from radars_page import draw_radars, radars_text, read_radars
 from soak_figures import (
     NS,
     Array,
@@ -29,16 +35,15 @@ COLUMNS = 104
 def page(run: Run) -> str:
     """In Markdown."""
     parts = [
-        "# A long session",
         _filled(ABOUT, minutes=f"{run.samples['t_s'][-1] / 60:.0f}", broker=run.said["broker"]),
         "![Memory, lateness, queues and processor over the run](soak.png)",
         _table(("", ""), list(_rows(run))),
         _filled(MACHINE, **_of_machine(run)),
-        "## The broker away",
+        "### The broker away",
         _filled(AWAY, kept=run.said["queue_messages"]),
         _table(FAULTS, [_fault(*row) for row in fault_rows(run)]),
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(parts)
 
 
 ABOUT = """
@@ -214,7 +219,29 @@ def _dress(axes: Any, run: Run) -> None:
 
 
 def write_page(folder: Path, docs: Path) -> None:
-    """Page and picture."""
-    run = read(folder)
-    (docs / "soak.md").write_text(page(run))
-    draw(run, docs / "soak.png")
+    """The part of the page that is of that run, and its picture."""
+    page_file = docs / "soak.md"
+    if not page_file.exists():
+        page_file.write_text(EMPTY)
+    if (folder / "soak.mcap").exists():
+        run = read(folder)
+        between(page_file, "everything", page(run))
+        draw(run, docs / "soak.png")
+    else:
+        radars = read_radars(folder)
+        between(page_file, "radars", radars_text(radars))
+        draw_radars(radars, docs / "soak-radars.png")
+
+
+EMPTY = """# A long session
+
+Written by `tests/soak/soak.py`.
+
+## Everything at once
+
+<!-- everything: begin --><!-- everything: end -->
+
+## Many radars
+
+<!-- radars: begin --><!-- radars: end -->
+"""

@@ -6,6 +6,7 @@ import json
 import math
 import random
 import tomllib
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -126,3 +127,44 @@ def reported(drone: int, t_utc_ns: int) -> bytes:
             "altitude_reference": "ELLIPSOID",
         }
     ).encode()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What a session has to do."""
+
+    scene: str
+    drones: int
+    telemetry_hz: float
+    garbage_every: int
+    """One in so many telemetry messages; 0 for none."""
+    commands: tuple[bytes, ...]
+    is_recorded: bool
+    """If not, a subscriber counts what arrives, and C sleeps beside it."""
+    fault_every_s: float
+
+
+def everything() -> Load:
+    """Much of each kind goes wrong."""
+    return Load(
+        scene=scene_text(),
+        drones=10,
+        telemetry_hz=5.0,
+        garbage_every=100,
+        commands=COMMANDS,
+        is_recorded=True,
+        fault_every_s=180.0,
+    )
+
+
+def many_radars(number: int) -> Load:
+    """There is much of it, and all goes well."""
+    return Load(
+        scene=radars_text(number),
+        drones=50,
+        telemetry_hz=10.0,
+        garbage_every=0,
+        commands=(),
+        is_recorded=False,
+        fault_every_s=math.inf,
+    )
