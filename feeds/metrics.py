@@ -22,7 +22,10 @@ COUNTERS = {
     "undelivered": "Messages for which there was no connection",
     "missed_scans": "Scans skipped because the machine was late",
     "telemetry": "Telemetry messages taken",
+    "conflated": "Telemetry messages that gave way to later ones of their drone",
     "refused": "Telemetry and control messages refused",
+    "flooded": "Messages refused because too many of their topic waited",
+    "late": "Telemetry messages refused because they were taken in too late",
     "controls": "Changes made by control",
 }
 """Of the session, by the name in its totals."""
@@ -61,6 +64,11 @@ class SessionCollector(Observer):
             "plotfeed_inbox",
             "Messages that wait to be taken in",
             value=session.input_queue.waiting,
+        )
+        yield GaugeMetricFamily(
+            "plotfeed_intake_behind_seconds",
+            "How long the oldest message has waited to be taken in",
+            value=totals.intake_behind_s,
         )
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]

@@ -241,7 +241,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -265,6 +265,10 @@ class SensorStatus(_message.Message):
     ON_THE_WAY_FIELD_NUMBER: _ClassVar[int]
     WAITING_FIELD_NUMBER: _ClassVar[int]
     ENABLED_FIELD_NUMBER: _ClassVar[int]
+    CONFLATED_FIELD_NUMBER: _ClassVar[int]
+    FLOODED_FIELD_NUMBER: _ClassVar[int]
+    LATE_FIELD_NUMBER: _ClassVar[int]
+    INTAKE_BEHIND_S_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -280,4 +284,8 @@ class SensorStatus(_message.Message):
     on_the_way: int
     waiting: int
     enabled: bool
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ...) -> None: ...
+    conflated: int
+    flooded: int
+    late: int
+    intake_behind_s: float
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ...) -> None: ...

@@ -39,7 +39,13 @@ class SessionCounters:
     """Still on their way when the session ended."""
     missed_scans: int = 0
     telemetry: int = 0
+    conflated: int = 0
+    """Telemetry that was good, but gave way to later reports that came with it."""
     refused: int = 0
+    flooded: int = 0
+    """Refused because more of the topic waited than may."""
+    late: int = 0
+    """Refused because no sensor could have seen it any more."""
     last_refusal: str = ""
     intake_behind_s: float = 0.0
     """How long the oldest of what came in had waited when some was last taken in."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
@@ -18,7 +20,7 @@ from plotfeed.feeds.scene.changes import (
 )
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.telemetry.fair_queue import FairQueue
+from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.feeds.timing.clock import WallClock
@@ -43,7 +45,9 @@ class SessionInputs:
         publish: Callable[[Message], None],
     ) -> None:
         """Refusals are published by `publish`."""
-        self._telemetry = TelemetryReceiver(context.scene, trajectories)
+        self._reports = FairQueue()
+        self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
+        self._telemetry = TelemetryReceiver(context.scene, trajectories, welcome=self._reports.know)
         self._control_topic = f"{context.scene.mqtt.prefix}/control"
         self._trajectories = trajectories
         self._clock = context.clock
@@ -51,8 +55,6 @@ class SessionInputs:
         self._received = [o.received for o in context.observers if cares(o, "received")]
         self._sensor_tasks = sensor_tasks
         self._publish = publish
-        self._reports = FairQueue()
-        self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
 
     @property
     def topics(self) -> list[str]:
@@ -85,16 +87,10 @@ class SessionInputs:
         Between some and the next, `until` is asked whether it is enough; the rest keeps its place.
         """
         while len(self):
-            queue, most = (self._commands, 1) if self._commands else (self._reports, AT_ONCE)
-            taken = queue.take(most)
-            self.receive(
-                [
-                    (topic, payload, kind)
-                    for topic, waiting in taken
-                    for payload, kind, _ in waiting
-                ],
-                as_of_ns,
-            )
+            if self._commands:
+                self._take_commands(self._commands.take(1), as_of_ns)
+            else:
+                self._take_telemetry(self._reports.take(AT_ONCE), as_of_ns)
             if until():
                 break
         self._refuse_dropped(as_of_ns)
@@ -102,34 +98,43 @@ class SessionInputs:
 
     def receive(self, inputs: Sequence[Input], as_of_ns: int) -> None:
         """Take in telemetry and commands together, as of that time, whatever else waits."""
-        for topic, payload, content_type in inputs:
-            for received in self._received:
-                received(topic, payload, content_type, as_of_ns)
-            if topic == self._control_topic:
-                self._take_command(payload, as_of_ns)
-            else:
-                refusal = self._telemetry.take(topic, payload, content_type, as_of_ns)
-                self._count(refusal)
-                if refusal is None:
-                    self._reports.know(topic)
-        self._totals.telemetry = self._telemetry.taken
-        self._totals.drones = len(self._trajectories.names)
+        for topic, together in groupby(inputs, key=itemgetter(0)):
+            turn = (topic, [(payload, content_type) for _, payload, content_type in together])
+            take = self._take_commands if topic == self._control_topic else self._take_telemetry
+            take([turn], as_of_ns)
 
-    def _take_command(self, payload: bytes, as_of_ns: int) -> None:
-        try:
-            self._obey(parsed(payload), as_of_ns)
-        except (ControlError, ChangeError) as error:
-            refused = Refused(Reason.CONTROL, str(error))
-            self._count(self._telemetry.refuse(self._control_topic, refused, as_of_ns))
+    def _tell(self, turns: Sequence[Turn], as_of_ns: int) -> None:
+        for received in self._received:
+            for topic, waited in turns:
+                for payload, content_type in waited:
+                    received(topic, payload, content_type, as_of_ns)
+
+    def _take_telemetry(self, turns: Sequence[Turn], as_of_ns: int) -> None:
+        self._tell(turns, as_of_ns)
+        for refusal in self._telemetry.take_together(turns, as_of_ns):
+            self._publish(refusal)
+        totals = self._totals
+        totals.telemetry, totals.conflated = self._telemetry.taken, self._telemetry.conflated
+        totals.late = self._telemetry.refusals[Reason.LATE]
+        totals.drones = len(self._trajectories.names)
+        self._count()
+
+    def _take_commands(self, turns: Sequence[Turn], as_of_ns: int) -> None:
+        self._tell(turns, as_of_ns)
+        for topic, commands in turns:
+            for payload, _ in commands:
+                try:
+                    self._obey(parsed(payload), as_of_ns)
+                except (ControlError, ChangeError) as error:
+                    self._refuse(topic, Refused(Reason.CONTROL, str(error)), as_of_ns)
 
     def _refuse_dropped(self, as_of_ns: int) -> None:
         """Count what could not even wait to be taken in, and tell of it by topic."""
         for queue in (self._commands, self._reports):
             for topic, number in queue.dropped.items():
-                refused = Refused(
-                    Reason.FLOOD, f"{number} more have come at once than can wait to be taken in"
-                )
-                self._count(self._telemetry.refuse(topic, refused, as_of_ns, number))
+                refused = Refused(Reason.FLOOD, f"{number} more have come than can wait")
+                self._refuse(topic, refused, as_of_ns, number)
+                self._totals.flooded += number
             queue.dropped.clear()
 
     def command(self, command: dict[str, Any], t_utc_ns: int) -> dict[str, Any]:
@@ -170,8 +175,12 @@ class SessionInputs:
             clock.step(round(command.step_s * NS))
         return {"paused": clock.is_paused, "speed": clock.speed}
 
-    def _count(self, refusal: Message | None) -> None:
-        self._totals.refused = self._telemetry.refused
-        self._totals.last_refusal = self._telemetry.last_refusal
+    def _refuse(self, topic: str, refused: Refused, as_of_ns: int, number: int = 1) -> None:
+        refusal = self._telemetry.refuse(topic, refused, as_of_ns, number)
+        self._count()
         if refusal is not None:
             self._publish(refusal)
+
+    def _count(self) -> None:
+        self._totals.refused = self._telemetry.refused
+        self._totals.last_refusal = self._telemetry.last_refusal

@@ -165,7 +165,10 @@ class SensorTask:
     def status(self) -> pb.SensorStatus:
         """The sensor's status as it is now, but for its lateness."""
         status, counts = self._status, self.outbox.counters
-        status.refused = self._context.totals.refused
+        totals = self._context.totals
+        status.refused, status.conflated = totals.refused, totals.conflated
+        status.flooded, status.late = totals.flooded, totals.late
+        status.intake_behind_s = totals.intake_behind_s
         status.undelivered = counts.undelivered
         status.lost = counts.lost
         status.duplicated = counts.duplicated

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from enum import Enum, auto
+from functools import lru_cache
 from typing import Any
 
 from google.protobuf import json_format
@@ -40,30 +41,33 @@ OPTIONAL_FIELDS = (
 EMITTER_FIELDS = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")
 
 
-class _Kind(Enum):
+class Kind(Enum):
+    """How a report is written."""
+
     PROTOBUF = auto()
     JSON = auto()
     ASTERIX = auto()
 
 
 _KINDS = {
-    "application/x-protobuf": _Kind.PROTOBUF,
-    "application/protobuf": _Kind.PROTOBUF,
-    "application/vnd.google.protobuf": _Kind.PROTOBUF,
-    "application/x-google-protobuf": _Kind.PROTOBUF,
-    "application/octet-stream": _Kind.PROTOBUF,
-    "application/json": _Kind.JSON,
-    "text/json": _Kind.JSON,
-    "application/x-asterix": _Kind.ASTERIX,
-    "application/asterix": _Kind.ASTERIX,
+    "application/x-protobuf": Kind.PROTOBUF,
+    "application/protobuf": Kind.PROTOBUF,
+    "application/vnd.google.protobuf": Kind.PROTOBUF,
+    "application/x-google-protobuf": Kind.PROTOBUF,
+    "application/octet-stream": Kind.PROTOBUF,
+    "application/json": Kind.JSON,
+    "text/json": Kind.JSON,
+    "application/x-asterix": Kind.ASTERIX,
+    "application/asterix": Kind.ASTERIX,
 }
 """Of media types; what ends in +json or +protobuf is likewise."""
+JSON_SPACE = b" \t\r\n"
 _REFERENCE_TO_PB = {
     AltitudeReference.ELLIPSOID: pb.ELLIPSOID,
     AltitudeReference.MEAN_SEA_LEVEL: pb.MEAN_SEA_LEVEL,
     AltitudeReference.ABOVE_TAKEOFF: pb.ABOVE_TAKEOFF,
 }
-_REFERENCE_FROM_PB = {number: reference for reference, number in _REFERENCE_TO_PB.items()}
+REFERENCE_FROM_PB = {number: reference for reference, number in _REFERENCE_TO_PB.items()}
 
 
 def decode(
@@ -82,11 +86,11 @@ def decode(
         detail = f"payload of {len(payload)} octets; at most {max_octets} are taken"
         raise Refused(Reason.OVERSIZED, detail)
     match _kind(payload, content_type):
-        case _Kind.ASTERIX:
+        case Kind.ASTERIX:
             report = _from_129(payload, now_utc_ns)
-        case _Kind.JSON:
+        case Kind.JSON:
             report = _report(_from_json(payload))
-        case _Kind.PROTOBUF:
+        case Kind.PROTOBUF:
             report = _report(_from_protobuf(payload))
     check(report)
     return report
@@ -105,23 +109,32 @@ def encode_json(report: PositionReport) -> bytes:
     return text.encode()
 
 
-def _kind(payload: bytes, content_type: str | None) -> _Kind:
-    media_type, _, parameters = (content_type or "").lower().partition(";")
+def _kind(payload: bytes, content_type: str | None) -> Kind:
+    kind = kind_of_media(content_type or "")
+    if kind is not None:
+        return kind
+    if payload.lstrip(JSON_SPACE).startswith(b"{"):
+        return Kind.JSON
+    return Kind.ASTERIX if is_block_129(payload) else Kind.PROTOBUF
+
+
+@lru_cache(maxsize=256)
+def kind_of_media(content_type: str) -> Kind | None:
+    """What a content type says; None if it says nothing. Raises `Refused`."""
+    media_type, _, parameters = content_type.lower().partition(";")
     media_type = media_type.strip()
     if not media_type:
-        if payload.lstrip(b" \t\r\n").startswith(b"{"):
-            return _Kind.JSON
-        return _Kind.ASTERIX if is_block_129(payload) else _Kind.PROTOBUF
+        return None
     kind = _KINDS.get(media_type)
     if media_type.endswith(("+json", "+protobuf")):
-        kind = _Kind.JSON if media_type.endswith("+json") else _Kind.PROTOBUF
+        kind = Kind.JSON if media_type.endswith("+json") else Kind.PROTOBUF
     if kind is None:
         detail = (
             f"content type {media_type!r}; expected application/x-protobuf, application/json or "
             f"application/x-asterix; cat={CATEGORY}"
         )
         raise Refused(Reason.CONTENT_TYPE, detail)
-    if kind is _Kind.ASTERIX and parameters.replace(" ", "") not in ("", f"cat={CATEGORY}"):
+    if kind is Kind.ASTERIX and parameters.replace(" ", "") not in ("", f"cat={CATEGORY}"):
         raise Refused(Reason.CONTENT_TYPE, f"ASTERIX of {parameters!r}; expected cat={CATEGORY}")
     return kind
 
@@ -166,7 +179,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _report(message: pb.Telemetry) -> PositionReport:
-    reference = _REFERENCE_FROM_PB.get(message.altitude_reference)
+    reference = REFERENCE_FROM_PB.get(message.altitude_reference)
     if reference is None:
         expected = ", ".join(r.name for r in AltitudeReference)
         raise Refused(Reason.MISSING, f"altitude_reference is missing; expected one of {expected}")

@@ -21,10 +21,8 @@ MAX_TOPICS_TOLD = 50
 """Of those that drop, between two askings; the rest is one number."""
 BEHIND_EVERY_S = 0.1
 
-Waiting = tuple[bytes, str | None, float]
-"""Payload, content type, and the monotonic time at which it came, seconds."""
-Turn = tuple[str, list[Waiting]]
-"""A topic, and what of it waited, in the order in which it came."""
+Turn = tuple[str, list[tuple[bytes, str | None]]]
+"""A topic, and the payloads and content types that waited, in the order in which they came."""
 
 
 class FairQueue:
@@ -45,7 +43,8 @@ class FairQueue:
         self._limit_of_topic = limit_of_topic
         self._limit_of_strangers = limit_of_strangers
         self._now_s = now_s
-        self._turns: dict[str, list[Waiting]] = {}
+        self._turns: dict[str, list[tuple[bytes, str | None]]] = {}
+        self._since_s: dict[str, float] = {}
         self._known: set[str] = set()
         self._strangers = self._waiting = self._large_octets = 0
         self._put = self._taken = self._given_up = 0
@@ -88,12 +87,13 @@ class FairQueue:
                     return
                 self._strangers += 1
             waiting = self._turns[topic] = []
+            self._since_s[topic] = self._now_s()
         elif len(waiting) >= self._limit_of_topic or self._waiting >= self._limit:
             self._forget(waiting.pop(0)[0])
             self._waiting -= 1
             self._put -= 1
             self._drop(topic)
-        waiting.append((payload, content_type, self._now_s()))
+        waiting.append((payload, content_type))
         self._waiting += 1
         self._put += 1
 
@@ -103,25 +103,25 @@ class FairQueue:
         while self._turns and number < least:
             topic = next(iter(self._turns))
             waiting = self._turns.pop(topic)
+            del self._since_s[topic]
             if topic not in self._known:
                 self._strangers -= 1
             turns.append((topic, waiting))
             number += len(waiting)
             if self._large_octets:
-                for payload, _, _ in waiting:
+                for payload, _ in waiting:
                     self._forget(payload)
         self._waiting -= number
         self._taken += number
         return turns
 
     def behind_s(self) -> float:
-        """How long the oldest has waited, seconds; looked up ten times a second at most."""
+        """How long some topic has waited, seconds; looked up ten times a second at most."""
         if not self._turns:
             return 0.0
         now_s = self._now_s()
         if now_s - self._behind[0] >= BEHIND_EVERY_S:
-            oldest_s = min(waiting[0][2] for waiting in self._turns.values())
-            self._behind = (now_s, now_s - oldest_s)
+            self._behind = (now_s, now_s - min(self._since_s.values()))
         return self._behind[1]
 
     def _drop(self, topic: str) -> None:

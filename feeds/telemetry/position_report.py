@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto.errors import PlotfeedError
@@ -43,6 +43,7 @@ class Reason(StrEnum):
     DUPLICATE = "duplicate"
     FUTURE = "future"
     STALE = "stale"
+    LATE = "late"
     TOO_MANY_DRONES = "too_many_drones"
     NAME = "name"
     FLOOD = "flood"
@@ -132,6 +133,26 @@ def _check_speed(velocity_enu_m_s: Iterable[float]) -> None:
         raise Refused(Reason.OUT_OF_RANGE, detail)
 
 
+class Altitude(Protocol):
+    """What of a report tells its height."""
+
+    @property
+    def latitude_deg(self) -> float:
+        """WGS-84."""
+
+    @property
+    def longitude_deg(self) -> float:
+        """WGS-84."""
+
+    @property
+    def altitude_m(self) -> float:
+        """Above what the reference says."""
+
+    @property
+    def altitude_reference(self) -> AltitudeReference:
+        """What the altitude is measured from."""
+
+
 EGM96_GRIDS = ("us_nga_egm96_15.tif", "egm96_15.gtx")
 """The names that PROJ knows the EGM96 geoid by, 15 minutes of arc."""
 
@@ -145,7 +166,7 @@ class AltitudeDatum:
     geoid_undulation_m: float | None = None
     """Of the geoid above the ellipsoid."""
 
-    def height_m(self, report: PositionReport) -> float:
+    def height_m(self, report: Altitude) -> float:
         """The report's height above the WGS-84 ellipsoid, metres; raises `Refused`."""
         match report.altitude_reference:
             case AltitudeReference.ELLIPSOID:

@@ -140,14 +140,26 @@ def under_load(seconds: float) -> None:
         print(f"| {what} | {value} |")
 
 
+class NothingComesIn:
+    """For an engine that is given nothing."""
+
+    def __len__(self) -> int:
+        return 0
+
+    def queue(self, *_: object) -> None:
+        """Nothing comes."""
+
+    def take_in(self, *_: object) -> None:
+        """Nothing waits."""
+
+
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one schedule, one clock."""
     clock = WallClock()
     engine = SessionLoop(
         clock,
         Schedule(clock.wake),
-        receive=lambda *_: None,
-        refuse=lambda _: None,
+        inputs=NothingComesIn(),
         drain=lambda: None,
     )
     late_ns: list[int] = []

@@ -91,7 +91,9 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
                 await asyncio.sleep(0.1)
             await session.sectors_more(2)
     heard = session.taken + session.session.input_queue.dropped
-    assert session.totals.telemetry + session.totals.refused == heard
+    totals = session.totals
+    assert totals.telemetry + totals.conflated + totals.refused == heard
+    assert totals.flooded == session.session.input_queue.dropped
     assert MAX_WAITING < heard <= FLOOD + markers
     assert session.totals.telemetry > 500
     assert session.most_waiting <= MAX_WAITING

@@ -10,7 +10,7 @@ from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 
 
 def payloads(turns: list[Turn]) -> dict[str, list[int]]:
-    return {topic: [int(payload) for payload, _, _ in waiting] for topic, waiting in turns}
+    return {topic: [int(payload) for payload, _ in waiting] for topic, waiting in turns}
 
 
 def put(queue: FairQueue, topic: str, *numbers: int) -> None:

@@ -59,6 +59,7 @@ REFUSED: dict[Reason, Case] = {
     Reason.DUPLICATE: ("known", report(-1.0), PROTOBUF),
     Reason.FUTURE: ("a", report(2.1), PROTOBUF),
     Reason.STALE: ("a", report(-60.1), PROTOBUF),
+    Reason.LATE: ("a", report(-59.9), PROTOBUF),
     Reason.TOO_MANY_DRONES: ("third", report(), PROTOBUF),
     Reason.NAME: ("visitor", report(), PROTOBUF),
 }
