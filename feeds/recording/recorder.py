@@ -326,11 +326,12 @@ class RecordedTelemetry(Observer):
                     together.append((message.topic, message.payload, message.content_type or None))
             self._session.receive(together, t_utc_ns)
 
+    def ended(self) -> None:
+        """The file is needed no more."""
+        self._mcap.close()
+
     def _turn(self) -> None:
-        """Go to the next message; after the last one the file is needed no more."""
         self._next = next(self._messages, None)
-        if self._next is None:
-            self._mcap.close()
 
 
 def _is_of_clock(message: Recorded) -> bool:

@@ -30,6 +30,8 @@ from plotfeed.proto.errors import PlotfeedError
 log = logging.getLogger(__name__)
 
 CLOSE_S = 1.0
+READ_OCTETS = 8_192
+"""At a time, of what a session takes in: a millisecond's work if it is small messages."""
 HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 REFUSED = 128
@@ -102,6 +104,8 @@ class MqttConnection:
             raise
         self._buffer = SocketBuffer(self._client.transport, self._on_room)
         self._client.watch_buffer(self._buffer.hold, self._buffer.release)
+        if self._on_message is not None:
+            self._client.read_at_most(READ_OCTETS)
 
     def subscribe(self, topic_filter: str) -> None:
         """Have what comes there."""

@@ -207,6 +207,10 @@ class GmqttClient:
         protocol.pause_writing, protocol.resume_writing = pause, resume
         self.transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
 
+    def read_at_most(self, octets: int) -> None:
+        """Have the socket read no more at a time, so that others have their turn in the loop."""
+        self.transport.max_size = octets  # of asyncio: what it passes to recv; TLS has its own
+
     def note_life(self, monotonic_s: float) -> None:
         """The broker gave a sign of life then; else gmqtt takes a slow network for a dead one."""
         connection = self._client._connection

@@ -1,0 +1,119 @@
+"""A session over a real broker that one topic floods: others are followed, a re-run is the same."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.mqtt_client import Client, listening
+from support.scene_files import radar, scene_file, scene_text
+from support.sessions import AtWork, Start, every_broker
+from support.waiting import until
+
+from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
+    Recorder,
+    SessionRecord,
+    SessionRecorder,
+    attachments_of,
+)
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.models.state import AltitudeReference
+
+S = 1_000_000_000
+FLOOD = 60_000
+
+
+def report(t_utc_ns: int, east: int) -> bytes:
+    return encode_protobuf(
+        PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=40.45,
+            longitude_deg=-3.72 + 1e-4 * east,
+            altitude_m=900.0,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+            velocity_enu_m_s=(20.0, 0.0, 0.0),
+        )
+    )
+
+
+def flood(ears: Client, now_ns: int) -> None:
+    for first in range(0, FLOOD, 1_000):
+        numbers = range(first, first + 1_000)
+        ears.publish_all(
+            ("plotfeed/telemetry/flood", report(now_ns + i * 20_000, i % 100)) for i in numbers
+        )
+
+
+Octets = list[tuple[int, str, bytes]]
+
+
+def octets(session: AtWork) -> Octets:
+    return [
+        (sector.sector.end_ns, message.topic, message.payload)
+        for sector in session.sectors
+        for message in sector.messages
+    ]
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_beside_a_flood_others_are_followed_and_the_record_makes_the_same_again(
+    start: Start, tmp_path: Path
+) -> None:
+    text = scene_text(
+        port=1883, drones="", sensors=radar(period_s=1.0, sectors=32), mqtt="truth = false"
+    )
+    scene = load(scene_file(tmp_path, text))
+    port, path, clock, stop = free_port(), tmp_path / "record.mcap", WallClock(), asyncio.Event()
+    watch = AtWork(clock)
+    recorder = Recorder(path, attachments=attachments_of(scene, 0), waits=True)
+    observers = [watch, SessionRecorder(recorder, ledger_is_sent=False)]
+    unseen: list[int] = []
+    with start(tmp_path, port), listening(port, 5) as drone, listening(port, 5) as flooder:
+        running = asyncio.create_task(
+            run(
+                scene,
+                clock=clock,
+                broker=f"mqtt://127.0.0.1:{port}",
+                stop=stop,
+                observers=observers,
+            )
+        )
+        await until(watch.begins.is_set)
+        flooding = asyncio.create_task(asyncio.to_thread(flood, flooder, clock.now_ns()))
+        number, trajectories = 0, watch.session.trajectories
+        while not flooding.done() or number < 20:
+            drone.publish("plotfeed/telemetry/quiet", report(clock.now_ns(), number))
+            number += 1
+            await asyncio.sleep(0.1)
+            if "quiet" in trajectories.names:
+                row = trajectories.names.index("quiet")
+                if row not in trajectories.state_at(clock.now_ns()).drone:
+                    unseen.append(number)
+        await flooding
+        await watch.sectors_more(2)
+        stop.set()
+        await running
+    recorder.close()
+    assert {"quiet", "flood"} == set(trajectories.names)
+    assert unseen == []
+    assert watch.totals.flooded > 0
+
+    record = SessionRecord.open(path)
+    again = AtWork(InstantClock(record.start_utc_ns))
+    await run(
+        scene,
+        clock=again.clock,
+        broker="none",
+        duration_s=(watch.sectors[-1].sector.end_ns - record.start_utc_ns) / S,
+        observers=[again, RecordedTelemetry(path)],
+    )
+    assert octets(again) == octets(watch)
+    assert sum(len(sector.plots) for sector in again.sectors) > 0
