@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
-from numpy.typing import NDArray
 
-from plotfeed.models.state import FALSE_ALARM, Floats, Looks, Plots
+from plotfeed.models.state import Floats, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -108,105 +105,6 @@ def _one_by_one(
             known = {name: values[i] for name, values in columns if values[i] == values[i]}
             batch.plots.add(time_utc_ns=times[i], **known)
         yield batch
-
-
-def ledger(
-    sensor: str,
-    scan: int,
-    sector: int,
-    *,
-    looks: Looks,
-    plots: Plots,
-    drones: Sequence[str],
-    sent: Sequence[pb.Sent],
-    link: str = "",
-) -> bytes:
-    """A serialised Ledger; `drones` names the drones by index, `link` is its keys in JSON."""
-    entry = pb.Ledger(sensor=sensor, scan=scan, sector=sector, messages=sent, link=link)
-    if len(looks):
-        entry.looks.extend(_looks(looks, drones))
-    if len(plots):
-        entry.plots.extend(_plot_truths(plots, drones))
-        _add_range_rates(entry, plots)
-        _add_merged_drones(entry, plots, drones)
-    return entry.SerializeToString()
-
-
-def _looks(looks: Looks, drones: Sequence[str]) -> Iterator[pb.Look]:
-    columns = (
-        looks.drone,
-        looks.channel,
-        looks.t_utc_ns,
-        looks.range_m,
-        looks.azimuth_deg,
-        looks.elevation_deg,
-        decibels(looks.snr),
-        looks.pd,
-        looks.detected,
-    )
-    for (
-        drone,
-        channel,
-        t_utc_ns,
-        range_m,
-        azimuth_deg,
-        elevation_deg,
-        snr_db,
-        pd,
-        detected,
-    ) in _rows(columns):
-        yield pb.Look(
-            drone=drones[drone],
-            time_utc_ns=t_utc_ns,
-            range_m=range_m,
-            azimuth_deg=azimuth_deg,
-            elevation_deg=elevation_deg,
-            snr_db=snr_db,
-            pd=pd,
-            detected=detected,
-            channel=channel,
-        )
-
-
-def _plot_truths(plots: Plots, drones: Sequence[str]) -> Iterator[pb.PlotTruth]:
-    columns = (
-        plots.drone,
-        plots.t_utc_ns,
-        plots.true_range_m,
-        plots.true_azimuth_deg,
-        plots.true_elevation_deg,
-    )
-    for drone, t_utc_ns, range_m, azimuth_deg, elevation_deg in _rows(columns):
-        if drone == FALSE_ALARM:
-            yield pb.PlotTruth(time_utc_ns=t_utc_ns)
-            continue
-        yield pb.PlotTruth(
-            drone=drones[drone],
-            time_utc_ns=t_utc_ns,
-            range_m=range_m,
-            azimuth_deg=azimuth_deg,
-            elevation_deg=elevation_deg,
-        )
-
-
-def _add_range_rates(entry: pb.Ledger, plots: Plots) -> None:
-    if plots.true_range_rate_m_s is None:
-        return
-    for truth, rate_m_s in zip(entry.plots, plots.true_range_rate_m_s.tolist(), strict=True):
-        if not math.isnan(rate_m_s):
-            truth.range_rate_m_s = rate_m_s
-
-
-def _add_merged_drones(entry: pb.Ledger, plots: Plots, drones: Sequence[str]) -> None:
-    if plots.merged_drones is None:
-        return
-    for truth, merged in zip(entry.plots, plots.merged_drones, strict=True):
-        truth.merged_drones.extend(drones[drone] for drone in merged)
-
-
-def _rows(columns: Sequence[NDArray[Any]]) -> Iterator[tuple[Any, ...]]:
-    """Row by row, as numbers of Python's own, which protobuf takes faster than NumPy's."""
-    return zip(*(column.tolist() for column in columns), strict=True)
 
 
 def batch_in(payload: bytes) -> pb.PlotBatch:

@@ -1,4 +1,4 @@
-"""Copies of messages on their way over transports, and the ledger of what became of them."""
+"""Copies of messages on their way over transports, and what becomes of them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.batch import ledger
-from plotfeed.proto.content_types import protobuf_content_type
 
 
 class DeliveryOwner(Protocol):
@@ -243,37 +240,3 @@ def records(settled: Settled) -> list[pb.Sent]:
     if isinstance(settled, SentTogether):
         return settled.records()
     return [one.record() for one in sorted(settled, key=lambda one: (one.number, one.copy))]
-
-
-CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")
-
-
-def ledger_message(
-    prefix: str, report: SectorReport, drones: Sequence[str], sent: Sequence[pb.Sent], link: str
-) -> Message:
-    """An entry for {prefix}/truth; `drones` names them by index, `link` is its keys in JSON."""
-    sector = report.sector
-    return Message(
-        topic=f"{prefix}/truth",
-        payload=ledger(
-            report.sensor,
-            sector.scan,
-            sector.index,
-            looks=report.looks,
-            plots=report.plots,
-            drones=drones,
-            sent=sent,
-            link=link,
-        ),
-        content_type=CONTENT_TYPE,
-        due_utc_ns=sector.end_ns,
-        properties=attributes(
-            f"{prefix}/{report.sensor}",
-            "truth",
-            f"{sector.scan}-{sector.index}",
-            sector.end_ns,
-            sensor=report.sensor,
-            scan=sector.scan,
-            sector=sector.index,
-        ),
-    )

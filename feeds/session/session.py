@@ -9,7 +9,8 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Settled, ledger_message, records
+from plotfeed.feeds.delivery.delivery import Settled, records
+from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
@@ -118,8 +119,9 @@ class Session:
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
         self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
-        self._ledger: list[Message] = []
-        """Entries that are not sent yet."""
+        self._ledger = LedgerWriter(scene.mqtt.prefix, self.trajectories.names)
+        self._kept: list[Kept] = []
+        """Sectors whose entries are to be made next."""
         launch(scene, self.trajectories, self.start_ns)
         context = SessionContext(
             scene=scene,
@@ -135,7 +137,7 @@ class Session:
             context.schedule,
             inputs=self._inputs,
             drain=self._drain,
-            after_later=self._send_ledger,
+            after_later=self._write_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
         self._outputs = Outputs(context, addresses)
@@ -205,24 +207,21 @@ class Session:
     def _keep_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
         """Put what is true on the truth topic when there is time, if anybody is to have it."""
         if self._ledger_is_wanted:
-            self._loop.later(partial(self._write_ledger, report, link, settled))
+            self._loop.later(partial(self._kept.append, (report, link, settled)))
 
-    def _write_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
-        sent = records(settled)
+    def _write_ledger(self) -> None:
+        """Make entries of all sectors whose turn has come, which leave together."""
+        kept, self._kept[:] = [*self._kept], []
         for observer in self._observers:
-            observer.settled(report, sent)
-        message = ledger_message(
-            self.scene.mqtt.prefix, report, self.trajectories.names, sent, link
-        )
+            if cares(observer, "settled"):
+                for report, _, settled in kept:
+                    observer.settled(report, records(settled))
+        messages = self._ledger.messages(kept)
         for observer in self._observers:
-            observer.ledger(message)
+            for message in messages:
+                observer.ledger(message)
         if self.scene.mqtt.truth:
-            self._ledger.append(message)
-
-    def _send_ledger(self) -> None:
-        """Entries that were written one after the other leave together."""
-        entries, self._ledger = self._ledger, []
-        self._outbox.send_past_link(*entries)
+            self._outbox.send_past_link(*messages)
 
     async def _work(self, duration_s: float | None) -> None:
         """Start everything, and do what is due until the end."""

@@ -1,0 +1,177 @@
+"""Serialised Ledgers of many sectors at once, from structures of arrays.
+
+Messages of protobuf may be put together by joining their octets, and so these are: the octets are
+those that protobuf itself would make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from plotfeed.models.state import Ints, Looks, Plots
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.units import decibels
+from plotfeed.proto.varint import varint
+from plotfeed.proto.wire_rows import (
+    LENGTH,
+    VARINT,
+    Constant,
+    Doubles,
+    Field,
+    Integers,
+    TextTable,
+    submessages,
+    tag,
+    text_field,
+)
+
+_LEDGER, _LOOK, _PLOT, _SENT = (
+    {field.name: field.number for field in message.DESCRIPTOR.fields}
+    for message in (pb.Ledger, pb.Look, pb.PlotTruth, pb.Sent)
+)
+_SCAN, _SECTOR, _MESSAGES = (
+    tag(_LEDGER[name], wire_type)
+    for name, wire_type in (("scan", VARINT), ("sector", VARINT), ("messages", LENGTH))
+)
+_DELIVERED = pb.Sent(delivered=True, fate=pb.SENT).SerializeToString()
+
+
+class LedgerOctets:
+    """What sectors say of looks, plots and messages, made for many at a time."""
+
+    def __init__(self, drones: Sequence[str]) -> None:
+        """`drones` names them by index; they may become more."""
+        self._drones = drones
+        self._looked_at = TextTable()
+        self._caused_by = TextTable([b""])  # the first one is of false alarms
+        self._topics = TextTable()
+        self._topic_numbers: dict[str, int] = {}
+
+    def truths(self, looks: Looks, looks_by: Ints, plots: Plots, plots_by: Ints) -> list[bytes]:
+        """The looks and plots of sectors, (m,), as fields of their Ledgers.
+
+        Those of sector i are the rows from `looks_by[i]` up to `looks_by[i + 1]`, (m+1,), and so
+        are plots.
+        """
+        self._name_drones()
+        of_looks = _parts(*self._looks(looks), looks_by) if len(looks) else None
+        of_plots = _parts(*self._plots(plots), plots_by) if len(plots) else None
+        if of_looks is None or of_plots is None:
+            return of_looks or of_plots or [b""] * (len(looks_by) - 1)
+        return [one + other for one, other in zip(of_looks, of_plots, strict=True)]
+
+    def sent(
+        self,
+        topics: Sequence[str],
+        due_utc_ns: Ints,
+        sent_utc_ns: Ints,
+        octets: Ints,
+        numbers: Ints,
+    ) -> tuple[bytes, Ints]:
+        """Messages that left when they were due, at least one, (n,), as fields of their Ledgers.
+
+        With where each of them begins and ends, (n+1,).
+        """
+        known = self._topic_numbers
+        new = [topic for topic in dict.fromkeys(topics) if topic not in known]
+        known.update(zip(new, range(len(known), len(known) + len(new)), strict=True))
+        self._topics.extend([text_field(_SENT["topic"], topic) for topic in new])
+        return submessages(
+            _LEDGER["messages"],
+            len(topics),
+            [
+                self._topics.of(np.array([known[topic] for topic in topics], np.int64)),
+                Integers(_SENT["due_utc_ns"], due_utc_ns),
+                Integers(_SENT["sent_utc_ns"], sent_utc_ns),
+                Integers(_SENT["octets"], octets),
+                Constant(_DELIVERED),
+                Integers(_SENT["link_due_utc_ns"], due_utc_ns),
+                Integers(_SENT["number"], numbers),
+            ],
+        )
+
+    def _name_drones(self) -> None:
+        new = self._drones[len(self._looked_at) :]
+        self._looked_at.extend([text_field(_LOOK["drone"], name) for name in new])
+        self._caused_by.extend([text_field(_PLOT["drone"], name) for name in new])
+
+    def _looks(self, looks: Looks) -> tuple[bytes, Ints]:
+        return submessages(
+            _LEDGER["looks"],
+            len(looks),
+            [
+                self._looked_at.of(looks.drone),
+                Integers(_LOOK["time_utc_ns"], looks.t_utc_ns),
+                Doubles(_LOOK["range_m"], looks.range_m),
+                Doubles(_LOOK["azimuth_deg"], looks.azimuth_deg),
+                Doubles(_LOOK["elevation_deg"], looks.elevation_deg),
+                Doubles(_LOOK["snr_db"], decibels(looks.snr)),
+                Doubles(_LOOK["pd"], looks.pd),
+                Integers(_LOOK["detected"], looks.detected),
+                Integers(_LOOK["channel"], looks.channel),
+            ],
+        )
+
+    def _plots(self, plots: Plots) -> tuple[bytes, Ints]:
+        is_true = plots.drone >= 0
+        columns: list[Field] = [
+            self._caused_by.of(plots.drone + 1),
+            Integers(_PLOT["time_utc_ns"], plots.t_utc_ns),
+            Doubles(_PLOT["range_m"], plots.true_range_m, is_true),
+            Doubles(_PLOT["azimuth_deg"], plots.true_azimuth_deg, is_true),
+            Doubles(_PLOT["elevation_deg"], plots.true_elevation_deg, is_true),
+        ]
+        rates_m_s = plots.true_range_rate_m_s
+        if rates_m_s is not None:
+            columns.append(Doubles(_PLOT["range_rate_m_s"], rates_m_s, ~np.isnan(rates_m_s)))
+        if plots.merged_drones is not None:
+            columns.append(self._merged(plots.merged_drones.tolist()))
+        return submessages(_LEDGER["plots"], len(plots), columns)
+
+    def _merged(self, merged: Sequence[Sequence[int]]) -> Field:
+        named, field = self._drones, _PLOT["merged_drones"]
+        fields = [b"".join(_repeated(field, named[i]) for i in some) for some in merged]
+        return TextTable(fields).of(np.arange(len(fields)))
+
+
+@lru_cache(maxsize=4096)
+def _repeated(number: int, name: str) -> bytes:
+    octets = name.encode()
+    return varint(number << 3 | LENGTH) + varint(len(octets)) + octets
+
+
+def sent_field(sent: pb.Sent) -> bytes:
+    """A message, whatever became of it, as a field of its Ledger."""
+    octets = sent.SerializeToString()
+    return _MESSAGES + varint(len(octets)) + octets
+
+
+def ledger(
+    sensor: str, scan: int, sector: int, *, truth: bytes, sent: bytes, link: str = ""
+) -> bytes:
+    """A serialised Ledger of its looks and plots, its messages, and its link's keys in JSON."""
+    head = _sensor(sensor)
+    if scan:
+        head += _SCAN + varint(scan)
+    if sector:
+        head += _SECTOR + varint(sector)
+    return b"".join((head, truth, sent, _link(link)))
+
+
+@lru_cache(maxsize=4096)
+def _sensor(sensor: str) -> bytes:
+    return text_field(_LEDGER["sensor"], sensor)
+
+
+@lru_cache(maxsize=4096)
+def _link(link: str) -> bytes:
+    return text_field(_LEDGER["link"], link)
+
+
+def _parts(octets: bytes, ends: Ints, by: Ints) -> list[bytes]:
+    """The octets of rows by sector."""
+    return [octets[first:after] for first, after in pairwise(ends[by].tolist())]
