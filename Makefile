@@ -51,10 +51,9 @@ lint: .venv/.ready-test
 proto: .venv/.ready-test
 	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto
 
-# Some minutes; nothing depends on the figures.
+# Half an hour; nothing depends on the figures.
 bench: .venv/.ready-test
 	$(BIN)/python tests/benchmarks/write_benchmarks.py
-	$(BIN)/python tests/benchmarks/bench_scaling.py
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test

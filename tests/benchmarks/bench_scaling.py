@@ -1,12 +1,11 @@
-"""How cost and memory grow with drones, sensors, sectors and messages.
+"""What a session costs in real time by how much there is: cores, memory, and where the time goes.
 
     python tests/benchmarks/bench_scaling.py
 
-Writes the table of docs/speed-accuracy.md, between its marks, and draws docs/scaling.png.
-Every point is a process of its own, so that its memory is its own: CPU time of a second of the
-scene, without a broker and as fast as it can, and the largest size that the process had. Points are
-taken in turns. A straight line on log axes is a power; a + b n, which bends where n is a/b, is
-fitted too.
+Each point is a session in a process of its own, with the ledger, over a broker beside it (mosquitto
+where it is installed) and with nobody who listens. What it costs is looked at second after second
+once it has begun. Where drones grow, they report in JSON, ten times a second each, through the
+broker; elsewhere the scene flies them. Points are few and short: a bend is seen, a tenth is not.
 """
 
 from __future__ import annotations
@@ -14,173 +13,169 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import os
 import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-PROJECT = Path(__file__).parents[2]
-PAGE = PROJECT / "docs" / "speed-accuracy.md"
-PICTURE = PROJECT / "docs" / "scaling.png"
-START_UTC = "2026-01-01T12:00:00Z"
-TURNS = 3
-SECONDS_A_POINT = 0.6
-"""Of CPU, at least, unless one simulated second takes longer."""
-MOST_SCANS = 256
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from bench_engine import a_broker, radars, scene_tree  # noqa: E402
+from by_room import NAMES, sampled_rooms  # noqa: E402
+from support.mqtt_client import Client  # noqa: E402
+from support.road import radar, staring  # noqa: E402
+
+from plotfeed.feeds.console.process import (  # noqa: E402
+    GARBAGE_OF_SESSION,
+    keep_freed,
+    leave_alone_what_is_there,
+    undisturbed,
+)
+from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
+from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
+from plotfeed.feeds.session.session import run  # noqa: E402
+from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
+
+PICTURE = HERE.parents[1] / "docs" / "scaling.png"
+SETTLED_S, WINDOWS = 1.5, 4
+"""Seconds before the first look, and how many of a second each follow."""
+TELEMETRY_HZ, TELEMETRY_RADARS, SOME_DRONES = 10, 20, 50
 MIB = 2**20
-
-SERIES: dict[str, tuple[str, tuple[int, ...]]] = {
-    "drones, staring": ("drones", (1, 10, 100, 1000, 10_000, 100_000)),
-    "drones, rotating": ("drones", (1, 10, 100, 1000, 10_000, 100_000)),
-    "sensors": ("sensors", (1, 3, 10, 30, 100, 300, 1000)),
-    "sectors": ("sectors a turn", (4, 8, 16, 32, 64, 128, 256)),
-    "messages": ("messages a second", (4, 16, 64, 256)),
+SERIES: dict[str, tuple[int, ...]] = {
+    "radars, in step": (1, 10, 50, 200),
+    "radars, spread": (1, 10, 50, 200),
+    "drones at 10 Hz": (1, 10, 100, 1000),
+    "staring sensors": (1, 20, 200, 2000),
+    "one radar, one drone": (1,),
 }
-"""What grows, and from where to where; of messages it is the number of sensors."""
-FEW_DRONES, SOME_DRONES = 10, 100
-END = 2
-"""Points to which an exponent is fitted."""
+"""What grows, and through which numbers: with 50 drones, and drones before 20 radars."""
+PROFILED = {
+    "one radar, one drone": 1,
+    "radars, in step": 200,
+    "drones at 10 Hz": 1000,
+    "staring sensors": 2000,
+}
+FULL_CORES = 0.95
+"""A session that takes as much can do no more: what else it says is of a session that is late."""
 
 
-def radar() -> dict[str, Any]:
-    """The active radar of scene section-4, reporting in category 048."""
-    tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
-    (found,) = (s for s in tree["sensor"] if s["id"] == "active")
-    return {**found, "report": ["asterix-048"]}
+def tree_of(series: str, n: int) -> dict[str, Any]:
+    """The scene of a point."""
+    if series == "drones at 10 Hz":
+        return scene_tree(radars(TELEMETRY_RADARS), 0)
+    if series == "one radar, one drone":
+        return scene_tree(radars(1), 1)
+    if series == "staring sensors":
+        side = math.ceil(n**0.5)
+        sensors = [
+            radar(
+                id=f"s{i}",
+                scan=staring(),
+                report=["asterix-048"],
+                pfa=1e-8,
+                position_enu_m=[6000.0 * (i % side) / side, 6000.0 * (i // side) / side, 0.0],
+            )
+            for i in range(n)
+        ]
+        return scene_tree(sensors, SOME_DRONES)
+    sensors = radars(n)
+    if series == "radars, spread":
+        for i, sensor in enumerate(sensors):  # their turns begin at multiples of their periods
+            sensor["scan"] = {**sensor["scan"], "period_s": 1.0 + 1e-4 * i}
+    return scene_tree(sensors, SOME_DRONES)
 
 
-def scene_of(sensors: int, sectors: int) -> Any:
-    """So many radars, 100 m from each other, that turn or, of one sector, stare."""
-    from plotfeed.feeds.scene.scene import from_tree
+class Meter(Observer):
+    """Processor time of each second, once the session has begun and settled."""
 
-    scan = {"kind": "rotating", "period_s": 1.0, "sectors": sectors}
-    if sectors == 1:
-        scan = {"kind": "staring", "period_s": 1.0}
-    side = math.ceil(sensors**0.5)
-    place = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
-    tree = {
-        "scene": {"name": "scaling", "seed": 1, "site": place},
-        "mqtt": {"truth": False},
-        "sensor": [
-            {**radar(), "id": f"s{i}", "scan": scan,
-             "position_enu_m": [100.0 * (i % side), 100.0 * (i // side), 0.0]}
-            for i in range(sensors)
-        ],
-    }  # fmt: skip
-    return from_tree(tree, Path("scaling.toml"))
+    def __init__(self, stack: ExitStack) -> None:
+        self.spent_s: list[float] = []
+        self.at_s: list[float] = []
+        self.rooms: Counter[str] = Counter()
+        self._stack = stack
 
+    def begun(self, _session: RunningSession) -> None:
+        loop = asyncio.get_running_loop()
+        for i in range(WINDOWS + 1):
+            loop.call_later(SETTLED_S + i, self._look, i)
 
-def flown(scene: Any, n: int) -> Any:
-    """Drones of 0.01 m2 all around, 2 to 7 km away, at 15 m/s; nobody hears of them anew."""
-    import numpy as np
+    def _look(self, i: int) -> None:
+        self.spent_s.append(time.process_time())
+        self.at_s.append(time.monotonic())
+        if i == 0:
+            self.rooms = self._stack.enter_context(sampled_rooms())
 
-    from plotfeed.feeds.scene.fields import site_frame
-    from plotfeed.models.frames import aer_to_enu
-    from plotfeed.models.state import Signature
-    from plotfeed.models.truth import Trajectories
-    from plotfeed.proto.utc import NS
-
-    rng, frame = np.random.default_rng(1), site_frame(scene.scene.site)
-    start = aer_to_enu(rng.uniform(0, 360, n), rng.uniform(1, 10, n), rng.uniform(2000, 7000, n))
-    moved = start + aer_to_enu(rng.uniform(0, 360, n), 0.0, 15.0 * 3600)
-    knots = np.stack([frame.to_ecef(start), frame.to_ecef(moved)], axis=1)
-    trajectories = Trajectories(stale_after_s=3.0)
-    begin_ns = start_ns()
-    for i in range(n):
-        trajectories.add_path(f"d{i}", [begin_ns, begin_ns + 3600 * NS], knots[i],
-                              signature=Signature(rcs_m2=0.01))  # fmt: skip
-    return trajectories
+    def cores(self) -> list[float]:
+        """Processor time by time, window after window."""
+        spent = zip(self.spent_s, self.spent_s[1:], strict=False)
+        passed = zip(self.at_s, self.at_s[1:], strict=False)
+        return [(b - a) / (d - c) for (a, b), (c, d) in zip(spent, passed, strict=True)]
 
 
-def start_ns() -> int:
-    """When every scene begins."""
-    from datetime import datetime
-
-    return int(datetime.fromisoformat(START_UTC).timestamp()) * 10**9
-
-
-def stations_point(sensors: int, sectors: int, drones: int) -> dict[str, float]:
-    """CPU of a second of stations that are asked for sector after sector; no session around."""
-    from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
-
-    scene = scene_of(sensors, sectors)
-    trajectories = flown(scene, drones)
-    stations = [EmulatedSensor(scene, sensor, trajectories) for sensor in scene.sensor]
-    at = [station.sector_at(start_ns() + 10**9) for station in stations]
-    messages = 0
-
-    def second() -> None:
-        nonlocal messages
-        for _ in range(sectors):
-            for i, station in enumerate(stations):
-                messages += len(station.report(at[i]).messages)
-                at[i] = station.next_sector(at[i])
-
-    second()  # what is made once is made
-    messages, seconds = 0, 0
-    began = time.process_time()
-    while (spent := time.process_time() - began) < SECONDS_A_POINT and seconds < MOST_SCANS:
-        second()
-        seconds += 1
-    spent = time.process_time() - began
-    return {"cpu_s": spent / seconds, "messages": messages / seconds} | memory()
-
-
-def session_point(sensors: int) -> dict[str, float]:
-    """CPU of a second of a whole session, without a broker, of radars with 32 sectors.
-
-    Two sessions, of which one lasts longer: what both spend, to begin and to end, falls out.
-    """
-    scene, seconds = scene_of(sensors, 32), max(4, 256 // sensors)
-    short_s, _ = run_session(scene, 1)
-    spent_s, messages = run_session(scene, 1 + seconds)
-    return {"cpu_s": (spent_s - short_s) / seconds, "messages": messages} | memory()
-
-
-def run_session(scene: Any, seconds: int) -> tuple[float, float]:
-    """CPU, and messages a second."""
-    from plotfeed.feeds.session.session import run
-    from plotfeed.feeds.timing.clock import InstantClock
-
-    seen = 0
-
-    def tap(*_: object) -> None:
-        nonlocal seen
-        seen += 1
-
-    began = time.process_time()
-    clock = InstantClock(start_ns())
-    asyncio.run(run(scene, clock=clock, broker="none", duration_s=float(seconds), tap=tap))
-    return time.process_time() - began, seen / seconds
-
-
-def memory() -> dict[str, float]:
-    """The largest size that this process had."""
-    return {"mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MIB}
-
-
-def point(series: str, n: int) -> dict[str, float]:
+def point(series: str, n: int) -> dict[str, Any]:
     """One of the points, in this process."""
-    if series == "drones, staring":
-        return stations_point(1, 1, n)
-    if series == "drones, rotating":
-        return stations_point(1, 32, n)
-    if series == "sensors":
-        return stations_point(n, 32, FEW_DRONES)
-    if series == "sectors":
-        return stations_point(1, n, SOME_DRONES)
-    return session_point(n)
+    keep_freed()
+    scene = from_tree(tree_of(series, n), Path("scaling.toml"))
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        _, port = stack.enter_context(a_broker(folder))
+        if series == "drones at 10 Hz":
+            fleet = subprocess.Popen([sys.executable, __file__, "fly", str(port), str(n)])
+            stack.callback(fleet.wait)
+            stack.callback(fleet.kill)
+        profile = stack.enter_context(ExitStack())
+        meter = Meter(profile)
+        stack.enter_context(undisturbed(GARBAGE_OF_SESSION))
+        totals = asyncio.run(
+            run(
+                scene,
+                clock=WallClock(),
+                broker=f"mqtt://127.0.0.1:{port}",
+                duration_s=SETTLED_S + WINDOWS + 0.5,
+                observers=[meter],
+                on_ready=lambda *_: leave_alone_what_is_there(),
+            )
+        )
+    return {
+        "cores": meter.cores(),
+        "mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MIB,
+        "rooms": meter.rooms,
+        "missed": totals.missed_scans,
+        "telemetry": totals.telemetry,
+    }
 
 
-def in_a_process(series: str, n: int) -> dict[str, float]:
+def fly(port: int, n: int) -> None:
+    """Report drones that go in circles, all of them ten times a second, until somebody ends it."""
+    client, period_s = Client(port, 5), 1 / TELEMETRY_HZ
+    places = [(40.45 + 0.0003 * (i % 200), 0.001 + 0.0003 * (i // 200)) for i in range(n)]
+    next_s = time.monotonic()
+    while True:
+        t_ns = time.time_ns()
+        at = datetime.fromtimestamp(t_ns // 10**9, UTC)
+        time_utc = f"{at:%Y-%m-%dT%H:%M:%S}.{t_ns % 10**9:09d}Z"
+        east_deg = 0.02 * math.sin(t_ns / 2e10)
+        head = f'{{"time_utc":"{time_utc}","altitude_m":900.0,"altitude_reference":"ELLIPSOID",'
+        client.publish_all(
+            (f"plotfeed/telemetry/d{i}",
+             f'{head}"latitude_deg":{latitude:.7f},"longitude_deg":{-3.73 + east_deg + more:.7f}}}'
+             .encode())
+            for i, (latitude, more) in enumerate(places)
+        )  # fmt: skip
+        next_s = max(next_s + period_s, time.monotonic())
+        time.sleep(max(0.0, next_s - time.monotonic()))
+
+
+def in_a_process(series: str, n: int) -> dict[str, Any]:
     """The same in a process of its own."""
     done = subprocess.run(
         [sys.executable, __file__, "point", series, str(n)],
@@ -191,118 +186,75 @@ def in_a_process(series: str, n: int) -> dict[str, float]:
     return dict(json.loads(done.stdout))
 
 
-def measured() -> dict[str, list[dict[str, float]]]:
-    """Medians of all points, taken in turns: `n` is what grew."""
-    found: dict[tuple[str, int], list[dict[str, float]]] = {}
-    for _ in range(TURNS):
-        for series, (_, sizes) in SERIES.items():
-            for n in sizes:
-                found.setdefault((series, n), []).append(in_a_process(series, n))
-    return {
-        series: [_median(series, n, found[series, n]) for n in sizes]
-        for series, (_, sizes) in SERIES.items()
-    }
-
-
-def _median(series: str, n: int, turns: Sequence[dict[str, float]]) -> dict[str, float]:
-    middle = {key: statistics.median(turn[key] for turn in turns) for key in turns[0]}
-    return middle | {"n": middle["messages"] if series == "messages" else float(n)}
-
-
-def exponent(x: Sequence[float], y: Sequence[float]) -> float:
-    """Of the power that fits best on log axes."""
-    a, b = [math.log(v) for v in x], [math.log(v) for v in y]
-    mean_a, mean_b = statistics.fmean(a), statistics.fmean(b)
-    across = sum((p - mean_a) * (q - mean_b) for p, q in zip(a, b, strict=True))
-    return across / sum((p - mean_a) ** 2 for p in a)
-
-
-def affine(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """a and b of a + b x, neither below zero, with least squares of relative errors."""
-    # Of ones by 1/y and x/y: two equations.
-    u, v = [1 / q for q in y], [p / q for p, q in zip(x, y, strict=True)]
-    uu, vv = sum(p * p for p in u), sum(p * p for p in v)
-    uv = sum(p * q for p, q in zip(u, v, strict=True))
-    su, sv = sum(u), sum(v)
-    det = uu * vv - uv * uv
-    a, b = (su * vv - sv * uv) / det, (sv * uu - su * uv) / det
-    if a < 0:
-        return 0.0, sv / vv
-    return (su / uu, 0.0) if b < 0 else (a, b)
-
-
-def main() -> None:
-    """Measures, writes the table and draws the picture."""
-    sys.path.insert(0, str(PROJECT / "docs" / "commands"))
-    from pages import between
-
-    from plotfeed.feeds.accuracy_chart.chart_command import processor
-
-    found = measured()
-    when = f"{os.cpu_count()} cores, {processor()}; {datetime.now(UTC):%Y-%m-%d}"
-    head = f"CPU of a second of the scene, median of {TURNS} turns; {when}:"
-    text = "\n".join([head, "", *table(found)])
-    print(text)
-    between(PAGE, "scaling", text)
-    draw(found)
-
-
-def table(found: dict[str, list[dict[str, float]]]) -> Iterator[str]:
-    """By series: least and most, the exponents at both ends, and where it bends."""
-    yield "| | from | to | CPU ms | exponent at the start | at the end | bends at | MiB |"
-    yield "|---|--:|--:|--:|--:|--:|--:|--:|"
+def table(found: dict[str, list[tuple[int, dict[str, Any]]]]) -> Iterator[str]:
+    """A line for each point."""
+    yield "| what | how many | cores | MiB | scans missed |"
+    yield "|---|--:|--:|--:|--:|"
     for series, points in found.items():
-        x, y = [p["n"] for p in points], [p["cpu_s"] for p in points]
-        a, b = affine(x, y)
-        bend = f"{a / b:,.0f}" if a > 0 and b > 0 else "nowhere"
-        yield (
-            f"| {series} | {x[0]:,.0f} | {x[-1]:,.0f} | {y[0] * 1e3:.3g} to {y[-1] * 1e3:.3g} "
-            f"| {exponent(x[:END], y[:END]):.2f} | {exponent(x[-END:], y[-END:]):.2f} | {bend} "
-            f"| {points[0]['mib']:.0f} to {points[-1]['mib']:.0f} |"
-        )
+        for n, seen in points:
+            cores, missed = seen["cores"], seen["missed"]
+            told = f"{statistics.median(cores):.3f} ({min(cores):.3f} to {max(cores):.3f})"
+            yield f"| {series} | {n:,} | {told} | {seen['mib']:.0f} | {missed:,} |"
 
 
-def draw(found: dict[str, list[dict[str, float]]]) -> None:
-    """Cost above, memory below; a column each for what grows."""
+def shares(found: dict[str, list[tuple[int, dict[str, Any]]]]) -> Iterator[str]:
+    """Where the time goes."""
+    yield f"| | {' | '.join(NAMES)} |"
+    yield "|---|" + "--:|" * len(NAMES)
+    for series, n in PROFILED.items():
+        rooms = dict(found[series])[n]["rooms"]
+        total = sum(rooms.values()) or 1
+        cells = " | ".join(f"{100 * rooms.get(name, 0) / total:.0f}" for name in NAMES)
+        yield f"| {series}, {n:,} | {cells} |"
+
+
+def draw(found: dict[str, list[tuple[int, dict[str, Any]]]]) -> None:
+    """Cores above, memory below; on log axes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = {"drones": ["drones, staring", "drones, rotating"]}
-    columns |= {name: [name] for name in ("sensors", "sectors", "messages")}
-    figure: Any = Figure(figsize=(15, 7.2), dpi=100, layout="constrained")
+    figure: Any = Figure(figsize=(9, 8), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(2, len(columns), sharex="col", sharey="row")
-    for column, names in enumerate(columns.values()):
-        above, below = axes[0][column], axes[1][column]
-        for i, name in enumerate(names):
-            points, color = found[name], f"C{i}"
-            x, y = [p["n"] for p in points], [p["cpu_s"] * 1e3 for p in points]
-            a, b = affine(x, y)
-            steep = exponent(x[-END:], y[-END:])
-            above.plot(x, y, "o", color=color, label=f"{name}: n^{steep:.2f} at the end")
-            above.plot(x, [a + b * n for n in x], "-", lw=1, color=color, alpha=0.6)
-            if a > 0 and b > 0 and x[0] < a / b < x[-1]:
-                above.axvline(a / b, color=color, ls=":", lw=1)
-            below.plot(x, [p["mib"] for p in points], "o-", ms=4, lw=1, color=color)
-        for panel in (above, below):
-            panel.set_xscale("log")
-            panel.set_yscale("log")
-            panel.grid(visible=True, which="major", alpha=0.3)
-        above.legend(fontsize=8, loc="upper left")
-        below.set_xlabel(SERIES[names[0]][0])
-    axes[0][0].set_ylabel("CPU ms a second of the scene")
-    axes[1][0].set_ylabel("MiB, the largest size")
-    figure.suptitle(
-        "Dots: measured. Lines: a + b n. Dotted: where they bend, n = a/b.", fontsize=11
-    )
+    above, below = figure.subplots(2, 1, sharex=True)
+    for i, (series, points) in enumerate(found.items()):
+        n = [count for count, _ in points]
+        cores = [statistics.median(seen["cores"]) for _, seen in points]
+        above.plot(n, cores, "o-", ms=5, lw=1, color=f"C{i}", label=series)
+        below.plot(n, [seen["mib"] for _, seen in points], "o-", ms=5, lw=1, color=f"C{i}")
+    above.axhline(1.0, color="#9aa5ab", ls=":", lw=1)
+    for panel in (above, below):
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.grid(visible=True, which="major", alpha=0.3)
+    above.legend(fontsize=9)
+    above.set_ylabel("cores")
+    below.set_ylabel("MiB, the largest size")
+    below.set_xlabel("how many")
     figure.savefig(PICTURE, metadata={"Software": None})
+
+
+def main() -> None:
+    """Prints tables and draws the picture."""
+    found = {
+        series: [(n, in_a_process(series, n)) for n in sizes] for series, sizes in SERIES.items()
+    }
+    print(
+        f"Cores of the session alone: median (least to most) of {WINDOWS} seconds in real time;\n"
+        f"the largest size that its process had. {SOME_DRONES} drones where sensors grow, "
+        f"{TELEMETRY_RADARS} radars\nwhere drones do. Who takes more than {FULL_CORES} cores is "
+        "late, and says nothing of what more would cost.\n"
+    )
+    print("\n".join(table(found)))
+    print("\n![Cores and memory against how much there is](scaling.png)\n")
+    print("Where the time goes, % of the session's, by what runs every few milliseconds of it:\n")
+    print("\n".join(shares(found)))
+    draw(found)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["point"]:
-        from plotfeed.feeds.console.process import keep_freed
-
-        keep_freed()
         print(json.dumps(point(sys.argv[2], int(sys.argv[3]))))
+    elif sys.argv[1:2] == ["fly"]:
+        fly(int(sys.argv[2]), int(sys.argv[3]))
     else:
         main()

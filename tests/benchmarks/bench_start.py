@@ -1,22 +1,29 @@
-"""How long until something is seen: of `plotfeed --help`, and of `plotfeed demo`.
+"""How long until something is seen: of `plotfeed --help`, of `plotfeed demo`, and of 200 sensors.
 
-python tests/benchmarks/bench_start.py
+    python tests/benchmarks/bench_start.py
+
+The start of 200 radars is a session without a broker that is over as soon as it has begun, by the
+processor time of its process.
 """
 
 from __future__ import annotations
 
 import asyncio
+import resource
 import statistics
 import subprocess
+import tempfile
 import time
+from pathlib import Path
 from typing import Any
 
+from bench_engine import radars, scene_text
 from demo_process import COMMAND, demo, subscriber
 
 from plotfeed.proto import plotfeed_pb2 as pb
 
-HELPS, DEMOS = 15, 9
-AIM_HELP_S, AIM_PLOT_S = 0.3, 3.0
+HELPS, DEMOS, STARTS, RADARS = 15, 9, 7, 200
+AIM_HELP_S, AIM_PLOT_S, AIM_RADARS_S = 0.3, 3.0, 1.5
 TIMEOUT_S = 20.0
 
 
@@ -25,6 +32,15 @@ def help_s() -> float:
     start = time.perf_counter()
     subprocess.run([COMMAND, "--help"], check=True, capture_output=True)
     return time.perf_counter() - start
+
+
+def radars_start_s(scene: Path) -> float:
+    """Processor time of a session of many sensors that is over at once."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [COMMAND, "run", scene, "--broker", "none", "--duration", "0.01", "--json"]
+    subprocess.run(command, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 async def first_messages_s() -> tuple[float, float]:
@@ -59,6 +75,12 @@ def main() -> None:
           "| |")  # fmt: skip
     print(f"| `plotfeed demo`, to the first plot at a subscriber | {_spread(plots)} | {DEMOS} | "
           f"{_verdict(plots, AIM_PLOT_S)} |")  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "radars.toml"
+        scene.write_text(scene_text(radars(RADARS), 50))
+        starts = [radars_start_s(scene) for _ in range(STARTS)]
+    print(f"| {RADARS} radars, processor time | {_spread(starts)} | {STARTS} | "
+          f"{_verdict(starts, AIM_RADARS_S)} |")  # fmt: skip
     print("\nThe plot waits for the beam to come round to the drone: up to a scan of one second.")
 
 
