@@ -179,13 +179,15 @@ class Topics:
 
 def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int = 0) -> Message:
     """One message of a sector; `number` tells those of one kind and sector apart."""
-    return Message(
-        topic=address.topic,
-        payload=payload,
-        content_type=address.content_type,
-        due_utc_ns=stamp.end_ns,
-        properties=SectorProperties(address, stamp, number),
-        qos=address.qos,
+    properties = SectorProperties(address, stamp, number)
+    return Message(  # by keywords it would take twice as long
+        address.topic,
+        payload,
+        address.content_type,
+        stamp.end_ns,
+        properties,
+        False,
+        address.qos,
     )
 
 

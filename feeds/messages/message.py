@@ -13,7 +13,7 @@ MESSAGE_EXPIRY_S = 60
 """So long a broker keeps a message that it cannot pass on."""
 
 
-@dataclass(slots=True, kw_only=True)  # frozen, it would take thrice as long to make
+@dataclass(slots=True)  # frozen or by keywords, it would take some times as long to make
 class Message:
     """A payload, where it goes, and when it is due there; it stays as it was made.
 

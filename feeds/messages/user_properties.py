@@ -50,30 +50,30 @@ class SectorStamp:
         self.scan, self.index, self.end_ns = scan, index, end_ns
         self._octets: tuple[bytes, bytes, bytes] | None = None
 
-    def octets(self) -> tuple[bytes, bytes, bytes]:
-        """Part of an id, and the properties before and behind the sensor's, worked out once."""
-        if self._octets is None:
-            scan, index = b"%d" % self.scan, b"%d" % self.index
-            time = iso_utc(self.end_ns).encode()
-            self._octets = (
-                b"%b-%b-" % (scan, index),
-                b"&\0\4time\0%c%b" % (len(time), time),
-                b"&\0\4scan\0%c%b&\0\6sector\0%c%b" % (len(scan), scan, len(index), index),
-            )
-        return self._octets
+    def octets(self, sensor: bytes) -> tuple[bytes, bytes]:
+        """Part of an id, and the properties of its sensor and its own, worked out once."""
+        if self._octets is None or self._octets[0] is not sensor:
+            scan, index, time = str(self.scan), str(self.index), iso_utc(self.end_ns).encode()
+            length = len(time).to_bytes(2, "big")
+            place = packed_pair("scan", scan), packed_pair("sector", index)
+            of_sector = b"".join((_TIME, length, time, sensor, *place))
+            self._octets = (sensor, f"{scan}-{index}-".encode(), of_sector)
+        return self._octets[1:]
+
+
+_TIME, _ID = (USER_PROPERTY + packed_text(name) for name in ("time", "id"))
 
 
 class Address:
     """Where messages of one sensor and kind go, and what all of them say of themselves."""
 
     __slots__ = (
-        "_before_id",
         "_behind_id",
+        "_id",
         "_sensor",
         "content_type",
         "event",
         "kind",
-        "number_of",
         "qos",
         "sensor",
         "topic",
@@ -87,17 +87,15 @@ class Address:
         self.kind = dashed(kind)
         self.sensor = ("sensor", sensor)
         self.event = (("type", type_of(kind)), ("specversion", "1.0"), ("source", source))
-        self._before_id = USER_PROPERTY + packed_text("id")
-        self.number_of = f"{self.kind}-".encode()
+        self._id = f"{self.kind}-".encode()
         self._behind_id = b"".join(packed_pair(*pair) for pair in self.event)
         self._sensor = packed_pair(*self.sensor)
 
-    def packed(self, stamp: SectorStamp, number: int) -> bytes:
-        """The properties of a message as packets have them."""
-        sector, time, place = stamp.octets()
-        name = b"%b%b%d" % (self.number_of, sector, number)
-        length = len(name).to_bytes(2, "big")
-        return b"".join((self._before_id, length, name, self._behind_id, time, self._sensor, place))
+    def octets(self, stamp: SectorStamp, number: int) -> tuple[bytes, bytes, bytes]:
+        """The properties of a message of a sector as packets have them, in pieces."""
+        sector, of_sector = stamp.octets(self._sensor)
+        name = b"%b%b%d" % (self._id, sector, number)
+        return _ID + len(name).to_bytes(2, "big") + name, self._behind_id, of_sector
 
 
 class SectorProperties(Sequence[Pair]):
@@ -123,9 +121,9 @@ class SectorProperties(Sequence[Pair]):
             ("sector", str(stamp.index)),
         )
 
-    def packed(self) -> bytes:
-        """All of them, as packets have them."""
-        return self.address.packed(self.stamp, self.number)
+    def octets(self) -> tuple[bytes, bytes, bytes]:
+        """All of them as packets have them, in pieces."""
+        return self.address.octets(self.stamp, self.number)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -160,6 +158,11 @@ class SectorProperties(Sequence[Pair]):
 
 def packed(properties: Sequence[Pair]) -> bytes:
     """Properties as packets have them."""
+    return b"".join(pieces_of(properties))
+
+
+def pieces_of(properties: Sequence[Pair]) -> Sequence[bytes]:
+    """Properties as packets have them, in pieces that are to be joined."""
     if isinstance(properties, SectorProperties):
-        return properties.packed()
-    return b"".join([packed_pair(name, value) for name, value in properties])
+        return properties.octets()
+    return [packed_pair(name, value) for name, value in properties]

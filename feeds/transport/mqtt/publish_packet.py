@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message
-from plotfeed.feeds.messages.user_properties import packed, packed_text
+from plotfeed.feeds.messages.user_properties import packed_text, pieces_of
 from plotfeed.proto.varint import varint
 
 PUBLISH, RETAINED = b"\x30", b"\x31"
@@ -33,12 +33,12 @@ def publish_packet(message: Message, version: int, expiry_s: int = MESSAGE_EXPIR
     topic, payload = packed_text(message.topic), message.payload
     if version < 5:
         return b"".join((first, varint(len(topic) + len(payload)), topic, payload))
-    content_type, properties = _content_type(message.content_type), packed(message.properties)
+    content_type, properties = _content_type(message.content_type), pieces_of(message.properties)
     expiry = b"" if message.retain else _expiry(expiry_s)
-    octets = len(content_type) + len(properties) + len(expiry)
+    octets = len(content_type) + sum(map(len, properties)) + len(expiry)
     length = varint(octets)
     rest = varint(len(topic) + len(length) + octets + len(payload))
-    return b"".join((first, rest, topic, length, content_type, properties, expiry, payload))
+    return b"".join((first, rest, topic, length, content_type, *properties, expiry, payload))
 
 
 @lru_cache(maxsize=256)

@@ -18,7 +18,7 @@ from plotfeed.proto.asterix.codec.scalar import ScalingRule, compiled
 from plotfeed.proto.asterix.codec.vector import VectorEncoder
 from plotfeed.proto.errors import EncodeError
 
-CROSSOVER = 80
+CROSSOVER = 40
 """Records from which on the vector path is the faster one; tests/benchmarks/bench_asterix.py."""
 
 UDP_OCTETS = 1400

@@ -43,6 +43,8 @@ def both_ways(encoder: Encoder, columns: Mapping[str, list[Any]]) -> bytes:
     repeats = -(-MANY // n)
     many = encoder.records({path: list(c) * repeats for path, c in columns.items()})
     assert many == few * repeats
+    arrays = {path: np.array(list(c) * repeats) for path, c in columns.items()}
+    assert encoder.records(arrays) == many
     one = [encoder.record(*row) for row in zip(*(columns[p] for p in encoder.columns), strict=True)]
     assert b"".join(one) == few
     return few
