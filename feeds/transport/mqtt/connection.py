@@ -244,9 +244,9 @@ class MqttConnection:
             log.warning("%s does not grant a subscription", self._address)
 
     def _received(
-        self, topic: str, payload: bytes, qos: int, properties: Mapping[str, Any]
+        self, topic: str, payload: bytes, qos: int, retain: bool, properties: Mapping[str, Any]
     ) -> None:
-        content_type = (properties.get("content_type") or [None])[0]
+        content_type = properties["content_type"][0] if "content_type" in properties else None
         if self._on_message is not None:
             self._on_message(topic, payload, content_type)
         if self._on_received is not None:
@@ -256,7 +256,7 @@ class MqttConnection:
                     payload=payload,
                     content_type=content_type,
                     properties=tuple(properties.get("user_property", ())),
-                    retain=bool(properties.get("retain")),
+                    retain=retain,
                     qos=qos,
                 )
             )

@@ -30,6 +30,8 @@ PRIVATE = {
     "Client._package_handler": "what it does with each packet that comes",
     "MqttPackageHandler._handler_cache": "by the first octet of a packet, who is given it",
     "MqttPackageHandler._handle_puback_packet": "what it would do with a PUBACK itself",
+    "MqttPackageHandler._handle_publish_packet": "what it would do with a PUBLISH itself",
+    "MqttPackageHandler._parse_properties": "properties of MQTT 5 from octets, and what follows",
     "MqttPackageHandler.id_generator._max": "how many packets may have an id at a time",
     "MQTTConnection.send_package": "writes octets that we have packed",
     "MQTTConnection._transport": "the socket's transport: its buffer, and its end",
@@ -44,7 +46,13 @@ PRIVATE = {
 
 KEEP_ALIVE_S = 15
 """A broker that has said nothing for twice as long is gone."""
-PUBACK = 0x40
+PUBLISH, PUBACK = 0x30, 0x40
+ACKNOWLEDGED = b"\x40\x02"
+"""A PUBACK, but for the id."""
+MORE = 0x80
+"""Of an octet of a length that is not its last."""
+MOST_KNOWN = 256
+_NO_PROPERTIES: Mapping[str, Any] = {}
 ALL_IDS = 65_536
 NEVER_RECONNECT = {"reconnect_retries": -2, "reconnect_delay": 0}
 MAX_UNACKNOWLEDGED = 1000
@@ -133,12 +141,13 @@ class GmqttClient:
         password: str | None,
         on_accepted: Callable[[Mapping[str, Any]], object],
         on_granted: Callable[[Sequence[int]], object],
-        on_message: Callable[[str, bytes, int, Mapping[str, Any]], object],
+        on_message: Callable[[str, bytes, int, bool, Mapping[str, Any]], object],
         on_acknowledged: Callable[[bytes], object],
         on_ended: Callable[[bytes], object],
     ) -> None:
-        """`on_accepted` and `on_message` are given properties of MQTT 5.
+        """`on_accepted` and `on_message` are given properties of MQTT 5, the latter last of all.
 
+        Before them, of a message: topic, payload, QoS, and whether it is retained.
         `on_acknowledged` is given a PUBACK before gmqtt is, `on_ended` a DISCONNECT or nothing.
         """
         self._version = version
@@ -162,7 +171,7 @@ class GmqttClient:
         def received(
             _client: object, topic: str, payload: bytes, qos: int, properties: Mapping[str, Any]
         ) -> int:
-            on_message(topic, bytes(payload), qos, properties)
+            on_message(topic, bytes(payload), qos, bool(properties["retain"]), properties)
             return 0
 
         def acknowledged(command: int, packet: bytes) -> None:
@@ -175,6 +184,7 @@ class GmqttClient:
         self._client.on_message = received
         # gmqtt takes a PUBACK that refuses for one that accepts.
         handler._handler_cache[PUBACK] = acknowledged
+        handler._handler_cache[PUBLISH] = _Publications(self._client, version, on_message)
 
     async def connect(self, host: str, port: int, tls: SSLContext | None) -> None:
         """Connect, and have the broker's consent; raises `CONNECT_ERRORS`."""
@@ -243,6 +253,71 @@ class GmqttClient:
         return gmqtt.Message(
             message.topic, message.payload, qos=message.qos, retain=message.retain, **properties
         )
+
+
+class _Publications:
+    """Takes what comes: as gmqtt does, but thousands a second.
+
+    What few messages have, gmqtt reads. Those of QoS 1 that come together are acknowledged so.
+    """
+
+    def __init__(
+        self,
+        client: gmqtt.Client,
+        version: int,
+        on_message: Callable[[str, bytes, int, bool, Mapping[str, Any]], object],
+    ) -> None:
+        self._client = client
+        self._by_gmqtt = client._package_handler._handle_publish_packet
+        self._read = client._package_handler._parse_properties
+        self._on_message = on_message
+        self._has_properties = version >= 5
+        self._known: dict[bytes, Mapping[str, Any]] = {}
+        """Properties by their octets: mostly those of the message before."""
+        self._acknowledgements: list[bytes] = []
+
+    def __call__(self, command: int, packet: bytes) -> None:
+        """A PUBLISH, but for its length: its first octet, and what follows; MQTT 5.0, 3.3."""
+        qos, place = command >> 1 & 3, 2 + (packet[0] << 8 | packet[1])
+        topic = packet[2:place]
+        properties: Mapping[str, Any] | None = _NO_PROPERTIES
+        end = place = place + 2 if qos else place
+        if self._has_properties:
+            end = place + 1 + packet[place]
+            octets = packet[place:end]
+            properties = self._known.get(octets)
+            if properties is None and octets[0] < MORE and len(octets) == octets[0] + 1:
+                properties = self._learnt(octets)
+        if properties is None or not topic or qos > 1 or end > len(packet):
+            self._by_gmqtt(command, packet)
+            return
+        try:
+            name = topic.decode()
+        except UnicodeDecodeError:
+            self._by_gmqtt(command, packet)
+            return
+        if qos:
+            if not self._acknowledgements:
+                asyncio.get_running_loop().call_soon(self._acknowledge)
+            self._acknowledgements.append(ACKNOWLEDGED + packet[place - 2 : place])
+        self._on_message(name, packet[end:], qos, bool(command & 1), properties)
+
+    def _learnt(self, octets: bytes) -> Mapping[str, Any] | None:
+        """Properties, for the next time too; None where they are no ordinary ones."""
+        properties, _ = self._read(octets)
+        if properties is None or "topic_alias" in properties:
+            return None
+        if len(self._known) >= MOST_KNOWN:
+            self._known.clear()
+        self._known[octets] = found = dict(properties)
+        return found
+
+    def _acknowledge(self) -> None:
+        octets = b"".join(self._acknowledgements)
+        self._acknowledgements.clear()
+        connection = self._client._connection
+        if connection is not None and not connection._transport.is_closing():
+            connection.send_package(octets)
 
 
 def refusal_code(error: Exception) -> int | None:
