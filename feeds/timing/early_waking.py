@@ -5,7 +5,7 @@ from __future__ import annotations
 MAX_EARLY_NS = 300_000
 """A process is not awake sooner than this before a deadline, however late it wakes."""
 FIRST_EARLY_NS = 50_000
-SHARE = 8
+SHARE = 16
 """At most one part in so many of the time is spent looking at the clock."""
 SAVED_NS = 2_000_000
 """So much of that is saved for later, where deadlines are rare."""

@@ -57,9 +57,12 @@ class TimerFd:
     _ABSOLUTE = 1  # TFD_TIMER_ABSTIME
 
     def __init__(self) -> None:
-        self._libc = ctypes.CDLL(None, use_errno=True)
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._set_time = libc.timerfd_settime
+        self._spec = _TimerSpec()
+        self._spec_at = ctypes.byref(self._spec)
         flags = os.O_NONBLOCK | os.O_CLOEXEC  # what TFD_NONBLOCK and TFD_CLOEXEC are on Linux
-        self._fd = self._libc.timerfd_create(time.CLOCK_MONOTONIC, flags)
+        self._fd = libc.timerfd_create(time.CLOCK_MONOTONIC, flags)
         if self._fd < 0:
             raise OSError(ctypes.get_errno(), "timerfd_create")
         self._loop = asyncio.get_running_loop()
@@ -93,9 +96,9 @@ class TimerFd:
 
     async def _expires_at(self, monotonic_ns: int) -> bool:
         """Set the timer; whether it has come to that time, or somebody woke the waiter before."""
-        at_s, at_ns = divmod(monotonic_ns, NS)
-        spec = _TimerSpec(0, 0, at_s, at_ns)
-        if self._libc.timerfd_settime(self._fd, self._ABSOLUTE, ctypes.byref(spec), None) < 0:
+        spec = self._spec
+        spec.at_s, spec.at_ns = divmod(monotonic_ns, NS)
+        if self._set_time(self._fd, self._ABSOLUTE, self._spec_at, None) < 0:
             raise OSError(ctypes.get_errno(), "timerfd_settime")
         await self._new_waiter(is_timed=True)
         return time.monotonic_ns() >= monotonic_ns
@@ -131,10 +134,12 @@ class TimerFd:
         self._early.awake(now_ns - from_ns)
 
     def _expired(self) -> None:
-        with contextlib.suppress(BlockingIOError):
+        try:
             os.read(self._fd, 8)
-            if self._is_timed:
-                self.wake()
+        except BlockingIOError:  # it was set again
+            return
+        if self._is_timed:
+            self.wake()
 
 
 def precise_timer() -> LoopTimer | TimerFd:
