@@ -40,7 +40,7 @@ FORMATS: dict[str, Format] = {
         Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-048"], maker=Asterix048, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062.of_sensors, plots_in=None),
+        Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None),
         SAPIENT,
     )
 }

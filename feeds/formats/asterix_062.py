@@ -2,51 +2,131 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
-    SectorFormat,
+    Blocks,
+    Sensors,
+    Topics,
     max_block_octets,
+    numbers_of,
     periods_in,
 )
-from plotfeed.feeds.formats.seen import SeenSector
+from plotfeed.feeds.formats.seen import Seen, SeenSector
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksKeys
 from plotfeed.models.accuracy import stated_covariance_m2
-from plotfeed.models.beam import Sector
+from plotfeed.models.beam import Sectors
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackRule, TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
 from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.codec.reports import Parts
 
 
-class Asterix062(SectorFormat):
+class Asterix062:
     """Tracks of category 062 after each sector, and every ten seconds the sensor in 063.
 
     The system's reference point is the scene's site.
     """
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        super().__init__(scene, sensor)
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
         self._site = site_frame(scene.scene.site)
+        self._numbers = numbers_of(sensors)
+        self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
+        self._trackers = {i: _Tracker(scene, s, self._site) for i, s in sensors.items()}
+        source = [s.sac for s in sensors.values()], [s.sic for s in sensors.values()]
+        self._statuses = {i: SensorStatus(sac=s.sac, sic=s.sic) for i, s in sensors.items()}
+        most = [max_block_octets(scene, sensor) for sensor in sensors.values()]
+        self._encoder = TrackEncoder062(*source, max_octets=most)
+        self._service = SensorStatusEncoder063(*source, max_octets=most)
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """Blocks of category 062, then 063 where it is due."""
+        sensors = seen.sectors.sensor.tolist()
+        tracked = [self._trackers[sensor].take(seen.one(i)) for i, sensor in enumerate(sensors)]
+        found: list[Blocks] = [[] for _ in tracked]
+        # Heights are sent, or not, for all tracks of a sensor.
+        for has_height in (False, True):
+            which = [i for i, (_, their) in enumerate(tracked) if their is has_height]
+            if which:
+                tracks = [tracked[i][0] for i in which]
+                sectors = seen.sectors.rows(np.array(which))
+                for i, blocks in zip(which, self._blocks(tracks, sectors, has_height), strict=True):
+                    found[i].extend((62, block) for block in blocks)
+        self._add_service(found, seen.sectors)
+        every = zip(sensors, seen.stamps, found, strict=True)
+        return [self._topics[sensor].asterix(stamp, blocks) for sensor, stamp, blocks in every]
+
+    def _add_service(self, found: list[Blocks], sectors: Sectors) -> None:
+        due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
+        sensors = sectors.sensor[due]
+        statuses = [self._statuses[sensor] for sensor in sensors.tolist()]
+        parts = Parts(np.arange(len(due) + 1), self._numbers[sensors])
+        if len(due):
+            service = self._service.blocks_by(sectors.end_ns[due], statuses, parts)
+            for i, blocks in zip(due.tolist(), service, strict=True):
+                found[i].extend((63, block) for block in blocks)
+
+    def _blocks(
+        self, tracks: Sequence[TrackStates], sectors: Sectors, has_height: bool
+    ) -> list[list[bytes]]:
+        """Blocks of category 062 of each sector, at whose end its tracks are."""
+        by = np.cumsum([0, *map(len, tracks)])
+        parts = Parts(by, self._numbers[sectors.sensor])
+        states = TrackStates.joined(tracks)
+        t_utc_ns = np.repeat(sectors.end_ns, parts.lengths())
+        return self._encoder.blocks_by(self._columns(states, t_utc_ns, has_height), parts)
+
+    def _columns(self, states: TrackStates, t_utc_ns: Ints, has_height: bool) -> Tracks:
+        latitude_deg, longitude_deg, height_m = self._site.to_geodetic(states.position_enu_m)
+        climb_m_s = _along_vertical(
+            self._site, states.velocity_enu_m_s, latitude_deg, longitude_deg
+        )
+        if not has_height:
+            height_m, climb_m_s = (np.full(len(states), np.nan) for _ in range(2))
+        return Tracks(
+            track=states.track,
+            t_utc_ns=t_utc_ns,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            east_m=states.position_enu_m[:, 0],
+            north_m=states.position_enu_m[:, 1],
+            velocity_east_m_s=states.velocity_enu_m_s[:, 0],
+            velocity_north_m_s=states.velocity_enu_m_s[:, 1],
+            height_m=height_m,
+            climb_m_s=climb_m_s,
+            age_s=states.age_s,
+            sigma_east_m=states.sigma_position_m[:, 0],
+            sigma_north_m=states.sigma_position_m[:, 1],
+            tentative=np.zeros(len(states), np.bool_),
+            coasted=states.misses > 0,
+            first=states.first,
+            last=states.last,
+        )
+
+
+class _Tracker:
+    """The tracks of one sensor, fed sector by sector."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, site: LocalFrame) -> None:
         here = frame_at(scene.scene.site, sensor.position_enu_m)
-        self._to_site = self._site.rotation_from_ecef @ here.rotation_from_ecef.T
+        self._site = site
+        self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
         self._tracks = _smoothed_truth(sensor)
         self._has_height = False
         self._chance = Chance(scene.scene.seed, sensor.id)
-        most = max_block_octets(scene, sensor)
-        self._encoder = TrackEncoder062(sensor.sac, sensor.sic, max_octets=most)
-        self._status = SensorStatus(sac=sensor.sac, sic=sensor.sic)
-        self._service = SensorStatusEncoder063(sensor.sac, sensor.sic, max_octets=most)
 
-    def messages_of(self, seen: SeenSector) -> list[Message]:
-        """Blocks of category 062, then 063 if it is due."""
+    def take(self, seen: SeenSector) -> tuple[TrackStates, bool]:
+        """The tracks at the end of a sector, and whether they have heights."""
         sector = seen.sector
         looks = self._looks(seen.looks, seen.plots)
         states = self._tracks.take(
@@ -56,14 +136,7 @@ class Asterix062(SectorFormat):
             end_ns=sector.end_ns,
             rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
         )
-        blocks = [(62, b) for b in self._encoder.blocks(self._columns(states, sector.end_ns))]
-        blocks.extend((63, block) for block in self._service_blocks(sector))
-        return self.topics.asterix(seen.stamp, blocks)
-
-    def _service_blocks(self, sector: Sector) -> list[bytes]:
-        if not periods_in(SERVICE_PERIOD_NS, sector.start_ns, sector.end_ns):
-            return []
-        return self._service.blocks(sector.end_ns, [self._status])
+        return states, self._has_height
 
     def _looks(self, looks: Looks, plots: Plots) -> TrackerLooks:
         """One look a drone, however many signals it was looked at by, and its best plot's error."""
@@ -87,33 +160,6 @@ class Asterix062(SectorFormat):
             drone=truth.drone,
             position_enu_m=self._site.from_ecef(truth.position_ecef_m),
             velocity_enu_m_s=self._site.rotate_from_ecef(truth.velocity_ecef_m_s),
-        )
-
-    def _columns(self, states: TrackStates, t_utc_ns: int) -> Tracks:
-        latitude_deg, longitude_deg, height_m = self._site.to_geodetic(states.position_enu_m)
-        climb_m_s = _along_vertical(
-            self._site, states.velocity_enu_m_s, latitude_deg, longitude_deg
-        )
-        if not self._has_height:
-            height_m, climb_m_s = (np.full(len(states), np.nan) for _ in range(2))
-        return Tracks(
-            track=states.track,
-            t_utc_ns=np.full(len(states), t_utc_ns, np.int64),
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            east_m=states.position_enu_m[:, 0],
-            north_m=states.position_enu_m[:, 1],
-            velocity_east_m_s=states.velocity_enu_m_s[:, 0],
-            velocity_north_m_s=states.velocity_enu_m_s[:, 1],
-            height_m=height_m,
-            climb_m_s=climb_m_s,
-            age_s=states.age_s,
-            sigma_east_m=states.sigma_position_m[:, 0],
-            sigma_north_m=states.sigma_position_m[:, 1],
-            tentative=np.zeros(len(states), np.bool_),
-            coasted=states.misses > 0,
-            first=states.first,
-            last=states.last,
         )
 
 

@@ -7,12 +7,13 @@ I062/390 is the flight plan. LMC is a flight level. Earlier editions have fewer 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Reports, checked_position, measured
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position, measured
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 CAT062 = category(
@@ -138,13 +139,19 @@ class Tracks(Columns):
 
 
 class TrackEncoder062:
-    """Tracks of one sensor, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
+    """Tracks of sensors, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
 
-    That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC).
+    That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC). Several sensors have a SAC, SIC and
+    limit of octets each, in sequences.
     """
 
     def __init__(
-        self, sac: int, sic: int, *, simulated: bool = True, max_octets: int = UDP_OCTETS
+        self,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
+        *,
+        simulated: bool = True,
+        max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         status = {f"I062/080/{name}": 0 for name in STATUS_OF_OTHERS.split()}
         self._reports = Reports(
@@ -177,15 +184,19 @@ class TrackEncoder062:
         )
 
     def blocks(self, tracks: Tracks) -> list[bytes]:
-        """Data blocks of all tracks, in their order, none longer than `max_octets`.
+        """Data blocks of all tracks of one sensor, in their order, within `max_octets`.
 
         A column of nothing but NaN is not estimated; one with some NaN is an EncodeError.
         """
+        return self.blocks_by(tracks, Parts.whole(len(tracks)))[0]
+
+    def blocks_by(self, tracks: Tracks, parts: Parts) -> list[list[bytes]]:
+        """Data blocks of each part of the tracks, all of which have estimates of the same."""
         if not len(tracks):
-            return []
+            return [[] for _ in range(len(parts))]
         checked_position(tracks.latitude_deg, tracks.longitude_deg, field="I062/105")
         optional = measured(tracks, OPTIONAL)
-        return self._reports.blocks(
+        return self._reports.blocks_by(
             {
                 "I062/070": tracks.t_utc_ns,
                 "I062/105/LAT": tracks.latitude_deg,
@@ -202,5 +213,6 @@ class TrackEncoder062:
                 "I062/080/CST": tracks.coasted,
                 "I062/080/PSR": tracks.coasted,
                 **optional,
-            }
+            },
+            parts,
         )

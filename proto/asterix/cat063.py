@@ -10,9 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
+import numpy as np
+
+from plotfeed.models.state import Ints
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Reports
+from plotfeed.proto.asterix.codec.reports import Parts, Reports
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT063 = category(
@@ -59,29 +62,44 @@ class SensorStatus:
 class SensorStatusEncoder063:
     """Sensors' status, a record a sensor, as I063/010, 030, 050 and the first octet of 060.
 
-    The source is that of the system which says so.
+    The source is that of the system which says so. Several systems have a SAC, SIC and limit of
+    octets each, in sequences.
     """
 
-    def __init__(self, sac: int, sic: int, *, max_octets: int = UDP_OCTETS) -> None:
+    def __init__(
+        self,
+        sac: int | Sequence[int],
+        sic: int | Sequence[int],
+        *,
+        max_octets: int | Sequence[int] = UDP_OCTETS,
+    ) -> None:
+        flags: dict[str, Constant] = {
+            f"I063/060/{name}": 0 for name in ("SSR", "MDS", "ADS", "MLT")
+        }
         self._reports = Reports(
             CAT063,
             ("I063/010", "I063/030", "I063/050", "I063/060"),
-            constants={"I063/010/SAC": sac, "I063/010/SIC": sic}
-            | dict.fromkeys([f"I063/060/{name}" for name in ("SSR", "MDS", "ADS", "MLT")], 0),
+            constants=flags | {"I063/010/SAC": sac, "I063/010/SIC": sic},
             lsb={"I063/030": TIME_LSB_NS},
             max_octets=max_octets,
         )
 
     def blocks(self, t_utc_ns: int, sensors: Sequence[SensorStatus]) -> list[bytes]:
-        """Data blocks of all sensors, in their order, none longer than `max_octets`."""
-        if not sensors:
-            return []
-        return self._reports.blocks(
+        """Data blocks of all sensors of one system, in their order, within `max_octets`."""
+        times = np.full(len(sensors), t_utc_ns, np.int64)
+        return self.blocks_by(times, sensors, Parts.whole(len(sensors)))[0]
+
+    def blocks_by(
+        self, t_utc_ns: Ints, sensors: Sequence[SensorStatus], parts: Parts
+    ) -> list[list[bytes]]:
+        """Data blocks of each part of the sensors, whose status is of times, (n,)."""
+        return self._reports.blocks_by(
             {
                 "I063/030": t_utc_ns,
                 "I063/050/SAC": [sensor.sac for sensor in sensors],
                 "I063/050/SIC": [sensor.sic for sensor in sensors],
                 "I063/060/CON": [sensor.condition for sensor in sensors],
                 "I063/060/PSR": [int(sensor.radar_fails) for sensor in sensors],
-            }
+            },
+            parts,
         )
