@@ -1,8 +1,8 @@
-"""When a sensor looks where: scans, sectors and cover, and which drones a rotating beam meets."""
+"""When a sensor looks where: scans, their sectors, and what it covers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Self
@@ -10,21 +10,13 @@ from typing import Self
 import numpy as np
 
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame, wrap_180, wrap_360
-from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState, rows_where
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.frames import wrap_360
+from plotfeed.models.state import Bools, Columns, Floats, Ints
 
 MOST_SIGMAS = 4.0
 """Bound of the jitter of a scan."""
-ON_BEAM_DEG = 1e-7
-"""How near a look's instant brings beam and target."""
-LEAP_DEG = 5.0
-"""A target that never comes as near as this leapt over the beam: it flew over the sensor."""
-MAX_STEPS = 50
-CULLED_FROM = 32
-"""Drones, of which those out of reach are left out before anything is computed of them."""
-FASTEST_M_S = 1000.0
-"""Speed that no drone exceeds between one border and the next."""
+SPAN_NS = 1 << 42
+"""Twice as long as any stretch of time whose sectors are worked out at once, half an hour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +36,59 @@ class Sector:
     """Whether everything is looked at once, when it ends."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sectors(Columns):
+    """Several sectors, columns (m,): by sensor, an index, and then in the order of time."""
+
+    sensor: Ints
+    scan: Ints
+    index: Ints
+    start_ns: Ints
+    end_ns: Ints
+    start_deg: Floats
+    end_deg: Floats
+    stares: Bools
+
+    @classmethod
+    def of(cls, sectors: Sequence[Sector], sensor: int = 0) -> Self:
+        """Columns of sectors of one sensor."""
+        return cls(
+            sensor=np.full(len(sectors), sensor, np.int64),
+            scan=np.array([s.scan for s in sectors], np.int64),
+            index=np.array([s.index for s in sectors], np.int64),
+            start_ns=np.array([s.start_ns for s in sectors], np.int64),
+            end_ns=np.array([s.end_ns for s in sectors], np.int64),
+            start_deg=np.array([s.start_deg for s in sectors], np.float64),
+            end_deg=np.array([s.end_deg for s in sectors], np.float64),
+            stares=np.array([s.stares for s in sectors], np.bool_),
+        )
+
+    def one(self, i: int) -> Sector:
+        """The i-th by itself."""
+        return Sector(
+            scan=int(self.scan[i]),
+            index=int(self.index[i]),
+            start_ns=int(self.start_ns[i]),
+            end_ns=int(self.end_ns[i]),
+            start_deg=float(self.start_deg[i]),
+            end_deg=float(self.end_deg[i]),
+            stares=bool(self.stares[i]),
+        )
+
+    def places(self, sensor: Ints, t_utc_ns: Ints) -> Ints:
+        """Numbers that order rows by sensor and then by time; (n,) each."""
+        places: Ints = sensor * SPAN_NS + (t_utc_ns - self.start_ns[0])
+        return places
+
+    def offsets(self, places: Ints) -> Ints:
+        """Where the rows of each sector begin among rows in the order of `places`; (m + 1,).
+
+        Times are within the sectors, at a sensor that stares also their ends.
+        """
+        ends = self.places(self.sensor, self.end_ns) + self.stares
+        return np.concatenate([np.zeros(1, np.int64), np.searchsorted(places, ends)])
+
+
 class Timetable:
     """Scans and their sectors; with jitter, a scan begins `jitter_ns` of sigma off its time.
 
@@ -59,6 +104,11 @@ class Timetable:
         self._jitter_ns = jitter_ns
         self._chance = chance if jitter_ns else None
         self._start_ns = lru_cache(maxsize=8)(self._drawn_start_ns)
+
+    @property
+    def jitters(self) -> bool:
+        """Whether scans begin off their times."""
+        return self._chance is not None
 
     def sector(self, scan: int, index: int) -> Sector:
         """Sector `index` of a scan; its edges are shared with its neighbours to the nanosecond.
@@ -94,6 +144,129 @@ class Timetable:
         off = float(self._chance.rng(Purpose.SCAN_TIMES, scan).standard_normal())
         off = min(max(off, -MOST_SIGMAS), MOST_SIGMAS)
         return scan * self.period_ns + round(off * self._jitter_ns)
+
+
+class Timetables:
+    """The sectors that are next, of several sensors by their index."""
+
+    def __init__(self, timetables: Sequence[Timetable]) -> None:
+        self._timetables = timetables
+        self.period_ns = np.array([each.period_ns for each in timetables], np.int64)
+        self._sectors = np.array([each.sectors for each in timetables], np.int64)
+        self._jitters = [i for i, each in enumerate(timetables) if each.jitters]
+        n = len(timetables)
+        self._scan, self._index = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self._start_ns, self._end_ns = np.zeros(n, np.int64), self.period_ns.copy()
+        """Of the scans under way."""
+
+    def start(self, t_utc_ns: int) -> None:
+        """Let the first whole sector of each after that time be its next."""
+        for sensor, timetable in enumerate(self._timetables):
+            sector = timetable.sector_at(t_utc_ns)
+            if sector.start_ns < t_utc_ns:
+                sector = timetable.next_sector(sector)
+            self.go_on_with(sensor, sector)
+
+    def go_on_with(self, sensor: int, sector: Sector) -> None:
+        """Let that sector be a sensor's next."""
+        turn = self._timetables[sensor].turn(sector.scan)
+        self._scan[sensor], self._index[sensor] = sector.scan, sector.index
+        self._start_ns[sensor], self._end_ns[sensor] = turn.start_ns, turn.end_ns
+
+    @property
+    def next_end_ns(self) -> Ints:
+        """When the next sector of each sensor ends; (n,)."""
+        duration_ns = self._end_ns - self._start_ns
+        into_ns: Ints = np.floor_divide(-(self._index + 1) * duration_ns, self._sectors)
+        return self._start_ns - into_ns
+
+    def sector(self, sensor: int) -> Sector:
+        """The next one of a sensor."""
+        timetable = self._timetables[sensor]
+        return timetable.sector(int(self._scan[sensor]), int(self._index[sensor]))
+
+    def ending_before(self, t_utc_ns: int) -> Sectors:
+        """All sectors that are next and end before that time; they remain next."""
+        sensor = np.flatnonzero(self.next_end_ns < t_utc_ns)
+        scan, index = self._scan[sensor], self._index[sensor]
+        start_ns, end_ns = self._start_ns[sensor], self._end_ns[sensor]
+        turns = []
+        while len(sensor):
+            sectors, duration_ns = self._sectors[sensor], end_ns - start_ns
+            into_ns = np.minimum(t_utc_ns - start_ns, duration_ns + 1)
+            last = np.maximum((into_ns - 1) * sectors // duration_ns, index)
+            turns.append(
+                _of_turns(
+                    sensor=sensor,
+                    scan=scan,
+                    start_ns=start_ns,
+                    duration_ns=duration_ns,
+                    sectors=sectors,
+                    first=index,
+                    end=last,
+                )
+            )
+            over = np.flatnonzero(last == sectors)
+            sensor, scan, start_ns = sensor[over], scan[over] + 1, end_ns[over]
+            index = np.zeros(len(over), np.int64)
+            end_ns = self._starts_ns(sensor, scan + 1)
+        if not turns:
+            return Sectors.of([])
+        found = Sectors.joined(turns)
+        return found if len(turns) == 1 else found.rows(np.lexsort((found.end_ns, found.sensor)))
+
+    def take(self, sectors: Sectors) -> None:
+        """Those, of the ones that were next, are past now."""
+        if not len(sectors):
+            return
+        last = np.append(
+            np.flatnonzero(sectors.sensor[1:] != sectors.sensor[:-1]), len(sectors) - 1
+        )
+        sensor, scan, index = sectors.sensor[last], sectors.scan[last], sectors.index[last] + 1
+        over = index == self._sectors[sensor]
+        scan, index = scan + over, np.where(over, 0, index)
+        self._index[sensor] = index
+        new = np.flatnonzero(scan != self._scan[sensor])
+        if len(new):
+            sensor, scan = sensor[new], scan[new]
+            self._scan[sensor] = scan
+            self._start_ns[sensor] = self._starts_ns(sensor, scan)
+            self._end_ns[sensor] = self._starts_ns(sensor, scan + 1)
+
+    def _starts_ns(self, sensor: Ints, scan: Ints) -> Ints:
+        starts_ns = scan * self.period_ns[sensor]
+        for jitters in self._jitters:
+            for row in np.flatnonzero(sensor == jitters).tolist():
+                starts_ns[row] = self._timetables[jitters].turn(int(scan[row])).start_ns
+        return starts_ns
+
+
+def _of_turns(
+    *,
+    sensor: Ints,
+    scan: Ints,
+    start_ns: Ints,
+    duration_ns: Ints,
+    sectors: Ints,
+    first: Ints,
+    end: Ints,
+) -> Sectors:
+    """Sectors from `first` up to `end` of a scan of each sensor; all (k,)."""
+    counts = end - first
+    which = np.repeat(np.arange(len(sensor)), counts)
+    before = np.cumsum(counts) - counts
+    index = np.arange(len(which)) - (before - first)[which]
+    start_ns, duration_ns, sectors = start_ns[which], duration_ns[which], sectors[which]
+    return Sectors(
+        sensor=sensor[which],
+        scan=scan[which],
+        index=index,
+        start_ns=start_ns - (-index * duration_ns // sectors),
+        end_ns=start_ns - (-(index + 1) * duration_ns // sectors),
+        start_deg=360.0 * index / sectors,
+        end_deg=360.0 * (index + 1) / sectors,
+        stares=sectors == 1,
+    )
 
 
 def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:
@@ -167,182 +340,3 @@ class Volume:
             & (elevation_deg >= self.elevation_min_deg)
             & (elevation_deg <= self.elevation_max_deg)
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Sectors:
-    """Several sectors, of one sensor or of many, columns (m,), wherever one could stand.
-
-    `sensor` is an index into the scene's sensors; the other columns are those of `Sector`.
-    """
-
-    sensor: Ints
-    scan: Ints
-    index: Ints
-    start_ns: Ints
-    end_ns: Ints
-    start_deg: Floats
-    end_deg: Floats
-    stares: Bools
-
-    @classmethod
-    def of(cls, sectors: Sequence[Sector], sensor: int = 0) -> Self:
-        """Columns of those sectors, all of one sensor."""
-        return cls(
-            sensor=np.full(len(sectors), sensor, np.int64),
-            scan=np.array([s.scan for s in sectors], np.int64),
-            index=np.array([s.index for s in sectors], np.int64),
-            start_ns=np.array([s.start_ns for s in sectors], np.int64),
-            end_ns=np.array([s.end_ns for s in sectors], np.int64),
-            start_deg=np.array([s.start_deg for s in sectors], np.float64),
-            end_deg=np.array([s.end_deg for s in sectors], np.float64),
-            stares=np.array([s.stares for s in sectors], np.bool_),
-        )
-
-    def __len__(self) -> int:
-        """How many there are."""
-        return len(self.sensor)
-
-    def rows(self, which: Ints | Bools) -> Sectors:
-        """Sectors at those indices, which may recur; (m,)."""
-        return Sectors(
-            sensor=self.sensor[which],
-            scan=self.scan[which],
-            index=self.index[which],
-            start_ns=self.start_ns[which],
-            end_ns=self.end_ns[which],
-            start_deg=self.start_deg[which],
-            end_deg=self.end_deg[which],
-            stares=self.stares[which],
-        )
-
-    def one(self, i: int) -> Sector:
-        """The i-th by itself."""
-        return Sector(
-            scan=int(self.scan[i]),
-            index=int(self.index[i]),
-            start_ns=int(self.start_ns[i]),
-            end_ns=int(self.end_ns[i]),
-            start_deg=float(self.start_deg[i]),
-            end_deg=float(self.end_deg[i]),
-            stares=bool(self.stares[i]),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Border:
-    """Where every drone was taken to be when a sector ended.
-
-    The sector after it takes that over, whatever telemetry says since: else a drone could be on
-    either side of the border in both.
-    """
-
-    t_utc_ns: int
-    azimuth_deg: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Meetings:
-    """What the beam meets in several sectors: drones in the order of time, and all borders."""
-
-    truth: TruthState
-    borders: Sequence[Border]
-    """One at the end of each sector."""
-
-
-def meetings(
-    sectors: Sequence[Sector],
-    frame: LocalFrame,
-    trajectories: Trajectories,
-    before: Border | None = None,
-    reach_m: float = np.inf,
-) -> Meetings:
-    """Whom the beam meets in sectors that follow each other; the first begins with `before`.
-
-    Drones that stay further away than `reach_m` may be left out.
-    """
-    edges_ns = np.array([sectors[0].start_ns, *(s.end_ns for s in sectors)], np.int64)
-    positions_ecef_m = trajectories.positions_at(edges_ns)
-    if positions_ecef_m.shape[1] < CULLED_FROM:
-        azimuth_deg = frame.azimuths_deg(positions_ecef_m)
-    else:
-        between_s = float(np.diff(edges_ns).max()) / NS
-        reached = frame.has_within(positions_ecef_m, reach_m + FASTEST_M_S * between_s)
-        near = rows_where(np.any(reached, axis=0))
-        azimuth_deg = np.full(positions_ecef_m.shape[:2], np.nan)
-        azimuth_deg[:, near] = frame.azimuths_deg(positions_ecef_m[:, near])
-    if before is not None and before.t_utc_ns == edges_ns[0]:
-        taken = before.azimuth_deg
-        known = azimuth_deg[0, : len(taken)]
-        azimuth_deg[0, : len(taken)] = np.where(np.isnan(taken), known, taken)
-    borders = [Border(s.end_ns, azimuth_deg[i + 1]) for i, s in enumerate(sectors)]
-    borders_deg = np.array([sectors[0].start_deg, *(s.end_deg % 360.0 for s in sectors)])
-    ahead_deg = ahead_of_beam_deg(azimuth_deg, borders_deg[:, None])
-    passed, share = passes_between(ahead_deg[:-1], ahead_deg[1:])
-    which, drones = np.nonzero(passed)
-    if not len(drones):
-        return Meetings(trajectories.state_at(sectors[0].end_ns, drones), borders)
-    of_each = Sectors.of(sectors).rows(which)
-
-    def azimuth_at(share: Floats) -> Floats:
-        t_utc_ns = time_after_share_ns(of_each.start_ns, of_each.end_ns, share)
-        return frame.azimuths_deg(trajectories.position_at(t_utc_ns, drones))
-
-    met_share = beam_meets(of_each, share[passed], azimuth_at)
-    met = ~np.isnan(met_share)
-    of_met = of_each.rows(met)
-    t_utc_ns = time_after_share_ns(of_met.start_ns, of_met.end_ns, met_share[met])
-    state = trajectories.state_at(t_utc_ns, drones[met])
-    return Meetings(state.rows(np.argsort(state.t_utc_ns, kind="stable")), borders)
-
-
-def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:
-    """Angle by which targets are ahead of a beam, in [-180, 180) degrees: negative behind it."""
-    return wrap_180(azimuth_deg - beam_deg)
-
-
-def passes_between(ahead_deg: Floats, still_ahead_deg: Floats) -> tuple[Bools, Floats]:
-    """Which targets a clockwise beam passes within a sector, and after what share of it.
-
-    A target is passed when it was ahead of the beam at the start and is behind it at the end. The
-    two instants are shared with the neighbouring sectors, and so is the arithmetic to the last bit,
-    so that nobody falls between two of them and nobody is seen in both. NaN, of azimuths at the
-    zenith, is never passed.
-    """
-    passed = (ahead_deg >= 0) & (still_ahead_deg < 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = ahead_deg / (ahead_deg - still_ahead_deg)
-    return passed, share
-
-
-def beam_meets(
-    sector: Sector | Sectors, share: Floats, azimuth_at: Callable[[Floats], Floats]
-) -> Floats:
-    """The share of a sector after which the beam meets each target that it passes; (n,).
-
-    By secants, halving where they lead out of what is left, from the first guess `share`;
-    `azimuth_at` tells the targets' azimuths after shares. NaN where a target is gone, or leaps.
-    """
-    low, high = np.zeros(len(share)), np.ones(len(share))
-    before, late_before = share, np.zeros(len(share))
-    width_deg = sector.end_deg - sector.start_deg
-    late = np.full(len(share), np.nan)
-    for step in range(MAX_STEPS):
-        late = beam_is_late_by(sector, share, azimuth_at(share))
-        on_beam = np.abs(late) * width_deg <= ON_BEAM_DEG
-        if on_beam.all():
-            break
-        low, high = np.where(late > 0, share, low), np.where(late < 0, share, high)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (late - late_before) / (share - before) if step else -1.0
-            guess = share - late / slope
-        good = (guess > low) & (guess < high) & (step % 4 < 3)
-        following = np.where(on_beam, share, np.where(good, guess, (low + high) / 2))
-        before, late_before, share = share, late, following
-    return np.where(np.abs(late) * width_deg <= LEAP_DEG, share, np.nan)
-
-
-def beam_is_late_by(sector: Sector | Sectors, share: Floats, azimuth_deg: Floats) -> Floats:
-    """The share of a sector by which the beam has yet to turn to reach those azimuths."""
-    width_deg = sector.end_deg - sector.start_deg
-    return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg

@@ -10,21 +10,23 @@ are worked out at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from hashlib import blake2b
 from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.state import Floats, Ints
 
 Generator = np.random.Generator
 Draw = Callable[[Generator, tuple[int, ...]], Floats]
 FEWEST_ROWS = 16
-SCANS_KEPT = 8
+FEWEST_SLOTS = 2
+"""Scans of a sensor whose draws are kept: the one under way, and the one before or after it."""
+NO_SCAN = np.iinfo(np.int64).min
 
 
 class Purpose(IntEnum):
@@ -68,46 +70,87 @@ class Chance:
         return generator
 
 
+class _DrawTable:
+    """Rows of draws of one law: by sensor, by scan modulo the slots, by drone."""
+
+    def __init__(self, sensors: int, slots: int, rows: int, inner: tuple[int, ...]) -> None:
+        self.values = np.empty((sensors, slots, rows, *inner))
+        self.scan_of = np.full((sensors, slots), NO_SCAN, np.int64)
+        """Whose draws they are."""
+
+
 class ScanDraws:
-    """The draws of a sensor for one purpose: the k-th that looks ask for is table k of a scan."""
+    """Draws of sensors for one purpose: the k-th that looks ask for is table k of a scan.
 
-    def __init__(self, chance: Chance, purpose: Purpose) -> None:
-        self._chance = chance
+    More rows of a table leave the first ones as they are. Tables of scans that are past give way.
+    """
+
+    def __init__(self, chances: Sequence[Chance], purpose: Purpose) -> None:
+        self._chances = chances
         self._purpose = purpose
-        self._tables: dict[int, dict[tuple[Any, ...], Floats]] = {}
+        self._tables: dict[tuple[Any, ...], _DrawTable] = {}
 
-    def of(self, scans: Ints, drones: Ints) -> DrawsByDrone:
-        """Draws for looks in those scans at those drones, by index; each (n,)."""
-        return DrawsByDrone(self, scans, drones, count())
+    def of(self, sensors: Ints, scans: Ints, drones: Ints) -> DrawsByDrone:
+        """Draws for looks of those sensors, in those scans, at those drones; indices, each (n,)."""
+        return DrawsByDrone(self, sensors, scans, drones, count())
 
-    def table(self, scan: int, key: tuple[Any, ...], rows: int, draw: Draw) -> Floats:
-        """Rows of what `draw` draws, at least so many; more rows leave the first ones as they are.
+    def taken(
+        self, key: tuple[Any, ...], sensors: Ints, scans: Ints, drones: Ints, draw: Draw
+    ) -> Floats:
+        """Rows of what `draw` draws, (n, ...), one a look; n above 0.
 
         `key` is the number of the table, the shape of a row, and what else the draw depends on.
         """
-        tables = self._tables.setdefault(scan, {})
-        table = tables.get(key)
-        if table is None or len(table) < rows:
+        rows, table = int(drones.max()) + 1, self._tables.get(key)
+        slots = FEWEST_SLOTS if table is None else table.scan_of.shape[1]
+        if table is None or rows > table.values.shape[2]:
             rows = max(FEWEST_ROWS, 1 << (rows - 1).bit_length())
-            rng = self._chance.rng(self._purpose, scan, key[0])
-            table = tables[key] = draw(rng, (rows, *key[1]))
-            while len(self._tables) > SCANS_KEPT:
-                del self._tables[min(self._tables)]
-        return table
+            table = _DrawTable(len(self._chances), slots, rows, key[1])
+        while True:
+            slot = scans & (slots - 1)
+            missing = table.scan_of[sensors, slot] != scans
+            if not missing.any():
+                self._tables[key] = table
+                taken: Floats = table.values[sensors, slot, drones]
+                return taken
+            wanted = dict.fromkeys(
+                zip(sensors[missing].tolist(), scans[missing].tolist(), strict=True)
+            )
+            self._fill(table, key, wanted, draw)
+            if (table.scan_of[sensors, slot] != scans).any():  # two scans of one slot at once
+                slots *= 2
+                table = _DrawTable(len(self._chances), slots, table.values.shape[2], key[1])
+
+    def _fill(
+        self,
+        table: _DrawTable,
+        key: tuple[Any, ...],
+        wanted: Iterable[tuple[int, int]],
+        draw: Draw,
+    ) -> None:
+        slots, rows = table.values.shape[1:3]
+        for sensor, scan in wanted:
+            rng = self._chances[sensor].rng(self._purpose, scan, key[0])
+            table.values[sensor, scan % slots] = draw(rng, (rows, *key[1]))
+            table.scan_of[sensor, scan % slots] = scan
 
 
 class DrawsByDrone:
     """Stand-in for a generator where sizes end in the number of looks, (..., n)."""
 
-    def __init__(self, scans: ScanDraws, scan: Ints, drone: Ints, tables: count[int]) -> None:
-        self._scans = scans
+    def __init__(
+        self, draws: ScanDraws, sensor: Ints, scan: Ints, drone: Ints, tables: count[int]
+    ) -> None:
+        self._draws = draws
+        self._sensor = sensor
         self._scan = scan
         self._drone = drone
         self._tables = tables
 
     def rows(self, which: NDArray[Any] | slice) -> DrawsByDrone:
         """Draws for some of the looks, going on with the next table."""
-        return DrawsByDrone(self._scans, self._scan[which], self._drone[which], self._tables)
+        sensor, scan, drone = self._sensor[which], self._scan[which], self._drone[which]
+        return DrawsByDrone(self._draws, sensor, scan, drone, self._tables)
 
     def random(self, size: tuple[int, ...]) -> Floats:
         """Uniform in [0, 1)."""
@@ -129,18 +172,64 @@ class DrawsByDrone:
     def _take(self, size: int | tuple[int, ...], law: tuple[Any, ...], draw: Draw) -> Floats:
         inner = size[:-1] if isinstance(size, tuple) else ()
         key = (next(self._tables), inner, *law)
-        taken = np.empty((len(self._drone), *inner))
-        if len(taken):
-            rows = int(self._drone.max()) + 1
-            first, last = int(self._scan[0]), int(self._scan[-1])
-            if first == last:
-                taken = self._scans.table(first, key, rows, draw)[self._drone]
-            else:
-                for scan in np.unique(self._scan).tolist():
-                    mine = self._scan == scan
-                    table = self._scans.table(scan, key, rows, draw)
-                    taken[mine] = table[self._drone[mine]]
+        if not len(self._drone):
+            return np.empty((*inner, 0))
+        taken = self._draws.taken(key, self._sensor, self._scan, self._drone, draw)
         return np.moveaxis(taken, 0, -1) if inner else taken
+
+
+class DrawsBySensor:
+    """Stand-in for a generator where each sensor has its own, for looks that stand together.
+
+    Sizes end in the number of looks, (..., n). Each sensor draws what it would draw alone.
+    """
+
+    def __init__(self, generators: Sequence[Generator], sensor: Ints) -> None:
+        """`sensor` (n,) is the index of the generator of each look, in ascending order."""
+        self._generators = generators
+        self._sensor = sensor
+
+    def rows(self, which: NDArray[Any] | slice) -> DrawsBySensor:
+        """Draws for some of the looks, in their order."""
+        return DrawsBySensor(self._generators, self._sensor[which])
+
+    def random(self, size: int | tuple[int, ...]) -> Floats:
+        """Uniform in [0, 1)."""
+        return self._take(size, lambda rng, shape, _: rng.random(shape))
+
+    def standard_normal(self, size: int | tuple[int, ...]) -> Floats:
+        """Normal, of mean 0 and variance 1."""
+        return self._take(size, lambda rng, shape, _: rng.standard_normal(shape))
+
+    def standard_exponential(self, size: int | tuple[int, ...]) -> Floats:
+        """Exponential, of mean 1."""
+        return self._take(size, lambda rng, shape, _: rng.standard_exponential(shape))
+
+    def standard_gamma(self, order: ArrayLike, size: int | tuple[int, ...] | None = None) -> Floats:
+        """Gamma of those orders, one for all or (..., n), and of scale 1."""
+        orders = np.asarray(order)
+
+        def draw(rng: Generator, shape: tuple[int, ...], part: slice) -> Floats:
+            return rng.standard_gamma(orders[..., part] if orders.ndim else float(orders), shape)
+
+        return self._take(orders.shape if size is None else size, draw)
+
+    def _take(
+        self,
+        size: int | tuple[int, ...],
+        draw: Callable[[Generator, tuple[int, ...], slice], Floats],
+    ) -> Floats:
+        shape = size if isinstance(size, tuple) else (size,)
+        taken = np.empty(shape)
+        if len(self._sensor):
+            ends = np.cumsum(np.bincount(self._sensor)).tolist()
+            first = 0
+            for generator, end in zip(self._generators, ends, strict=False):
+                if end > first:
+                    part = slice(first, end)
+                    taken[..., part] = draw(generator, (*shape[:-1], end - first), part)
+                first = end
+        return taken
 
 
 def of_rows(rng: Generator, which: NDArray[Any] | slice) -> Generator:

@@ -6,8 +6,10 @@ Azimuth is clockwise from true north in [0, 360), elevation above the horizontal
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,17 +25,15 @@ WGS84_EP2 = WGS84_E2 / (1 - WGS84_F) ** 2  # second eccentricity, squared
 
 RESOLUTION_M = 5e-9
 """Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
-
 BOWRING_STEPS = 2
 """How often Bowring's is repeated: one step is enough for heights, two leave latitudes rounding."""
-
 FEW = 300
 """Numbers on which a call of NumPy costs more than its arithmetic."""
-
 MIN_GEOCENTRIC_M = 100e3
 """Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
-
 DEG, RAD = 180.0 / np.pi, np.pi / 180.0
+Meridian = tuple[Any, ...]
+"""Distances from the Earth's axis and along it, sines and cosines of latitudes: floats or (...)."""
 
 
 @nan_without_warnings
@@ -131,23 +131,26 @@ def axes_enu(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Floats:
     )
 
 
-@dataclass(frozen=True)
-class LocalFrame:
-    """East, north and up at a place on WGS-84: one offset and one rotation from ECEF."""
+class Axes(ABC):
+    """East, north and up at one place on WGS-84, or at several: an offset and a rotation from ECEF.
 
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
+    Those of several places broadcast against what they are given, one a row.
+    """
 
-    @cached_property
+    @property
+    @abstractmethod
     def origin_ecef_m(self) -> Floats:
-        """Where the frame stands, ECEF, metres; (3,)."""
-        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
+        """Where the axes stand, ECEF, metres; (..., 3)."""
 
-    @cached_property
+    @property
+    @abstractmethod
     def rotation_from_ecef(self) -> Floats:
-        """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
-        return axes_enu(self.latitude_deg, self.longitude_deg)
+        """East, north and up as unit vectors in ECEF, one a row; (..., 3, 3)."""
+
+    @property
+    @abstractmethod
+    def meridian(self) -> Meridian:
+        """Distance from the Earth's axis and along it, sine and cosine of the latitude; (...)."""
 
     @nan_without_warnings
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
@@ -167,13 +170,13 @@ class LocalFrame:
 
         NaN straight above and below.
         """
-        level_m = _rotate(self.rotation_from_ecef[:2], ecef_m - self.origin_ecef_m)
+        level_m = _rotate(self.rotation_from_ecef[..., :2, :], ecef_m - self.origin_ecef_m)
         east, north = level_m[..., 0], level_m[..., 1]
         azimuth_deg = _azimuth_deg(east, north)
         vertical = _is_vertical(east, north)
         return np.where(vertical, np.nan, azimuth_deg) if vertical.any() else azimuth_deg
 
-    def has_within(self, ecef_m: Floats, distance_m: float) -> Bools:
+    def has_within(self, ecef_m: Floats, distance_m: float | Floats) -> Bools:
         """Whether ECEF positions are that near, or a hair further; (..., 3) in, (...) out."""
         x, y, z = _components(ecef_m - self.origin_ecef_m)
         return np.asarray(x * x + y * y + z * z <= (distance_m * (1 + 1e-9)) ** 2)
@@ -193,7 +196,7 @@ class LocalFrame:
         its circle about the sensor, on which the Earth's curvature varies by 0.7 %. At 100 km that
         is 2 micrometres.
         """
-        out_m, along_m, sin_lat, cos_lat = self._meridian
+        out_m, along_m, sin_lat, cos_lat = self.meridian
         slant_m = as_floats(range_m)
         up = slant_m * np.sin(as_floats(elevation_deg) * RAD)
         ground2 = np.maximum(slant_m * slant_m - up * up, 0.0)
@@ -202,13 +205,6 @@ class LocalFrame:
         out = out_m + (up * cos_lat - north * sin_lat)
         along = along_m + (up * sin_lat + north * cos_lat)
         return _height_m(out * out + (ground2 - north * north), along)
-
-    @cached_property
-    def _meridian(self) -> tuple[float, float, float, float]:
-        """Distance from the Earth's axis and along it, sine and cosine of the latitude."""
-        x, y, z = self.origin_ecef_m.tolist()
-        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
-        return float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)
 
     def to_geodetic(self, enu_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Latitude and longitude, degrees, and height, metres, each (...), of ENU (..., 3)."""
@@ -220,7 +216,33 @@ class LocalFrame:
 
     def rotate_to_ecef(self, vector_enu: ArrayLike) -> Floats:
         """ECEF components of vectors given along east, north, up; (..., 3)."""
-        return _rotate(self.rotation_from_ecef.T, as_floats(vector_enu))
+        return _rotate(np.swapaxes(self.rotation_from_ecef, -1, -2), as_floats(vector_enu))
+
+
+@dataclass(frozen=True)
+class LocalFrame(Axes):
+    """East, north and up at a place on WGS-84."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+
+    @cached_property
+    def origin_ecef_m(self) -> Floats:
+        """Where the frame stands, ECEF, metres; (3,)."""
+        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
+
+    @cached_property
+    def rotation_from_ecef(self) -> Floats:
+        """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
+        return axes_enu(self.latitude_deg, self.longitude_deg)
+
+    @cached_property
+    def meridian(self) -> Meridian:
+        """Distance from the Earth's axis and along it, sine and cosine of the latitude."""
+        x, y, z = self.origin_ecef_m.tolist()
+        sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
+        return float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)
 
 
 def distance_m(vector_m: Floats) -> Floats:
@@ -279,7 +301,7 @@ def _sin_cos_deg(angle_deg: ArrayLike) -> tuple[Floats, Floats]:
 
 @nan_without_warnings
 def _rotate(matrix: Floats, vector: Floats) -> Floats:
-    """Matrix times each vector; (k, 3) and (..., 3) in, (..., k) out.
+    """Matrix times each vector; (k, 3) or (..., k, 3), and (..., 3) in, (..., k) out.
 
     Spelt out, because a matrix product may round differently with the number of rows, and the
     same drone must give the same bytes in whatever company: all k components at once of few
@@ -287,12 +309,13 @@ def _rotate(matrix: Floats, vector: Floats) -> Floats:
     """
     if vector.size < FEW:
         x, y, z = vector[..., 0:1], vector[..., 1:2], vector[..., 2:3]
-        together: Floats = x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2]
+        together: Floats = x * matrix[..., 0] + y * matrix[..., 1] + z * matrix[..., 2]
         return together
     x, y, z = _components(vector)
-    rotated = np.empty((len(matrix), *x.shape))
-    for i, (a, b, c) in enumerate(matrix.tolist()):
+    rotated = np.empty((matrix.shape[-2], *np.broadcast_shapes(x.shape, matrix.shape[:-2])))
+    for i in range(len(rotated)):
         component = rotated[i, ...]
+        a, b, c = _components(matrix[..., i, :])
         np.multiply(x, a, out=component)
         component += y * b
         component += z * c

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.precise import number
 from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
-from plotfeed.models.beam import Sector, Timetable, meetings
+from plotfeed.models.beam import Sector, Sectors, Timetable
+from plotfeed.models.beam_meetings import Borders, meetings
 from plotfeed.models.frames import (
     WGS84_A_M,
     WGS84_E2,
@@ -165,17 +166,16 @@ def _from_north(flights: ScannedFlights, steps: int) -> Found:
 
 def _sector_by_sector(flights: ScannedFlights) -> Found:
     """The engine's search where telemetry comes in between."""
-    found, border = [], None
+    found, borders = [], Borders(1)
     for sector in flights.sectors:
-        met = meetings([sector], flights.case.frame, flights.trajectories, border)
-        border = met.borders[-1]
-        found.append(met.truth)
+        one = Sectors.of([sector])
+        found.append(meetings(one, flights.case.frame, flights.trajectories, borders).truth)
     return _places(flights, TruthState.joined(found))
 
 
 def _passages(flights: ScannedFlights) -> Found:
     """The engine's search while nothing new comes in about the drones: a turn at once."""
-    met = meetings(flights.sectors, flights.case.frame, flights.trajectories)
+    met = meetings(Sectors.of(flights.sectors), flights.case.frame, flights.trajectories)
     return _places(flights, met.truth)
 
 

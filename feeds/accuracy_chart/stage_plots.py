@@ -22,7 +22,7 @@ from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, MEASURED, ChartSta
 from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.sensing.sensor_site import with_heights
+from plotfeed.feeds.sensing.sensor_group import with_heights
 from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError

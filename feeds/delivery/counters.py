@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.delivery.lateness import LastLateness
-from plotfeed.models.state import FALSE_ALARM
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:  # else whoever only counts waits for all sensors
-    from plotfeed.feeds.messages.sector_report import SectorReport
+    from plotfeed.feeds.messages.sector_report import SectorCounts
 
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
 """Fates that a link decides on, as the scene asks."""
@@ -53,13 +52,12 @@ class SessionCounters:
     """Changes that were asked for while the session ran, and made."""
     lateness_ns: LastLateness = field(default_factory=LastLateness)
 
-    def add(self, report: SectorReport) -> None:
+    def add(self, counts: SectorCounts) -> None:
         """Count what one sector brought."""
-        self.scan = max(self.scan, report.sector.scan)
-        self.looks += len(report.looks)
-        self.plots += len(report.plots)
-        if len(report.plots):
-            self.false_alarms += int((report.plots.drone == FALSE_ALARM).sum())
+        self.scan = max(self.scan, counts.scan)
+        self.looks += counts.looks
+        self.plots += counts.plots
+        self.false_alarms += counts.false_alarms
 
     def sent(self, lateness_ns: Sequence[int]) -> None:
         """Count messages that were sent, so late each."""

@@ -217,6 +217,16 @@ Departure = tuple[Outbox, Sequence[Message], OnComplete | None]
 """Messages of one client that are due at once, and who is told what became of them."""
 
 
+def prepare_all(departures: Iterable[Departure]) -> None:
+    """Do ahead of time what can be done for messages of many clients; asks each transport once."""
+    of_transport: dict[Transport, list[Message]] = {}
+    for outbox, messages, _ in departures:
+        for transport in outbox.transports:
+            of_transport.setdefault(transport, []).extend(messages)
+    for transport, some in of_transport.items():
+        transport.prepare(some)
+
+
 def send_all(departures: Iterable[Departure]) -> None:
     """Hand messages of many clients, all due at once, to their links now, as `Outbox.send` does.
 

@@ -1,20 +1,104 @@
-"""What one sector of one sensor brought: its looks, its plots and its messages."""
+"""What sectors of sensors brought: their looks, their plots and their messages."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.models.beam import Sector
-from plotfeed.models.state import Looks, Plots
+from plotfeed.models.beam import Sector, Sectors
+from plotfeed.models.state import FALSE_ALARM, Ints, Looks, Plots
 
 
 @dataclass(frozen=True, slots=True)
-class SectorReport:
-    """What became of one sector: its plots are in the order of time, as they are sent."""
+class Sighting:
+    """What came of several sectors: rows by sector, and where those of each begin, (m + 1,).
 
-    sensor: str
-    sector: Sector
+    Plots of a sector are in the order of time, as they are sent.
+    """
+
+    sectors: Sectors
     looks: Looks
+    looks_by: Ints
     plots: Plots
-    messages: list[Message]
+    plots_by: Ints
+
+    def looks_of(self, row: int) -> Looks:
+        """The looks of a sector, not copied."""
+        return self.looks.between(int(self.looks_by[row]), int(self.looks_by[row + 1]))
+
+    def plots_of(self, row: int) -> Plots:
+        """The plots of a sector, not copied."""
+        return self.plots.between(int(self.plots_by[row]), int(self.plots_by[row + 1]))
+
+    def reports(
+        self, sensors: Sequence[str], messages: Sequence[list[Message]]
+    ) -> Iterator[SectorReport]:
+        """One a sector, with its messages; `sensors` are names by index."""
+        looks, plots = np.diff(self.looks_by).tolist(), np.diff(self.plots_by).tolist()
+        alarms = [0] * len(looks)
+        if len(self.plots):
+            before = np.concatenate([[0], np.cumsum(self.plots.drone == FALSE_ALARM)])
+            alarms = np.diff(before[self.plots_by]).tolist()
+        of_sensor, scan = self.sectors.sensor.tolist(), self.sectors.scan.tolist()
+        due_ns = self.sectors.end_ns.tolist()
+        for row, i in enumerate(of_sensor):
+            counts = SectorCounts(due_ns[row], scan[row], looks[row], plots[row], alarms[row])
+            yield SectorReport(sensors[i], counts, messages[row], self, row)
+
+
+@dataclass(frozen=True, slots=True)
+class SectorCounts:
+    """When messages of a sector are due, of which scan it is, and how much it brought."""
+
+    due_utc_ns: int
+    scan: int
+    looks: int
+    plots: int
+    false_alarms: int
+
+
+class SectorReport:
+    """What became of one sector; looks and plots are taken out of all when somebody asks."""
+
+    def __init__(
+        self,
+        sensor: str,
+        counts: SectorCounts,
+        messages: list[Message],
+        sighting: Sighting,
+        row: int,
+    ) -> None:
+        """The sector in that row of `sighting`, whose messages are due when it ends."""
+        self.sensor = sensor
+        self.counts = counts
+        self.messages = messages
+        self._sighting = sighting
+        self._row = row
+
+    @classmethod
+    def of(
+        cls, sensor: str, sector: Sector, looks: Looks, plots: Plots, messages: list[Message]
+    ) -> SectorReport:
+        """A report of a sector by itself."""
+        offsets = [np.array([0, len(rows)], np.int64) for rows in (looks, plots)]
+        sighting = Sighting(Sectors.of([sector]), looks, offsets[0], plots, offsets[1])
+        return next(sighting.reports([sensor], [messages]))
+
+    @cached_property
+    def sector(self) -> Sector:
+        """When and where it was."""
+        return self._sighting.sectors.one(self._row)
+
+    @cached_property
+    def looks(self) -> Looks:
+        """Whom the sensor looked at."""
+        return self._sighting.looks_of(self._row)
+
+    @cached_property
+    def plots(self) -> Plots:
+        """What it measured, in the order of time."""
+        return self._sighting.plots_of(self._row)

@@ -315,6 +315,10 @@ class RecordedTelemetry(Observer):
         self._next: Recorded | None = None
         self._turn()
 
+    def next_input_ns(self) -> int | None:
+        """As of when the next message had been taken in."""
+        return None if self._next is None else self._next.log_time_ns
+
     def before_due(self, due_utc_ns: int) -> None:
         """All that had been taken in before then, together what was, no commands to the clock."""
         while self._next is not None and self._next.log_time_ns < due_utc_ns:

@@ -23,7 +23,7 @@ from plotfeed.feeds.report.spreads import share_interval, z_score
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.scan_keys import RotatingScan
-from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats
 from plotfeed.proto.utc import NS

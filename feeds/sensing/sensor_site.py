@@ -11,21 +11,13 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam import CULLED_FROM
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
-from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.state import Floats, Ints, PlaceState, Plots, TruthState
+from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.state import Ints, PlaceState, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
-
-TRAVEL_TIME_STEPS = 5
-"""Of the fixed point for when a sound left: they leave 3 cm at 60 m/s and 1 km."""
-
-
-WHILE_IT_TRAVELS = 1.5
-"""By which a drone may be further away when its sound arrives: at half the speed of that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,41 +64,6 @@ class SensorSite:
             return self.trajectories.state_at(t_utc_ns, drones)
         return self.trajectories.places_at(t_utc_ns, drones)
 
-    def targets(self, truth: PlaceState, model: SensorModel) -> Targets:
-        """The drones within reach from here, as they are and as they are sensed."""
-        truth = self._within_reach(truth, model)
-        true_position_enu_m = self.frame.from_ecef(truth.position_ecef_m)
-        sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
-        if model.signal_speed_m_s is not None:
-            sensed, position_enu_m = self._when_it_left(
-                truth, position_enu_m, model, model.signal_speed_m_s
-            )
-            there = np.isin(truth.drone, sensed.drone)
-            t_utc_ns, true_position_enu_m = t_utc_ns[there], true_position_enu_m[there]
-        if self.axes is not self.frame:
-            position_enu_m = self.axes.from_ecef(sensed.position_ecef_m)
-        velocity_enu_m_s = None
-        if model.measures_range_rate and isinstance(sensed, TruthState):
-            velocity_enu_m_s = self.frame.rotate_from_ecef(sensed.velocity_ecef_m_s)
-        return Targets(
-            drone=sensed.drone,
-            t_utc_ns=t_utc_ns,
-            position_enu_m=position_enu_m,
-            true_position_enu_m=true_position_enu_m,
-            signatures=self.trajectories.signatures,
-            velocity_enu_m_s=velocity_enu_m_s,
-            readings=self.readings,
-        )
-
-    def _within_reach(self, truth: PlaceState, model: SensorModel) -> PlaceState:
-        """Drones that are near enough; of few of them the model itself finds out as fast."""
-        if len(truth) < CULLED_FROM:
-            return truth
-        reach_m = model.range_max_m
-        if model.signal_speed_m_s is not None:
-            reach_m *= WHILE_IT_TRAVELS
-        return truth.rows(self.frame.has_within(truth.position_ecef_m, reach_m))
-
     def apparent_at(self, t_utc_ns: int, drones: Ints) -> TruthState:
         """Where drones are at a time of the sensor's clock, by its own axes and readings.
 
@@ -126,32 +83,3 @@ class SensorSite:
             position_ecef_m=self.frame.to_ecef(place_enu_m),
             velocity_ecef_m_s=self.frame.rotate_to_ecef(velocity_enu_m_s),
         )
-
-    def _when_it_left(
-        self, truth: PlaceState, position_enu_m: Floats, model: SensorModel, speed_m_s: float
-    ) -> tuple[PlaceState, Floats]:
-        """The drones when what arrives now left them: t - d/c, where d is the distance then.
-
-        Each step shrinks the error by the drone's speed over that of the signal.
-        """
-        sensed, arrival_ns = truth, truth.t_utc_ns
-        for _ in range(TRAVEL_TIME_STEPS):
-            travel_ns = np.linalg.norm(position_enu_m, axis=1) / speed_m_s * NS
-            departure_ns = arrival_ns - np.rint(travel_ns).astype(np.int64)
-            there = self.states_at(model, departure_ns, sensed.drone)
-            arrival_ns = arrival_ns[np.isin(sensed.drone, there.drone)]
-            sensed = there
-            position_enu_m = self.frame.from_ecef(sensed.position_ecef_m)
-        return sensed, position_enu_m
-
-    def with_heights(self, plots: Plots) -> Plots:
-        """Heights of plots that have a place in three dimensions, if any format tells them."""
-        return with_heights(plots, self.frame) if self.tells_heights and len(plots) else plots
-
-
-def with_heights(plots: Plots, frame: LocalFrame) -> Plots:
-    """Heights of plots of a sensor in that frame, if they have a place in three dimensions."""
-    if not (plots.measures("elevation_deg") and plots.measures("range_m")):
-        return plots
-    height_m = frame.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    return plots.but(height_m=height_m)

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.scene.changes import changed, in_force
+from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.models.beam import Sector
+from plotfeed.models.beam import Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Columns, Ints, Looks, Plots
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+
+STRETCH_NS = NS
+"""Worked out at once: longer, a sector hardly costs less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,57 +109,55 @@ def simulate(
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
     trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
     launch(scene, trajectories, start_utc_ns)
+    emulated = EmulatedSensors(scene, trajectories)
+    emulated.start(start_utc_ns)
     end_utc_ns = start_utc_ns + round(duration_s * NS)
-    sensors = {
-        sensor.id: _simulated(
-            sensor, EmulatedSensor(scene, sensor, trajectories), start_utc_ns, end_utc_ns
-        )
-        for sensor in scene.sensor
-    }
-    return Simulation(sensors, trajectories.names, start_utc_ns)
-
-
-def _simulated(
-    sensor: Sensor, emulated: EmulatedSensor, start_utc_ns: int, end_utc_ns: int
-) -> SimulatedSensor:
-    looks, plots = [], []
-    for sector in _sectors(sensor, emulated, start_utc_ns, end_utc_ns):
-        seen, measured = emulated.look(sector)
-        looks.append(_of_sector(SimulatedLooks, seen, sector))
-        plots.append(_of_sector(SimulatedPlots, measured, sector))
-    nothing = Sector(0, 0, 0, 0, 0.0, 0.0)
-    return SimulatedSensor(
-        sensor=sensor,
-        plots=SimulatedPlots.joined(plots or [_of_sector(SimulatedPlots, NO_PLOTS, nothing)]),
-        looks=SimulatedLooks.joined(looks or [_of_sector(SimulatedLooks, NO_LOOKS, nothing)]),
-    )
-
-
-def _sectors(
-    sensor: Sensor, emulated: EmulatedSensor, start_utc_ns: int, end_utc_ns: int
-) -> Iterator[Sector]:
-    """The whole sectors of a sensor that is switched on, with its events in force meanwhile."""
-    sector = emulated.sector_at(start_utc_ns)
-    if sector.start_ns < start_utc_ns:
-        sector = emulated.next_sector(sector)
-    before: list[Mapping[str, Any]] = []
-    while sector.end_ns <= end_utc_ns:
-        # As of the time at which a session works a sector out.
-        elapsed_ns = max(sector.end_ns - AHEAD_NS, sector.start_ns) - start_utc_ns
-        changes = in_force(sensor.event, elapsed_ns)
-        if changes != before:
-            emulated.change(changed(sensor, *changes))
-            before = changes
-        if emulated.sensor.enabled:
-            yield sector
-        sector = emulated.next_sector(sector)
+    found = _Found(scene.sensor)
+    for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
+        found.take(emulated.sightings(before_ns))
+    found.take(emulated.sightings(end_utc_ns + 1))
+    return Simulation(found.sensors(), trajectories.names, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)
 
 
-def _of_sector(kind: type[C], columns: Columns, sector: Sector) -> C:
-    number = np.full(len(columns), 1)
-    return kind.holding(
-        {**vars(columns), "scan": sector.scan * number, "sector": sector.index * number}
-    )
+class _Found:
+    """What was seen so far, by sensor."""
+
+    def __init__(self, sensors: Sequence[Sensor]) -> None:
+        self._sensors = sensors
+        self._looks: list[list[SimulatedLooks]] = [[] for _ in sensors]
+        self._plots: list[list[SimulatedPlots]] = [[] for _ in sensors]
+
+    def take(self, sightings: Iterable[Sighting]) -> None:
+        """Sort what was seen by sensor."""
+        for seen in sightings:
+            looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
+            plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
+            sensors, first = np.unique(seen.sectors.sensor, return_index=True)
+            last = [*first[1:].tolist(), len(seen.sectors)]
+            for i, a, b in zip(sensors.tolist(), first.tolist(), last, strict=True):
+                self._looks[i].append(looks.between(seen.looks_by[a], seen.looks_by[b]))
+                self._plots[i].append(plots.between(seen.plots_by[a], seen.plots_by[b]))
+
+    def sensors(self) -> dict[str, SimulatedSensor]:
+        """All of each, by id."""
+        nothing, none = Sectors.of([]), np.zeros(1, np.int64)
+        no_looks = _of_sectors(SimulatedLooks, NO_LOOKS, none, nothing)
+        no_plots = _of_sectors(SimulatedPlots, NO_PLOTS, none, nothing)
+        return {
+            sensor.id: SimulatedSensor(
+                sensor=sensor,
+                plots=SimulatedPlots.joined(plots or [no_plots]),
+                looks=SimulatedLooks.joined(looks or [no_looks]),
+            )
+            for sensor, looks, plots in zip(self._sensors, self._looks, self._plots, strict=True)
+        }
+
+
+def _of_sectors(kind: type[C], columns: Columns, offsets: Ints, sectors: Sectors) -> C:
+    """Rows with the scan and the sector that each belongs to, and no word of whose they are."""
+    row = np.repeat(np.arange(len(sectors)), np.diff(offsets))
+    held = {name: column for name, column in vars(columns).items() if name != "sensor"}
+    return kind.holding(held | {"scan": sectors.scan[row], "sector": sectors.index[row]})

@@ -66,13 +66,13 @@ class SessionLoop:
         """How often the session waited for a way out to have room."""
         self._clock = clock
         self._inputs = inputs
-        self._is_taking_soon = False
+        self.on_input: Callable[[], object] | None = None
+        """Called when something has come in, after nothing waited."""
         self._drain = drain
         self._after_later = after_later
         self._before_due = before_due
         self._waiting_transports: Sequence[WaitingTransport] = ()
         self._later: BoundedQueue[Action] = BoundedQueue(MAX_LATER)
-        self._done_ns = 0
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
         """Wait for these whenever they are full, and with them all sensors."""
@@ -88,22 +88,12 @@ class SessionLoop:
             self._clock.wake()  # nothing else would
 
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        """Let wait what has come in; it is taken in with what comes beside it, if there is time."""
+        """Let wait what has come in, for the next tick or, where time stands still, for now."""
         self._inputs.queue(topic, payload, content_type)
-        if not self._is_taking_soon:
-            self._is_taking_soon = True
-            asyncio.get_running_loop().call_soon(self._take_soon)
-
-    def _take_soon(self) -> None:
-        self._is_taking_soon = False
-        due_ns = self.schedule.next_due_ns()
-        if due_ns is None or self._has_time_before(due_ns):
-            self._take_inputs(due_ns)
-
-    def as_of_ns(self) -> int:
-        """The time of what comes in now: no later than it is, and before all that is not done."""
-        now_ns, next_ns = self._clock.now_ns(), self.schedule.next_due_ns()
-        return now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        if self.on_input is not None and len(self._inputs) == 1:
+            self.on_input()
+            if self._stands_still():
+                self._clock.wake()
 
     async def work(self, end_ns: int | None) -> None:
         """Do everything that is due until then, each thing at its time."""
@@ -152,36 +142,49 @@ class SessionLoop:
                 await transport.room()
         now_ns = self._clock.now_ns()
         by_ns = now_ns if end_ns is None else min(now_ns, end_ns)
-        for due_ns, action in self.schedule.due_by(by_ns):
+        done = 0
+        while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= by_ns:
             for tell in self._before_due:
                 tell(due_ns)
-            self._done_ns = due_ns
-            action()
+            self.schedule.take()()
+            done += 1
             if any(transport.is_full for transport in transports):
                 break  # however much more is overdue
+            if done < AT_ONCE and isinstance(self._clock, InstantClock) and self._clock.leaps:
+                by_ns = self._on_to_the_next(self._clock, by_ns, end_ns)
         next_ns = self.schedule.next_due_ns()
         has_time = next_ns is None or self._has_time_before(next_ns)
         self._do_later(AT_ONCE if has_time else BUSY_AT_ONCE)
 
+    def _on_to_the_next(self, clock: InstantClock, by_ns: int, end_ns: int | None) -> int:
+        """Simulated time goes on to the next that is only sent, if that is so: until when."""
+        next_ns = self.schedule.next_due_ns()
+        if next_ns is None or (end_ns is not None and next_ns > end_ns):
+            return by_ns
+        if self.schedule.next_kind() is ActionKind.WORK:
+            return by_ns
+        if next_ns > by_ns:
+            self._do_later(AT_ONCE)
+        clock.jump(next_ns)
+        return max(by_ns, next_ns)
+
     async def _wait_until(self, due_ns: int) -> None:
-        """Take in what has come, and do what could wait, until then."""
-        while (self._inputs or self._later) and self._has_time_before(due_ns):
-            self._take_inputs(due_ns)
+        """Do what could wait, until then; what comes while time stands still is taken in now."""
+        while self._has_time_before(due_ns):
+            if self._inputs and self._stands_still():
+                self._inputs.take_in(self._clock.now_ns(), lambda: False)
+            elif not self._later:
+                break
             self._do_later(AT_ONCE)
             await asyncio.sleep(0)
-        self._take_inputs(due_ns)
         await self._clock.sleep_until(due_ns)
+
+    def _stands_still(self) -> bool:
+        """Whether the next deadline waits for somebody who lets time go on."""
+        due_ns, clock = self.schedule.next_due_ns(), self._clock
+        is_instant = isinstance(clock, InstantClock)
+        return not is_instant and due_ns is not None and clock.stands_before(due_ns)
 
     def _has_time_before(self, due_ns: int) -> bool:
         clock = self._clock
         return clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS
-
-    def _take_inputs(self, due_ns: int | None) -> None:
-        """Take in what came, as of a time after all that is done and before all that is not.
-
-        Nothing if there is no such time before more is done.
-        """
-        if self._inputs and (as_of_ns := self.as_of_ns()) >= self._done_ns:
-            self._inputs.take_in(
-                as_of_ns, lambda: due_ns is not None and not self._has_time_before(due_ns)
-            )

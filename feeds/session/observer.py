@@ -90,6 +90,10 @@ class Observer:
     def before_due(self, due_utc_ns: int) -> None:
         """What is due at that time is done next."""
 
+    def next_input_ns(self) -> int | None:
+        """As of when it hands in something next, before what is due then; None for never."""
+        return None
+
     def report(self, report: SectorReport) -> None:
         """A sector is reported now."""
 
@@ -146,4 +150,5 @@ class SessionContext:
     schedule: Schedule
     totals: SessionCounters
     observers: Sequence[Observer]
-    keep_ledger: KeepLedger
+    keep_ledger: KeepLedger | None
+    """None where nobody is to have it."""

@@ -6,26 +6,25 @@ Status and settings of a sensor are retained for whoever comes later.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.delivery.outbox import Departure, Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.scene.changes import changed, in_force, instants_ns, merged
+from plotfeed.feeds.scene.changes import instants_ns, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import AHEAD_NS, EmulatedSensor
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.telemetry.receiver import to_json
-from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -36,40 +35,36 @@ STATUS_EVERY_NS = 5 * NS
 
 
 class SensorTask:
-    """Sends a sensor's reports when they are due, and its status."""
+    """A sensor in a session, beside its reports: its keys, its status, its way out."""
 
     def __init__(
         self,
-        emulated: EmulatedSensor,
+        sensors: EmulatedSensors,
+        i: int,
         outbox: Outbox,
         context: SessionContext,
         announcer: Announcer | None = None,
     ) -> None:
+        """Sensor `i` of those."""
         self.outbox = outbox
-        self.sensor = emulated.sensor
+        self.sensor = sensors.sensors[i]
         """As it is now."""
-        self._scripted = emulated.sensor
+        self.link = json_of(self.sensor.link)
+        """Its keys as the ledger tells them."""
+        self._sensors, self._i = sensors, i
         self._controlled: dict[str, Any] = {}
-        self._emulated = emulated
         self._context = context
         self._prefix = context.scene.mqtt.prefix
         self._announcer = announcer
-        self._status = pb.SensorStatus(sensor=emulated.sensor.id)
-        self._link = json_of(emulated.sensor.link)
-        self._start_ns = 0
+        self._status = pb.SensorStatus(sensor=self.sensor.id)
 
     def start(self, start_utc_ns: int) -> None:
-        """Begin with the first whole sector after that time."""
-        self._start_ns = start_utc_ns
-        sector = self._emulated.sector_at(start_utc_ns)
-        if sector.start_ns < start_utc_ns:
-            sector = self._emulated.next_sector(sector)
-        self._status.scan = sector.scan
-        for after_ns in instants_ns(self._scripted.event):
+        """Say what there is to say of the sensor, now and from now on."""
+        self._status.scan = self._sensors.next_sector(self._i).scan
+        for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns
-            self._context.schedule.put(at_utc_ns, partial(self._renew, at_utc_ns))
-        self._renew(start_utc_ns)
-        self._plan(sector)
+            self._context.schedule.put(at_utc_ns, partial(self._follow_script, at_utc_ns))
+        self._follow_script(start_utc_ns)
         self._report_status(start_utc_ns)
         self.outbox.send_past_link(self.settings)
         if self._announcer is not None:
@@ -84,64 +79,37 @@ class SensorTask:
             self.outbox.send_past_link(*self._announcer.closing(now_ns))
         self._publish_status(pb.SensorStatus.OFFLINE)
 
+    def reported(self, report: SectorReport) -> None:
+        """A sector of it has been reported."""
+        self._status.scan = report.counts.scan
+        self._status.plots += report.counts.plots
+
+    def missed(self, scans: int) -> None:
+        """It left out so many, since it was too late for them."""
+        self._status.missed_scans += scans
+
     def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:
         """Change those keys from that time on, or with None none any more; raises `ChangeError`."""
-        before, self._controlled = self._controlled, {}
+        controlled: dict[str, Any] = {}
         if changes is not None:
-            self._controlled = merged(before, changes, keeps_none=True)
-        try:
-            self._renew(at_utc_ns)
-        except Exception:
-            self._controlled = before
-            raise
+            controlled = merged(self._controlled, changes, keeps_none=True)
+        self._sensors.control(self._i, controlled, at_utc_ns)
+        self._controlled = controlled
+        self._follow_script(at_utc_ns)
         self.outbox.send_past_link(self.settings)
 
-    def _renew(self, at_utc_ns: int) -> None:
+    def _follow_script(self, at_utc_ns: int) -> None:
         """Be as script and control have it then, however late it is done."""
-        scripted = in_force(self._scripted.event, at_utc_ns - self._start_ns)
-        sensor = changed(self._scripted, *scripted, self._controlled)
+        sensor = self._sensors.as_of(self._i, self._controlled, at_utc_ns)
         if sensor == self.sensor:
             return
-        self._emulated.change(sensor)
         if sensor.link != self.sensor.link:
             self.outbox.change(sensor.link or LinkSettings(), at_utc_ns)
-            self._link = json_of(sensor.link)
+            self.link = json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled
         for observer in self._context.observers:
             observer.settings(sensor)
-
-    def _plan(self, sector: Sector) -> None:
-        ahead_ns = min(AHEAD_NS, sector.end_ns - sector.start_ns)
-        self._context.schedule.put(sector.end_ns - ahead_ns, partial(self._prepare, sector))
-
-    def _prepare(self, sector: Sector) -> None:
-        now_ns = self._context.clock.now_ns()
-        if now_ns - sector.end_ns > self._emulated.period_ns:
-            sector = self._skip_to(now_ns, sector)
-        if self.sensor.enabled:
-            report = self._emulated.report(sector)
-            self.outbox.prepare(report.messages)
-            self._context.schedule.put(
-                sector.end_ns, partial(self._send, report), ActionKind.SENDING
-            )
-        self._plan(self._emulated.next_sector(sector))
-
-    def _send(self, report: SectorReport) -> None:
-        keep = partial(self._context.keep_ledger, report, self._link)
-        self.outbox.send(*report.messages, on_complete=keep)
-        self._status.scan = report.sector.scan
-        self._status.plots += len(report.plots)
-        self._context.totals.add(report)
-        for observer in self._context.observers:
-            observer.report(report)
-
-    def _skip_to(self, now_ns: int, sector: Sector) -> Sector:
-        """The last sector that has ended: what was missed is counted, never sent in a burst."""
-        last = self._emulated.sector_at(now_ns - (sector.end_ns - sector.start_ns))
-        self._status.missed_scans += last.scan - sector.scan
-        self._context.totals.missed_scans += last.scan - sector.scan
-        return last
 
     def _report_status(self, due_utc_ns: int) -> None:
         self._publish_status(pb.SensorStatus.ONLINE)
@@ -187,7 +155,7 @@ class SensorTask:
 
 
 class CooperativeTask:
-    """Sends what the cooperative drones say when it is due."""
+    """What the cooperative drones say, when it is due, and their way out."""
 
     def __init__(
         self,
@@ -200,30 +168,33 @@ class CooperativeTask:
         self._drones = drones
         self._context = context
         self._link = json_of(link)
+        self._number = 0
+        """Of the period at whose end they speak next."""
 
     def start(self, start_utc_ns: int) -> None:
         """Begin with the first period that ends after that time."""
-        self._plan(start_utc_ns // self._drones.period_ns + 1)
+        self._number = start_utc_ns // self._drones.period_ns + 1
 
-    def _plan(self, number: int) -> None:
-        due_ns = number * self._drones.period_ns - AHEAD_NS
-        self._context.schedule.put(due_ns, partial(self._prepare, number))
+    @property
+    def next_due_ns(self) -> int:
+        """When they say something next."""
+        return self._number * self._drones.period_ns
 
-    def _prepare(self, number: int) -> None:
-        """What was missed by a period or more is not said any more."""
+    def said_before(self, t_utc_ns: int, now_ns: int) -> Iterator[tuple[int, Departure]]:
+        """What they say next and before that time, and when each is due.
+
+        What was missed by a period or more is not said any more.
+        """
         period_ns = self._drones.period_ns
-        number = max(number, self._context.clock.now_ns() // period_ns)
-        messages = self._drones.messages(number)
-        send = partial(self._send, number, messages)
-        self._context.schedule.put(number * period_ns, send, ActionKind.SENDING)
-        self._plan(number + 1)
-
-    def _send(self, number: int, messages: list[Message]) -> None:
-        t_utc_ns = number * self._drones.period_ns
-        sector = Sector(number, 0, t_utc_ns - self._drones.period_ns, t_utc_ns, 0.0, 360.0)
-        report = SectorReport(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
-        keep = partial(self._context.keep_ledger, report, self._link)
-        self.outbox.send(*messages, on_complete=keep)
+        self._number = max(self._number, now_ns // period_ns)
+        while (due_ns := self.next_due_ns) < t_utc_ns:
+            messages = self._drones.messages(self._number)
+            sector = Sector(self._number, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
+            report = SectorReport.of(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
+            keep_ledger = self._context.keep_ledger
+            keep = None if keep_ledger is None else partial(keep_ledger, report, self._link)
+            yield due_ns, (self.outbox, messages, keep)
+            self._number += 1
 
 
 def json_of(link: LinkSettings | None) -> str:

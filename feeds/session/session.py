@@ -15,13 +15,14 @@ from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, session_message
+from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -118,7 +119,7 @@ class Session:
         self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
-        self._ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
         self._ledger = LedgerWriter(scene.mqtt.prefix, self.trajectories.names)
         self._kept: list[Kept] = []
         """Sectors whose entries are to be made next."""
@@ -129,7 +130,7 @@ class Session:
             schedule=Schedule(clock.wake),
             totals=totals,
             observers=observers,
-            keep_ledger=self._keep_ledger,
+            keep_ledger=self._keep_ledger if ledger_is_wanted else None,
         )
         self._inputs = SessionInputs(context, self.trajectories, self.sensor_tasks, self._publish)
         self._loop = SessionLoop(
@@ -142,16 +143,18 @@ class Session:
         )
         self._outputs = Outputs(context, addresses)
         self._outbox = self._outputs.of_session(self._inputs.topics, self._loop.queue_input)
-        for sensor in scene.sensor:
-            emulated = EmulatedSensor(scene, sensor, self.trajectories)
+        sensors = EmulatedSensors(scene, self.trajectories)
+        for i, sensor in enumerate(scene.sensor):
             outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
-            self.sensor_tasks[sensor.id] = SensorTask(emulated, outbox, context, announcer)
+            self.sensor_tasks[sensor.id] = SensorTask(sensors, i, outbox, context, announcer)
         self._cooperative: CooperativeTask | None = None
         if scene.cooperative is not None:
             drones = CooperativeDrones(scene, scene.cooperative, self.trajectories)
             link = scene.cooperative.link
             outbox = self._outputs.of_cooperative_drones(link)
             self._cooperative = CooperativeTask(drones, outbox, context, link)
+        self._ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
+        self._loop.on_input = self._ticks.input_waits
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
 
@@ -164,7 +167,7 @@ class Session:
 
         Raises `PlotfeedError`.
         """
-        return self._inputs.command(command, self._loop.as_of_ns())
+        return self._inputs.command(command, self._ticks.as_of_ns())
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -205,9 +208,8 @@ class Session:
         self._outbox.send_past_link(message)
 
     def _keep_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
-        """Put what is true on the truth topic when there is time, if anybody is to have it."""
-        if self._ledger_is_wanted:
-            self._loop.later(partial(self._kept.append, (report, link, settled)))
+        """Put what is true on the truth topic when there is time."""
+        self._loop.later(partial(self._kept.append, (report, link, settled)))
 
     def _write_ledger(self) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""
@@ -230,10 +232,9 @@ class Session:
         for observer in self._observers:
             observer.begun(self)
         self._outbox.send_past_link(session_message(self.scene, self.start_ns))
+        self._ticks.start(self.start_ns)
         for task in self.sensor_tasks.values():
             task.start(self.start_ns)
-        if self._cooperative is not None:
-            self._cooperative.start(self.start_ns)
         await self._loop.work(end_ns)
 
     async def _flush(self, stop: asyncio.Event) -> None:

@@ -151,6 +151,9 @@ class WallClock:
 class InstantClock:
     """Simulated time that stands still until somebody waits, and is then there at once."""
 
+    leaps = True
+    """Whether time is wherever it is wanted, so that nobody need wait for it step by step."""
+
     def __init__(self, start_utc_ns: int | None = None) -> None:
         self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
 
@@ -174,6 +177,10 @@ class InstantClock:
         """Be there; whatever else waits in the loop has its turn first."""
         del exactly  # it always is
         await asyncio.sleep(0)
+        self.jump(t_utc_ns)
+
+    def jump(self, t_utc_ns: int) -> None:
+        """Be there, before anybody else has a turn."""
         self._now_ns = max(self._now_ns, t_utc_ns)
 
     def wake(self) -> None:

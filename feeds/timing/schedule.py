@@ -46,11 +46,18 @@ class Schedule:
         """The next deadline; None if there is nothing to do."""
         return self._heap[0][0] if self._heap else None
 
+    def next_kind(self) -> ActionKind:
+        """Of what kind the next action is; there must be one."""
+        return self._heap[0][3]
+
+    def take(self) -> Action:
+        """Take out the next action; there must be one."""
+        return heapq.heappop(self._heap)[2]
+
     def due_by(self, t_utc_ns: int) -> Iterator[tuple[int, Action]]:
         """Take out what is due by then, and when it was, including what is put there meanwhile."""
-        while self._heap and self._heap[0][0] <= t_utc_ns:
-            due_utc_ns, _, action, _ = heapq.heappop(self._heap)
-            yield due_utc_ns, action
+        while (due_utc_ns := self.next_due_ns()) is not None and due_utc_ns <= t_utc_ns:
+            yield due_utc_ns, self.take()
 
     def keep(self, least: ActionKind) -> None:
         """Forget what is of a lesser kind."""

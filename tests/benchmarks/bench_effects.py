@@ -21,10 +21,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "sensing"))
 
 from section_4_crowd import START_NS, scene_of
 from support.instructions import text_of
+from support.station import Station
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
@@ -44,12 +44,12 @@ EFFECTS: dict[str, dict[str, Any]] = {
 """The last names nothing either: its drones are too far away."""
 
 
-def station_of(n: int, named: dict[str, Any]) -> EmulatedSensor:
+def station_of(n: int, named: dict[str, Any]) -> Station:
     """At work for two scans already, and without formats."""
     scene = scene_of(n, report=["asterix-015"], **named)
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
-    station = EmulatedSensor(scene, scene.sensor[0], trajectories)
+    station = Station(scene, scene.sensor[0], trajectories)
     station._reporters = []
     sector = station.sector_at(START_NS)
     for _ in range(2):
@@ -58,7 +58,7 @@ def station_of(n: int, named: dict[str, Any]) -> EmulatedSensor:
     return station
 
 
-def ns_per_drone(station: EmulatedSensor, n: int) -> float:
+def ns_per_drone(station: Station, n: int) -> float:
     """Mean of as many sectors as go into the time."""
     sector = station.sector_at(START_NS + 5 * NS)
     sectors, start_s = 0, time.perf_counter()

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 from section_4_crowd import START_NS, scene_of
+from support.station import Station
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.sensing.beams import StaringBeam
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.sensor_group import SensorGroup
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import Axes
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
@@ -37,10 +37,10 @@ AIMS_NS = {1000: 150, 10_000: 60}
 
 # The path that is counted, then what else a report needs.
 PATH = {
-    "states_at": (SensorSite, "where drones are"),
-    "targets": (SensorSite, "seen from the sensor"),
+    "_there_at_the_end": (SensorGroup, "where drones are"),
+    "_targets": (SensorGroup, "seen from the sensor"),
     "observe": (ActiveRadar, "looks, hits, errors"),
-    "with_heights": (SensorSite, "heights of plots"),
+    "heights_m": (Axes, "heights of plots"),
 }
 DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
 CHANCE = Chance(1, "random numbers")
@@ -82,18 +82,14 @@ def measure(n: int) -> dict[str, list[float]]:
     scene = scene_of(n, report=["plots"])
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
-    station = EmulatedSensor(scene, scene.sensor[0], trajectories)
-    beam = StaringBeam(
-        scene.sensor[0].model(scene.scene.site),
-        SensorSite.of(scene.sensor[0], station.frame, trajectories, Chance(1, "staring")),
-    )
+    station = Station(scene, scene.sensor[0], trajectories)
     sector = station.sector_at(START_NS + NS)
     found: dict[str, list[float]] = defaultdict(list)
     for _ in range(3):
         sector = station.next_sector(sector)
         station.report(sector)
     for _ in range(REPEATS):
-        in_between = Stopwatches({"look": (StaringBeam, "")})
+        in_between = Stopwatches({"look": (SensorGroup, "")})
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
             station.report(sector)
@@ -103,7 +99,7 @@ def measure(n: int) -> dict[str, list[float]]:
         watches = Stopwatches(PATH | DETAIL)
         reports, end_s = 0, time.perf_counter() + SECONDS_A_REPEAT
         while time.perf_counter() < end_s:
-            beam.look(sector)
+            station.report(sector)
             reports += 1
         watches.take_off()
         found["random"].append(_timed_ns(lambda: _random_numbers(n), 10) / n)

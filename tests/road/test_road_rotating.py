@@ -25,8 +25,8 @@ from support.road import (
     waypoint,
 )
 from support.significance import Array, assert_standard_normal
+from support.station import Station
 
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
 from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
@@ -218,7 +218,7 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
     rng = np.random.default_rng(64)
     parsed = scene([radar(scan=rotating(1.0, 32))], seed=64)
     trajectories = Trajectories(stale_after_s=10.0)
-    station = EmulatedSensor(parsed, parsed.sensor[0], trajectories)
+    station = Station(parsed, parsed.sensor[0], trajectories)
     sector = station.sector_at(START_NS)
     looked: list[tuple[int, int]] = []
     azimuths_deg = rng.uniform(0, 360, 30)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from support import road
+from support.station import Station
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
@@ -22,7 +23,6 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import ControlError, changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.truth import Trajectories
@@ -164,9 +164,7 @@ class MadeUpSession:
         self.sensors = dict(self._own)
         self._trajectories = Trajectories(stale_after_s=3.0)
         launch(shown, self._trajectories, start_ns)
-        self._stations = [
-            EmulatedSensor(shown, sensor, self._trajectories) for sensor in shown.sensor
-        ]
+        self._stations = [Station(shown, sensor, self._trajectories) for sensor in shown.sensor]
         self._next = {s.sensor.id: s.next_sector(s.sector_at(start_ns)) for s in self._stations}
         self._numbers = dict.fromkeys(self._own, 0)
         self._bad = dict.fromkeys(self._own, False)

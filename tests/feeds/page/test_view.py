@@ -8,12 +8,12 @@ import pytest
 from support import made_up_session, road
 from support.made_up_session import MadeUpSession
 from support.page_updates import Frame, read_frame
+from support.station import Station
 
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState
@@ -46,7 +46,7 @@ def plots(n: int, **columns: Any) -> Plots:
 
 
 def report(found: Plots, sensor: str = "radar", looks: Looks | None = None) -> SectorReport:
-    return SectorReport(sensor, SECTOR, looks or Looks.none(), found, [])
+    return SectorReport.of(sensor, SECTOR, looks or Looks.none(), found, [])
 
 
 def sent(topic: str = "plotfeed/radar/plots", **changes: Any) -> pb.Sent:
@@ -99,7 +99,7 @@ def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
 def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     far = road.radar(id="far", position_enu_m=[12_000.0, -7000.0, 80.0])
     scene = road.scene([road.radar(), far], seed=1)
-    station = EmulatedSensor(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
+    station = Station(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
     view = View()
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))

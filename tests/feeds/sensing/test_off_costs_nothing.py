@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from support.instructions import Place, instructions_of, text_of
 from support.road import START_NS, held, radar, rotating, scene, staring, waypoint
+from support.station import Station
 
-from plotfeed.feeds.sensing.emulated_sensor import EmulatedSensor
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
@@ -64,7 +64,7 @@ EVERYTHING = {
 }
 
 
-def station(sensor: dict[str, Any], drones: int = 3) -> EmulatedSensor:
+def station(sensor: dict[str, Any], drones: int = 3) -> Station:
     """With drones in its first octant that are detected."""
     flown = [
         held(f"d{i}", 10.0 + i, 12.0, 2000.0 + 300.0 * i, rcs_m2=1.0, emitters=[EMITTER])
@@ -73,7 +73,7 @@ def station(sensor: dict[str, Any], drones: int = 3) -> EmulatedSensor:
     made = scene([sensor], flown, seed=1)
     trajectories = Trajectories(stale_after_s=3.0)
     launch(made, trajectories, START_NS)
-    return EmulatedSensor(made, made.sensor[0], trajectories)
+    return Station(made, made.sensor[0], trajectories)
 
 
 @cache
@@ -84,14 +84,7 @@ def executed(kind: str) -> Counter[Place]:
     for _ in range(2 * at.sectors):
         at.report(sector)
         sector = at.next_sector(sector)
-    at = at if kind != "rotating" else _with_nothing_worked_out(at)
     return instructions_of(lambda: at.report(sector))
-
-
-def _with_nothing_worked_out(at: EmulatedSensor) -> EmulatedSensor:
-    """A turn is worked out at once: begin anew, so that the sector has to be."""
-    at.change(at.sensor)
-    return at
 
 
 KINDS = pytest.mark.parametrize("kind", SENSORS)
@@ -131,7 +124,7 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
 def test_merging_is_not_even_imported_for_a_scene_without_it() -> None:
     code = (
         "import sys; from plotfeed.feeds.scene.scene import example; "
-        "import plotfeed.feeds.sensing.emulated_sensor; "
+        "import plotfeed.feeds.sensing.emulated_sensors; "
         "example('section-4'); print('plotfeed.models.effects.merging' in sys.modules)"
     )
     told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)

@@ -182,6 +182,8 @@ async def test_the_scenes_own_duration_counts_where_none_is_given(tmp_path: Path
 class StallingClock(InstantClock):
     """The machine stands still for a while, once."""
 
+    leaps = False
+
     def __init__(self, start_utc_ns: int, after_s: float, for_s: float) -> None:
         super().__init__(start_utc_ns)
         self.stall_ns, self.for_ns = start_utc_ns + round(after_s * S), round(for_s * S)

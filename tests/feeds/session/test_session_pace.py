@@ -145,6 +145,8 @@ async def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> No
 class LateClock(InstantClock):
     """A machine that oversleeps every time by chance, and now and then stands still."""
 
+    leaps = False
+
     def __init__(
         self, start_utc_ns: int, seed: int, mean_s: float = 0.002, **pauses: float
     ) -> None:

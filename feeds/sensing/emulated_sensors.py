@@ -1,0 +1,230 @@
+"""All sensors of a scene at work: a stretch of time in, their looks, plots and messages out.
+
+Nothing here waits or sends. Sensors of a kind are worked out together, each as if it were alone:
+what comes out depends neither on how long the stretches are nor on who else is in the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.formats import SceneFormats, Seen
+from plotfeed.feeds.messages.sector_report import SectorReport, Sighting
+from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
+from plotfeed.feeds.scene.fields import frame_at
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue
+from plotfeed.feeds.sensing.sensor_group import SensorGroup, SensorsAtWork
+from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
+from plotfeed.models.beam_meetings import Borders
+from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.local_frames import LocalFrames
+from plotfeed.models.sensors.stacking import grouping_key
+from plotfeed.models.truth import Trajectories
+
+NS_IN_MS = 1e6
+AHEAD_NS = 10_000_000
+"""A sector is worked out this long before its messages are due, so that only sending is left.
+
+So scripted changes count in sectors that end this much later, or begin no earlier.
+"""
+
+
+class EmulatedSensors:
+    """Sensors by their index, where they stand, and what they report."""
+
+    def __init__(
+        self, scene: Scene, trajectories: Trajectories, sensors: Sequence[Sensor] | None = None
+    ) -> None:
+        """Those of the scene, or some of them; raises `PlotfeedError`."""
+        self.sensors = list(scene.sensor if sensors is None else sensors)
+        """As they are now."""
+        self._scripted = tuple(self.sensors)
+        self._names = [sensor.id for sensor in self.sensors]
+        self._controlled: list[Mapping[str, Any]] = [{} for _ in self.sensors]
+        self._scene_site = scene.scene.site
+        self._trajectories = trajectories
+        self._formats = SceneFormats(scene.model_copy(update={"sensor": self.sensors}))
+        chances = [Chance(scene.scene.seed, sensor.id) for sensor in self.sensors]
+        timetables = [
+            Timetable(s.scan.period_ns, s.scan.sectors, s.scan.jitter_ms * NS_IN_MS, chance)
+            for s, chance in zip(self.sensors, chances, strict=True)
+        ]
+        frames = [frame_at(self._scene_site, s.position_enu_m) for s in self.sensors]
+        self._frames, self._chances, self._timetables = frames, chances, timetables
+        self._at_work = SensorsAtWork(
+            frames=LocalFrames.of(frames),
+            trajectories=trajectories,
+            chances=chances,
+            timetables=timetables,
+            draws=ScanDraws(chances, Purpose.DETECTION),
+            borders=Borders(len(frames)),
+            false_alarms=FalseAlarmsDue(chances, timetables),
+        )
+        self._next = Timetables(timetables)
+        self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
+        self._sites = [self._site_of(i) for i in range(len(self.sensors))]
+        self._models = [sensor.model(self._scene_site) for sensor in self.sensors]
+        self._groups = self._grouped()
+        self._start_ns = 0
+        self._script: list[tuple[int, int]] = []
+        """When the script changes which sensor, UTC; the next one last."""
+        self._followed_ns = 0
+        """Up to when it has been followed."""
+
+    def start(self, start_utc_ns: int) -> None:
+        """Begin each with its first whole sector after that time."""
+        self._start_ns = start_utc_ns
+        self._next.start(start_utc_ns)
+        self._script = sorted(
+            (
+                (start_utc_ns + after_ns, i)
+                for i, sensor in enumerate(self._scripted)
+                for after_ns in instants_ns(sensor.event)
+            ),
+            reverse=True,
+        )
+        self._follow_script_until(start_utc_ns)
+
+    @property
+    def next_end_ns(self) -> int | None:
+        """When the next sector of any of them ends; None if there is no sensor."""
+        return int(self._next.next_end_ns.min()) if self.sensors else None
+
+    def next_sector(self, i: int) -> Sector:
+        """The next one of a sensor."""
+        return self._next.sector(i)
+
+    def go_on_with(self, i: int, sector: Sector) -> None:
+        """Let that be the next one of a sensor, whatever was worked out before."""
+        self._next.go_on_with(i, sector)
+
+    def control(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> Sensor:
+        """Let a sensor have those keys, over its script, in all sectors not worked out yet.
+
+        The sensor as it is then; raises `ChangeError`, and nothing has changed.
+        """
+        sensor = self.as_of(i, controlled, max(at_utc_ns, self._followed_ns))
+        self._controlled[i] = controlled
+        self._change({i: sensor})
+        return sensor
+
+    def as_of(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> Sensor:
+        """A sensor as its script has it then, and those keys over that; raises `ChangeError`."""
+        scripted = self._scripted[i]
+        return changed(scripted, *in_force(scripted.event, at_utc_ns - self._start_ns), controlled)
+
+    def skip_until(self, now_ns: int) -> dict[int, int]:
+        """Leave out what is late by more than a period: scans missed, by sensor.
+
+        The next sector is then the last one that has ended: nothing is made up for in a burst.
+        """
+        missed = {}
+        for i in np.flatnonzero(now_ns - self._next.next_end_ns > self._next.period_ns).tolist():
+            sector = self._next.sector(i)
+            last = self._timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
+            missed[i] = last.scan - sector.scan
+            self._next.go_on_with(i, last)
+        return missed
+
+    def reports(self, before_ns: int) -> Iterator[list[SectorReport]]:
+        """What comes of all sectors that are next and end before that time, a group at a time."""
+        for seen in self.sightings(before_ns):
+            yield self._reports_of(seen)
+
+    def sightings(self, before_ns: int) -> Iterator[Sighting]:
+        """What is seen in those sectors, a group at a time, with the script's changes meanwhile."""
+        while len(sectors := self._next.ending_before(before_ns)):
+            known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
+            if self._script and (later := known_ns >= self._script[-1][0]).any():
+                sectors = sectors.rows(~later)
+            else:
+                later = None
+            self._next.take(sectors)
+            yield from self._seen(sectors.rows(self._enabled[sectors.sensor]))
+            if later is None:
+                return
+            self._follow_script_until(self._script[-1][0])
+
+    def _seen(self, sectors: Sectors) -> Iterator[Sighting]:
+        if not len(sectors):
+            return
+        of_group = self._group_of[sectors.sensor]
+        for number in np.unique(of_group).tolist():
+            mine = of_group == number
+            yield self._groups[number].look(sectors if mine.all() else sectors.rows(mine))
+
+    def _reports_of(self, found: Sighting) -> list[SectorReport]:
+        """Sectors with their messages, in the order of sensors and time."""
+        site, plots = self._sites[found.sectors.sensor[0]], found.plots
+        truth_at = self._trajectories.state_at
+        if site.errs:  # it is alone, and its clock and axes are its own
+            plots = plots.but(t_utc_ns=plots.t_utc_ns + site.clock_ahead_ns)
+            truth_at = site.apparent_at
+        seen = Seen(
+            sectors=found.sectors,
+            plots=plots,
+            plots_by=found.plots_by,
+            looks=found.looks,
+            looks_by=found.looks_by,
+            truth_at=lambda _row, t_utc_ns, drones: truth_at(t_utc_ns, drones),
+        )
+        return list(found.reports(self._names, self._formats.messages(seen)))
+
+    def _follow_script_until(self, t_utc_ns: int) -> None:
+        """Change what the script changes by then."""
+        self._followed_ns = t_utc_ns
+        found = {}
+        while self._script and self._script[-1][0] <= t_utc_ns:
+            at_utc_ns, i = self._script.pop()
+            found[i] = self.as_of(i, self._controlled[i], at_utc_ns)
+        self._change({i: sensor for i, sensor in found.items() if sensor != self.sensors[i]})
+
+    def _change(self, sensors: Mapping[int, Sensor]) -> None:
+        """Let those be so from the next sector on."""
+        for i, sensor in sensors.items():
+            self.sensors[i] = sensor
+            self._enabled[i] = sensor.enabled
+            self._sites[i] = self._site_of(i)
+            self._models[i] = sensor.model(self._scene_site)
+            self._at_work.false_alarms.forget(i)
+        if sensors:
+            self._groups = self._grouped()
+
+    def _site_of(self, i: int) -> SensorSite:
+        return SensorSite.of(self.sensors[i], self._frames[i], self._trajectories, self._chances[i])
+
+    def _grouped(self) -> list[SensorGroup]:
+        """Sensors that share a pass: those of one kind, with the same effects."""
+        members: dict[Any, list[int]] = {}
+        for i, sensor in enumerate(self.sensors):
+            members.setdefault(self._key_of(i, sensor), []).append(i)
+        self._group_of = np.zeros(len(self.sensors), np.int64)
+        for number, of_group in enumerate(members.values()):
+            self._group_of[of_group] = number
+        return [
+            SensorGroup(
+                self._at_work, some, [self._models[i] for i in some], [self._sites[i] for i in some]
+            )
+            for some in members.values()
+        ]
+
+    def _key_of(self, i: int, sensor: Sensor) -> Any:
+        """What sensors that share a pass have in common; one that cannot share has its own."""
+        model = self._models[i]
+        alone = (
+            self._sites[i].errs
+            or getattr(model, "merging", None) is not None
+            or type(model).alike is None
+        )
+        return (
+            i if alone else None,
+            grouping_key(model),
+            sensor.scan.rotates,
+            self._sites[i].tells_heights,
+        )

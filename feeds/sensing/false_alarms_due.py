@@ -1,0 +1,83 @@
+"""The false alarms of sensors, each in the sector in which it comes.
+
+A rotating sensor's are drawn when a scan begins, all at once, and wait until the beam is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from plotfeed.models.beam import Sectors, Timetable
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel
+from plotfeed.models.state import Plots
+
+OfSensor = tuple[int, Plots]
+NONE_DUE_NS = np.iinfo(np.int64).max
+NO_SCAN = np.iinfo(np.int64).min
+
+
+class FalseAlarmsDue:
+    """Draws false alarms, and keeps those that are not due yet, by the index of the sensor."""
+
+    def __init__(self, chances: Sequence[Chance], timetables: Sequence[Timetable]) -> None:
+        self._chances = chances
+        self._timetables = timetables
+        self._scan = np.full(len(chances), NO_SCAN, np.int64)
+        """The last one of each sensor whose alarms are drawn."""
+        self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
+        self._due: dict[int, Plots] = {}
+
+    def forget(self, sensor: int) -> None:
+        """Draw those of the scan under way anew: the sensor's model is another one now."""
+        self._scan[sensor] = NO_SCAN
+        self._next_ns[sensor] = NONE_DUE_NS
+        self._due.pop(sensor, None)
+
+    def of_scans(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
+        """Those of scans of sensors that stare."""
+        found = []
+        for row, sensor in enumerate(sectors.sensor.tolist()):
+            rng = self._chances[sensor].rng(Purpose.FALSE_ALARMS, int(sectors.scan[row]))
+            alarms = models[sensor].draw_false_alarms(sectors.one(row), rng)
+            if len(alarms):
+                found.append((sensor, alarms))
+        return found
+
+    def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
+        """Those that fall within sectors of rotating sensors; each sensor's follow each other."""
+        begun = sectors.scan != self._scan[sectors.sensor]
+        if begun.any():
+            which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)
+            for sensor, scan in dict.fromkeys(which):
+                if scan != self._scan[sensor]:
+                    self._draw(sensor, scan, models[sensor])
+        due = np.unique(sectors.sensor[self._next_ns[sectors.sensor] < sectors.end_ns])
+        return [
+            (sensor, alarms)
+            for sensor in due.tolist()
+            if len(alarms := self._taken(sensor, sectors))
+        ]
+
+    def _draw(self, sensor: int, scan: int, model: SensorModel) -> None:
+        rng = self._chances[sensor].rng(Purpose.FALSE_ALARMS, scan)
+        alarms = model.draw_false_alarms(self._timetables[sensor].turn(scan), rng)
+        self._scan[sensor] = scan
+        self._keep(sensor, Plots.joined([self._due.get(sensor, NO_PLOTS), alarms]))
+
+    def _taken(self, sensor: int, sectors: Sectors) -> Plots:
+        of_sensor = sectors.sensor == sensor
+        alarms, start_ns = self._due[sensor], sectors.start_ns[of_sensor][0]
+        a, b = np.searchsorted(alarms.t_utc_ns, (start_ns, sectors.end_ns[of_sensor][-1]))
+        self._keep(sensor, alarms.between(int(b), len(alarms)))
+        return alarms.between(int(a), int(b))
+
+    def _keep(self, sensor: int, alarms: Plots) -> None:
+        if len(alarms):
+            self._due[sensor] = alarms = alarms.in_order_of_time()
+            self._next_ns[sensor] = alarms.t_utc_ns[0]
+        else:
+            self._due.pop(sensor, None)
+            self._next_ns[sensor] = NONE_DUE_NS

@@ -1,0 +1,170 @@
+"""Tick by tick: what has come in is taken in, and what all sensors will send is worked out.
+
+Ticks are at multiples of `TICK_NS` on the time line, whenever a session began. Tick k takes in what
+came before it, and works out all sectors that end in the stretch from k + 1 to k + 2: at a deadline
+octets are ready, and only sent. So bytes depend on which telemetry came before which tick, and on
+nothing else. Where simulated time runs as fast as it can and nothing comes in, one tick works out
+what many would; what comes in waits for the next.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+from plotfeed.feeds.delivery.outbox import Departure, prepare_all, send_all
+from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
+from plotfeed.feeds.session.inputs import SessionInputs
+from plotfeed.feeds.session.observer import SessionContext, cares
+from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.timing.schedule import ActionKind
+from plotfeed.proto.utc import NS
+
+TICK_NS = AHEAD_NS
+LONGEST_NS = NS
+"""No tick comes later than this after another, so that what comes in is taken in."""
+INTAKE_NS = TICK_NS // 2
+"""Real time that a tick spends on what has come in; the rest waits for the next."""
+MOST_SECTORS, MOST_TICKS = 512, 1000
+"""Worked out by one tick where time is simulated: beyond, a sector hardly costs less any more."""
+
+
+class Ticks:
+    """Plans itself in the schedule of a session."""
+
+    def __init__(
+        self,
+        context: SessionContext,
+        sensors: EmulatedSensors,
+        tasks: Mapping[str, SensorTask],
+        inputs: SessionInputs,
+        cooperative: CooperativeTask | None,
+    ) -> None:
+        self._context = context
+        self._clock, self._schedule = context.clock, context.schedule
+        self._sensors = sensors
+        self._tasks = tasks
+        self._of_index = list(tasks.values())
+        self._order = {name: i for i, name in enumerate(tasks)}
+        self._cooperative = cooperative
+        self._inputs = inputs
+        self._reported = [o.report for o in context.observers if cares(o, "report")]
+        self._hand_in = [o.next_input_ns for o in context.observers if cares(o, "next_input_ns")]
+        self._due_ns: int | None = None
+        """When the next one is planned."""
+        self._earliest_ns = 0
+        """When it may be at the earliest: what is worked out already was for those before."""
+        self._at_once = 1
+        """Ticks in one, where time is simulated."""
+
+    def start(self, start_utc_ns: int) -> None:
+        """Work out what ends until the second tick from now, and plan the next tick."""
+        self._sensors.start(start_utc_ns)
+        if self._cooperative is not None:
+            self._cooperative.start(start_utc_ns)
+        self._work_out(start_utc_ns // TICK_NS)
+
+    def input_waits(self) -> None:
+        """Something has come in: see to it that there is a tick soon."""
+        now_ns = self._clock.now_ns()
+        self._plan(max((now_ns // TICK_NS + 1) * TICK_NS, self._earliest_ns))
+
+    def as_of_ns(self) -> int:
+        """The time of what is asked for at once: by now, and before all that is not done."""
+        now_ns, next_ns = self._clock.now_ns(), self._schedule.next_due_ns()
+        return now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+
+    def _plan(self, due_ns: int) -> None:
+        if self._due_ns is None or due_ns < self._due_ns:
+            self._due_ns = due_ns
+            self._schedule.put(due_ns, partial(self._tick, due_ns))
+
+    def _tick(self, due_ns: int) -> None:
+        if due_ns != self._due_ns:
+            return  # an earlier one was planned instead
+        self._due_ns = None
+        if self._inputs:
+            self._at_once = 1
+            began_ns = self._clock.left_ns(due_ns)
+            self._inputs.take_in(
+                due_ns - 1, lambda: began_ns - self._clock.left_ns(due_ns) > INTAKE_NS
+            )
+        self._work_out(due_ns // TICK_NS)
+
+    def _work_out(self, k: int) -> None:
+        """What ends from tick k + 1 on, and plan when to send it."""
+        now_ns = self._clock.now_ns()
+        for i, scans in self._sensors.skip_until(now_ns).items():
+            self._of_index[i].missed(scans)
+            self._context.totals.missed_scans += scans
+        ticks = self._ticks_from(k)
+        before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
+        due: dict[int, DueTogether] = defaultdict(DueTogether)
+        for reports in self._sensors.reports(before_ns):
+            sectors += len(reports)
+            for report in reports:
+                due[report.counts.due_utc_ns].reports.append(report)
+        for together in due.values():
+            together.reports.sort(key=lambda report: self._order[report.sensor])
+        if self._cooperative is not None:
+            for due_ns, departure in self._cooperative.said_before(before_ns, now_ns):
+                due[due_ns].others.append(departure)
+        for due_ns, together in due.items():
+            prepare_all(self._departures(together))
+            self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
+        clock = self._clock
+        if isinstance(clock, InstantClock) and clock.leaps and sectors < MOST_SECTORS:
+            self._at_once = min(2 * ticks, MOST_TICKS)
+        self._earliest_ns = (k + ticks) * TICK_NS
+        self._plan(max(self._next_work_ns(k + ticks - 1), self._earliest_ns))
+        if self._inputs:
+            self.input_waits()
+
+    def _next_work_ns(self, k: int) -> int:
+        """The tick at which there is something to work out, or after tick k at the latest."""
+        ends_ns = [k * TICK_NS + LONGEST_NS + TICK_NS]
+        if (end_ns := self._sensors.next_end_ns) is not None:
+            ends_ns.append(end_ns)
+        if self._cooperative is not None:
+            ends_ns.append(self._cooperative.next_due_ns)
+        return (min(ends_ns) // TICK_NS - 1) * TICK_NS
+
+    def _ticks_from(self, k: int) -> int:
+        """How many are done at once: up to the next one before which something is handed in."""
+        ticks = self._at_once
+        for next_input_ns in self._hand_in:
+            if (comes_ns := next_input_ns()) is not None:
+                ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
+        return ticks
+
+    def _send(self, together: DueTogether) -> None:
+        """Hand over what is due now."""
+        send_all(self._departures(together))
+        totals = self._context.totals
+        for report in together.reports:
+            totals.add(report.counts)
+            self._tasks[report.sensor].reported(report)
+        for tell in self._reported:
+            for report in together.reports:
+                tell(report)
+
+    def _departures(self, together: DueTogether) -> list[Departure]:
+        """All messages, by who sends them, with the links that they have now."""
+        keep, tasks, departures = self._context.keep_ledger, self._tasks, list[Departure]()
+        for report in together.reports:
+            task = tasks[report.sensor]
+            on_complete = None if keep is None else partial(keep, report, task.link)
+            departures.append((task.outbox, report.messages, on_complete))
+        return departures + together.others
+
+
+@dataclass(slots=True)
+class DueTogether:
+    """What is due at one time: sectors, in the order of sensors, and what else there is."""
+
+    reports: list[SectorReport] = field(default_factory=list)
+    others: list[Departure] = field(default_factory=list)

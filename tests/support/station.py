@@ -1,0 +1,35 @@
+"""One sensor by itself, asked for any sector in any order."""
+
+from __future__ import annotations
+
+from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.emulated_sensors import NS_IN_MS, EmulatedSensors
+from plotfeed.models.beam import Sector, Timetable
+from plotfeed.models.chance import Chance
+from plotfeed.models.truth import Trajectories
+
+
+class Station:
+    """A sensor, where it stands and what it reports."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, trajectories: Trajectories) -> None:
+        self.sensor = sensor
+        self.sectors = sensor.scan.sectors
+        self.period_ns = sensor.scan.period_ns
+        self._emulated = EmulatedSensors(scene, trajectories, [sensor])
+        chance = Chance(scene.scene.seed, sensor.id)
+        jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
+        self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, chance)
+
+    def sector_at(self, t_utc_ns: int) -> Sector:
+        return self._timetable.sector_at(t_utc_ns)
+
+    def next_sector(self, sector: Sector) -> Sector:
+        return self._timetable.next_sector(sector)
+
+    def report(self, sector: Sector) -> SectorReport:
+        self._emulated.go_on_with(0, sector)
+        [[report]] = self._emulated.reports(sector.end_ns + 1)
+        return report
