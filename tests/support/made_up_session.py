@@ -287,7 +287,7 @@ class MadeUpSession:
         )
 
     def _report(self, report: SectorReport) -> None:
-        self.totals.add(report)
+        self.totals.add(report.counts)
         self.messages += report.messages
         sent = [self._sent(report, message.topic) for message in report.messages]
         if self.view is not None:
