@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Bools, Floats
 
-WGS84_A_M = 6_378_137.0  # m, semi-major axis (WGS 84)
-WGS84_F = 1 / 298.257223563  # flattening (WGS 84)
+WGS84_A_M, WGS84_F = 6_378_137.0, 1 / 298.257223563  # m, semi-major axis, and flattening (WGS 84)
 WGS84_B_M = WGS84_A_M * (1 - WGS84_F)  # m, semi-minor axis
 WGS84_E2 = WGS84_F * (2 - WGS84_F)  # first eccentricity, squared
 WGS84_EP2 = WGS84_E2 / (1 - WGS84_F) ** 2  # second eccentricity, squared
@@ -177,7 +176,7 @@ class Axes(ABC):
         return np.where(vertical, np.nan, azimuth_deg) if vertical.any() else azimuth_deg
 
     def has_within(self, ecef_m: Floats, distance_m: float | Floats) -> Bools:
-        """Whether ECEF positions are that near, or a hair further; (..., 3) in, (...) out."""
+        """Whether ECEF positions are as near, or a hair further; (..., 3) in, (...) out."""
         x, y, z = _components(ecef_m - self.origin_ecef_m)
         return np.asarray(x * x + y * y + z * z <= (distance_m * (1 + 1e-9)) ** 2)
 

@@ -32,12 +32,11 @@ from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.metrics import served
 from plotfeed.feeds.recording.recorder import (
     RawFile,
-    RecordedTelemetry,
     Recorder,
-    SessionRecord,
     SessionRecorder,
     attachments_of,
 )
+from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
@@ -48,6 +47,10 @@ from plotfeed.proto.utc import NS
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""
+BEFORE_TICKS = (
+    "plotfeed: {} was made before sessions went by ticks of 10 ms: what came in counts from the "
+    "next tick on, so plots near it may not be the same again"
+)
 FASTEST = "max"
 """In place of a speed."""
 
@@ -80,6 +83,8 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     """Run until it ends or is stopped; the exit code."""
     serves_page, note = _page(settings)
     again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
+    if again is not None and not again.has_ticks:
+        click.echo(BEFORE_TICKS.format(again.path), err=True)
     start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
     clock, duration_s = _clock(start_utc_ns, settings.speed), settings.duration
     if again is not None and duration_s is None and scene.scene.duration_s is None:

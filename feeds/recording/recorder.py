@@ -9,22 +9,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Self
 
 from plotfeed.feeds.console.process import already_there
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
-from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
@@ -146,10 +142,6 @@ class Recorder:
             self._file.close()
 
 
-SESSION_TOPIC = "/session"
-CONTROL_TOPIC = "/control"
-
-
 class SessionRecorder(Observer):
     """Records a session from within."""
 
@@ -257,98 +249,3 @@ def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
         yield Attachment(
             name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionRecord:
-    """A session's record, to be run again."""
-
-    path: Path
-    start_utc_ns: int
-    end_utc_ns: int
-
-    @classmethod
-    def open(cls, path: Path) -> SessionRecord:
-        """Raises `PlotfeedError` if it is not the record of a session."""
-        with McapReader(path) as mcap:
-            summary = mcap.summary()
-            for message in mcap.messages():
-                if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
-                    break
-            else:
-                raise PlotfeedError(
-                    f"{path}: expected the record of a session, made by run --record"
-                )
-        try:
-            start_utc_ns = int(json.loads(message.payload)["start_utc_ns"])
-        except (ValueError, KeyError, TypeError):
-            raise PlotfeedError(f"{path}: its session does not say when it began") from None
-        return cls(path=path, start_utc_ns=start_utc_ns, end_utc_ns=summary.end_ns or start_utc_ns)
-
-    def scene(self, folder: Path) -> Scene:
-        """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
-        root = folder.resolve()
-        with McapReader(self.path) as mcap:
-            names = [entry.name for entry in mcap.attachments()]
-            if SCENE_NAME not in names:
-                raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
-            for name in names:
-                target = (root / name).resolve()
-                found = mcap.attachment(name)
-                if found is not None and target.is_relative_to(root):  # whoever wrote the file
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_bytes(found.data)
-        return load(root / SCENE_NAME)
-
-
-class RecordedTelemetry(Observer):
-    """What came in to a session, taken in by another at the same times of its clock."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def begun(self, session: RunningSession) -> None:
-        """Read from the beginning."""
-        self._session = session
-        self._mcap = McapReader(self._path)
-        self._messages = self._mcap.messages(stages=[Stage.TELEMETRY])
-        self._next: Recorded | None = None
-        self._turn()
-
-    def next_input_ns(self) -> int | None:
-        """As of when the next message had been taken in."""
-        return None if self._next is None else self._next.log_time_ns
-
-    def before_due(self, due_utc_ns: int) -> None:
-        """All that had been taken in before then, together what was, no commands to the clock."""
-        while self._next is not None and self._next.log_time_ns < due_utc_ns:
-            t_utc_ns, together = self._next.log_time_ns, []
-            while self._next is not None and self._next.log_time_ns == t_utc_ns:
-                message = self._next
-                self._turn()
-                if not _is_of_clock(message):
-                    together.append((message.topic, message.payload, message.content_type or None))
-            self._session.receive(together, t_utc_ns)
-
-    def ended(self) -> None:
-        """The file is needed no more."""
-        self._mcap.close()
-
-    def _turn(self) -> None:
-        self._next = next(self._messages, None)
-
-
-def _is_of_clock(message: Recorded) -> bool:
-    """Whether it would hold or hurry the clock: the record has all of its time already."""
-    if not message.topic.endswith(CONTROL_TOPIC):
-        return False
-    try:
-        command = json.loads(message.payload)
-    except ValueError:
-        return False
-    return isinstance(command, dict) and "clock" in command
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file is to be taken for a record and not for a scene."""
-    return path.suffix == SUFFIX

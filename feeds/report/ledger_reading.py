@@ -19,7 +19,8 @@ from plotfeed.feeds.recording.recorded_session import (
     plot_topics,
     recorded_scene,
 )
-from plotfeed.feeds.recording.recorder import SCENE_NAME, SessionRecord
+from plotfeed.feeds.recording.recorder import SCENE_NAME
+from plotfeed.feeds.recording.session_again import SessionRecord
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
 from plotfeed.feeds.report.plot_tally import (
     CELL_M,

@@ -152,6 +152,7 @@ def _of_session() -> Iterator[Flow]:
             seed="integer",
             start_utc="string",
             start_utc_ns="integer",
+            tick_ms="integer",
             sensors="array",
             plotfeed="string",
         ),

@@ -27,7 +27,7 @@ from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
 from plotfeed.models.truth import Trajectories
 
-NS_IN_MS = 1e6
+NS_IN_MS = 1_000_000
 AHEAD_NS = 10_000_000
 """A sector is worked out this long before its messages are due, so that only sending is left.
 

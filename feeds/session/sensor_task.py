@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS, EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.telemetry.receiver import to_json
@@ -230,6 +230,7 @@ def session_message(scene: Scene, start_utc_ns: int) -> Message:
         "seed": scene.scene.seed,
         "start_utc": iso_utc(start_utc_ns),
         "start_utc_ns": start_utc_ns,
+        "tick_ms": AHEAD_NS // NS_IN_MS,
         "sensors": [sensor.id for sensor in scene.sensor],
         "plotfeed": version("plotfeed"),
     }
