@@ -216,7 +216,7 @@ class Timetables:
         return found if len(turns) == 1 else found.rows(np.lexsort((found.end_ns, found.sensor)))
 
     def take(self, sectors: Sectors) -> None:
-        """Those, of the ones that were next, are past now."""
+        """Go on past those sectors, which were next."""
         if not len(sectors):
             return
         last = np.append(

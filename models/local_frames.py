@@ -27,7 +27,7 @@ class LocalFrames(Axes):
 
     @classmethod
     def of(cls, frames: Sequence[Axes]) -> Axes:
-        """Those frames, one a row; a single one is itself, for it broadcasts against any rows."""
+        """Stack frames, one a row; a single one is itself, for it broadcasts against any rows."""
         if len(frames) == 1:
             return frames[0]
         meridians = zip(*(frame.meridian for frame in frames), strict=True)

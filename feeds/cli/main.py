@@ -80,7 +80,7 @@ def demo(*, no_page: bool, **options: Any) -> int:
 def run(scene: Path, **options: Any) -> int:
     """Run SCENE, a TOML file, or run the record of a session again."""
     from plotfeed.feeds.cli.run import RunSettings, run_again, run_in_terminal
-    from plotfeed.feeds.recording.recorder import is_record
+    from plotfeed.feeds.recording.session_again import is_record
     from plotfeed.feeds.scene.scene import load
 
     settings = RunSettings(**options)

@@ -100,5 +100,5 @@ class SectorReport:
 
     @cached_property
     def plots(self) -> Plots:
-        """What it measured, in the order of time."""
+        """Plots that it measured, in the order of time."""
         return self._sighting.plots_of(self._row)

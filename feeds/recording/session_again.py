@@ -83,7 +83,7 @@ class RecordedTelemetry(Observer):
         self._turn()
 
     def next_input_ns(self) -> int | None:
-        """As of when the next message had been taken in."""
+        """Time as of which the next message had been taken in."""
         return None if self._next is None else self._next.log_time_ns
 
     def before_due(self, due_utc_ns: int) -> None:

@@ -41,7 +41,7 @@ class EmulatedSensors:
     def __init__(
         self, scene: Scene, trajectories: Trajectories, sensors: Sequence[Sensor] | None = None
     ) -> None:
-        """Those of the scene, or some of them; raises `PlotfeedError`."""
+        """Put the sensors of the scene to work, or some of them; raises `PlotfeedError`."""
         self.sensors = list(scene.sensor if sensors is None else sensors)
         """As they are now."""
         self._scripted = tuple(self.sensors)

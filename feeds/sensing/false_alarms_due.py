@@ -37,7 +37,7 @@ class FalseAlarmsDue:
         self._due.pop(sensor, None)
 
     def of_scans(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
-        """Those of scans of sensors that stare."""
+        """False alarms of scans of sensors that stare, by sensor."""
         found = []
         for row, sensor in enumerate(sectors.sensor.tolist()):
             rng = self._chances[sensor].rng(Purpose.FALSE_ALARMS, int(sectors.scan[row]))
@@ -47,7 +47,7 @@ class FalseAlarmsDue:
         return found
 
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
-        """Those that fall within sectors of rotating sensors; each sensor's follow each other."""
+        """False alarms within sectors of rotating sensors, by sensor; each one's follow each other."""
         begun = sectors.scan != self._scan[sectors.sensor]
         if begun.any():
             which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)

@@ -91,7 +91,7 @@ class Observer:
         """What is due at that time is done next."""
 
     def next_input_ns(self) -> int | None:
-        """As of when it hands in something next, before what is due then; None for never."""
+        """Time as of which it hands in something next, before what is due then; None for never."""
         return None
 
     def report(self, report: SectorReport) -> None:

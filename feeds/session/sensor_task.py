@@ -85,7 +85,7 @@ class SensorTask:
         self._status.plots += report.counts.plots
 
     def missed(self, scans: int) -> None:
-        """It left out so many, since it was too late for them."""
+        """Count scans that were left out, since it was too late for them."""
         self._status.missed_scans += scans
 
     def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:

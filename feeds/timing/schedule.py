@@ -47,7 +47,7 @@ class Schedule:
         return self._heap[0][0] if self._heap else None
 
     def next_kind(self) -> ActionKind:
-        """Of what kind the next action is; there must be one."""
+        """Kind of the next action; there must be one."""
         return self._heap[0][3]
 
     def take(self) -> Action:
