@@ -45,7 +45,7 @@ class Borders:
             self.azimuth_deg = np.concatenate([self.azimuth_deg, room], axis=1)
 
     def take(self, sectors: Sectors, azimuth_deg: Floats) -> None:
-        """Note the last sectors of sensors, at whose ends drones are at these azimuths; (m, drones)."""
+        """Note where drones are when the last sectors of sensors end; (m, drones)."""
         self.t_utc_ns[sectors.sensor] = sectors.end_ns
         self.azimuth_deg[sectors.sensor, : azimuth_deg.shape[1]] = azimuth_deg
         self.azimuth_deg[sectors.sensor, azimuth_deg.shape[1] :] = np.nan

@@ -47,7 +47,7 @@ class FalseAlarmsDue:
         return found
 
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
-        """False alarms within sectors of rotating sensors, by sensor; each one's follow each other."""
+        """False alarms within sectors of rotating sensors, of which each one's are in order."""
         begun = sectors.scan != self._scan[sectors.sensor]
         if begun.any():
             which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)
