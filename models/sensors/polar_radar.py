@@ -114,19 +114,19 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
         (n,) in, (3, n) out: eqs 13 to 15, and floors in quadrature.
         """
-        widths, floors = (of_each.reshape(3, -1) for of_each in self._widths_and_floors)
+        widths, floors = self._widths_and_floors
         return accuracy.with_floor(accuracy.noise_share(snr) * widths, floors)
 
     @sensor_property
     def _widths_and_floors(self) -> tuple[Floats, Floats]:
-        """What noise leaves of range, azimuth and elevation, and the floors that stay; (3,)."""
+        """What noise leaves of range, azimuth and elevation, and the floors that stay; (3, 1)."""
         widths = [
             accuracy.sigma_range_m(0.5, self.range_resolution_m),
             accuracy.sigma_angle_deg(0.5, self.azimuth_beamwidth_deg),
             accuracy.sigma_angle_deg(0.5, self.elevation_beamwidth_deg),
         ]
         floors = [self.range_floor_m, self.azimuth_floor_deg, self.elevation_floor_deg]
-        return np.array(widths), np.array(floors)
+        return np.array(widths)[:, None], np.array(floors)[:, None]
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look once at each target within cover, and plot those detected.

@@ -8,7 +8,7 @@ columns are gathered when an equation asks for them. All that follows from a sen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
@@ -29,7 +29,7 @@ else:
     class sensor_property(cached_property):  # noqa: N801 - a decorator, as its base is
         """What follows from the fields of a sensor alone; of many, gathered as the fields are.
 
-        An array of a sensor, (...), is (..., n) of n rows that differ in it.
+        An array of a sensor, (...) or (..., 1), is (..., n) of n rows that differ in it.
         """
 
         def __get__(self, model: Any, owner: type[Any] | None = None) -> Any:
@@ -46,6 +46,14 @@ class _Column:
     """Values that differ, the sensors on the last axis."""
 
     values: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Parts:
+    """The fields of dataclasses that differ in some."""
+
+    kind: type[Any]
+    parts: dict[str, Any]
 
 
 class Stackable:
@@ -165,35 +173,33 @@ def _side_by_side(values: Sequence[Any]) -> Any:
     if isinstance(first, np.ndarray):
         if all(value is first or np.array_equal(value, first) for value in values):
             return first
-        return _Column(np.stack(values, axis=-1))
+        together = np.concatenate if first.ndim > 1 and first.shape[-1] == 1 else np.stack
+        return _Column(together(values, axis=-1))
     if isinstance(first, tuple):
         parts = tuple(_side_by_side(parts) for parts in zip(*values, strict=True))
-        return parts if _differs(parts) else first
+        return parts if any(_differs(part) for part in parts) else first
     if all(value is first or value == first for value in values):
         return first
     if is_dataclass(first):
-        return _of_each_field(first, lambda name: _side_by_side([getattr(v, name) for v in values]))
+        names = [f.name for f in fields(first)]
+        return _Parts(
+            type(first), {n: _side_by_side([getattr(v, n) for v in values]) for n in names}
+        )
     return _Column(np.array(values, np.float64))
 
 
 def _gathered(value: Any, at: Ints) -> Any:
     if isinstance(value, _Column):
-        return value.values[..., at]
-    if not _differs(value):
-        return value
+        return value.values.take(at, axis=-1)
     if isinstance(value, tuple):
         return tuple(_gathered(part, at) for part in value)
-    return _of_each_field(value, lambda name: _gathered(getattr(value, name), at))
+    if isinstance(value, _Parts):
+        return value.kind(**{name: _gathered(part, at) for name, part in value.parts.items()})
+    return value
 
 
 def _differs(value: object) -> bool:
     """Whether there is a column in it."""
     if isinstance(value, tuple):
         return any(_differs(part) for part in value)
-    if is_dataclass(value) and not isinstance(value, (type, _Column)):
-        return any(_differs(getattr(value, f.name)) for f in fields(value))
-    return isinstance(value, _Column)
-
-
-def _of_each_field(one: Any, value_of: Callable[[str], Any]) -> Any:
-    return type(one)(**{f.name: value_of(f.name) for f in fields(one)})
+    return isinstance(value, (_Column, _Parts))
