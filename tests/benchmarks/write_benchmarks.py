@@ -30,6 +30,7 @@ BENCHMARKS = {
     "bench_impairment.py": "Impaired links",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
+    "bench_delivery.py": "Delivery",
     "bench_engine.py": "The engine under load",
     "bench_scaling.py": "Scale",
     "bench_simulated.py": "Simulated time",

@@ -47,7 +47,6 @@ class MqttTransport:
         address: BrokerAddress,
         name: str,
         *,
-        will: Message | None = None,
         subscribe: Sequence[str] = (),
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
@@ -63,7 +62,6 @@ class MqttTransport:
         self.last_error = ""
         """Why the last attempt to connect failed."""
         self._client_id = f"{name}-{uuid4().hex[:8]}"
-        self._will = will
         self._subscribe = subscribe
         self._on_message = on_message
         self._on_received = on_received
@@ -305,7 +303,6 @@ class MqttTransport:
                 self._client_id,
                 counts=self.counts,
                 on_room=self._has_room_again,
-                will=self._will,
                 on_message=self._on_message,
                 on_received=self._on_received,
             )

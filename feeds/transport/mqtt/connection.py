@@ -19,11 +19,11 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
     GmqttClient,
-    Qos1Window,
     reason_name,
     refusal_code,
 )
 from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
+from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
 from plotfeed.proto.errors import PlotfeedError
 
@@ -32,6 +32,8 @@ log = logging.getLogger(__name__)
 CLOSE_S = 1.0
 READ_OCTETS = 8_192
 """At a time, of what a session takes in: a millisecond's work if it is small messages."""
+TOGETHER_OCTETS = 1 << 16
+"""Of QoS 1: beyond, what is to leave in one write leaves at once."""
 HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 REFUSED = 128
@@ -57,7 +59,6 @@ class MqttConnection:
         *,
         counts: QueueCounts,
         on_room: Callable[[], None],
-        will: Message | None = None,
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
     ) -> None:
@@ -72,6 +73,9 @@ class MqttConnection:
         self._counts = counts
         self._on_room = on_room
         self._window = Qos1Window(counts, on_room)
+        self._packets: list[bytes] = []
+        """Of QoS 1, which are written next."""
+        self._packed_octets = 0
         self._buffer: SocketBuffer
         """There is one as soon as it is open."""
         self._complained = False
@@ -79,8 +83,6 @@ class MqttConnection:
         self._client = GmqttClient(
             client_id,
             version,
-            window=self._window,
-            will=will,
             username=address.access.username,
             password=address.access.password,
             on_accepted=self._accepted,
@@ -157,10 +159,19 @@ class MqttConnection:
         pack(messages, self.version)
 
     def send_until_acknowledged(self, delivery: Delivery) -> None:
-        """Hand a message of QoS 1 to the socket, and keep it until the broker has answered."""
+        """Send a message of QoS 1, and keep it until the broker has answered.
+
+        Small ones of one turn of the loop leave in one write at its end.
+        """
         delivery.leave()
-        self._client.publish(delivery)
-        self._buffer.given(len(delivery.message.payload))
+        number = self._window.put(delivery)
+        if not self._packets:
+            asyncio.get_running_loop().call_soon(self._write_packets)
+        packet = publish_packet(delivery.message, self.version, number=number)
+        self._packets.append(packet)
+        self._packed_octets += len(packet)
+        if self._packed_octets > TOGETHER_OCTETS:
+            self._write_packets()
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
@@ -185,6 +196,7 @@ class MqttConnection:
         """Say goodbye, if there is still anybody."""
         try:
             with contextlib.suppress(Exception):
+                self._write_packets()
                 async with asyncio.timeout(CLOSE_S):
                     await self._client.disconnect()
         finally:
@@ -219,6 +231,14 @@ class MqttConnection:
                 task.cancel()
             await asyncio.gather(greeting, lost, return_exceptions=True)
 
+    def _write_packets(self) -> None:
+        octets = b"".join(self._packets)
+        self._packets.clear()
+        self._packed_octets = 0
+        if octets and not self.lost.is_set():
+            self._client.write(octets)
+            self._buffer.given(len(octets))
+
     def _accepted(self, answer: Mapping[str, Any]) -> None:
         for largest in answer.get("maximum_packet_size", ()):
             self._largest_payload = max(0, largest - HEADER_OCTETS)
@@ -232,8 +252,11 @@ class MqttConnection:
 
     def _acknowledged(self, packet: bytes) -> None:
         """A PUBACK; those of MQTT 5 may have a reason code."""
-        if len(packet) > 2 and packet[2] >= REFUSED:
-            self._window.refuse(int.from_bytes(packet[:2], "big"))
+        number = int.from_bytes(packet[:2], "big")
+        if len(packet) <= 2 or packet[2] < REFUSED:
+            self._window.acknowledge(number)
+        else:
+            self._window.refuse(number)
             if not self._complained:
                 self._complained = True
                 reason = reason_name(packet[2])

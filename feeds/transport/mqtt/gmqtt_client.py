@@ -17,11 +17,6 @@ from typing import Any
 
 import gmqtt
 from gmqtt.mqtt.handler import MQTTConnectError, MQTTError
-from gmqtt.storage import PersistentStorage
-
-from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 
 logging.getLogger("gmqtt").setLevel(logging.CRITICAL + 1)  # it logs tracebacks; we say it in a line
 
@@ -29,7 +24,6 @@ PRIVATE = {
     "Client._connection": "the connection that there is, None before any",
     "Client._package_handler": "what it does with each packet that comes",
     "MqttPackageHandler._handler_cache": "by the first octet of a packet, who is given it",
-    "MqttPackageHandler._handle_puback_packet": "what it would do with a PUBACK itself",
     "MqttPackageHandler._handle_publish_packet": "what it would do with a PUBLISH itself",
     "MqttPackageHandler._parse_properties": "properties of MQTT 5 from octets, and what follows",
     "MqttPackageHandler.id_generator._max": "how many packets may have an id at a time",
@@ -55,76 +49,8 @@ MOST_KNOWN = 256
 _NO_PROPERTIES: Mapping[str, Any] = {}
 ALL_IDS = 65_536
 NEVER_RECONNECT = {"reconnect_retries": -2, "reconnect_delay": 0}
-MAX_UNACKNOWLEDGED = 1000
-"""At once, where the broker does not say how many; gmqtt alone would send 65,535."""
-MAX_UNACKNOWLEDGED_OCTETS = 32 << 20
-"""Of payloads, besides the one that goes beyond it."""
 CONNECT_ERRORS = (OSError, ValueError, MQTTError)
 """What `GmqttClient.connect` may raise."""
-
-
-class Qos1Window(PersistentStorage):  # type: ignore[misc]
-    """What gmqtt keeps of one connection until it is acknowledged: here, whose message it was.
-
-    A broker may take no more than so many messages at once (Receive Maximum: mosquitto takes 20).
-    """
-
-    def __init__(self, counts: QueueCounts, on_room: Callable[[], None]) -> None:
-        """`on_room` is called whenever one message less is on its way."""
-        super().__init__()
-        self.limit = MAX_UNACKNOWLEDGED
-        self.sending: Delivery | None = None
-        """What gmqtt is told to publish now; it answers with the id that it gave it."""
-        self._deliveries: dict[int, Delivery] = {}
-        self._octets = 0
-        self._counts = counts
-        self._on_room = on_room
-
-    @property
-    def unacknowledged(self) -> int:
-        """How many have not arrived as far as is known."""
-        return len(self._deliveries)
-
-    @property
-    def has_room(self) -> bool:
-        """Whether another message may be sent."""
-        return len(self._deliveries) < self.limit and self._octets < MAX_UNACKNOWLEDGED_OCTETS
-
-    def push_message(self, mid: int, raw_package: bytes) -> None:
-        """Note what is being sent, under this id."""
-        if self.sending is not None:
-            super().push_message(mid, raw_package)
-            self._deliveries[mid] = self.sending
-            self._octets += len(self.sending.message.payload)
-
-    def remove_message_by_mid(self, mid: int) -> None:
-        """The broker has acknowledged it."""
-        self._answered(mid, delivered=True)
-
-    def refuse(self, mid: int) -> None:
-        """The broker has answered that it does not take it."""
-        self._counts.refused += self._answered(mid, delivered=False)
-
-    def get_all(self) -> list[tuple[int, bytes]]:
-        """Nothing that gmqtt should send again: that is the link's to do."""
-        return []
-
-    def take_all(self) -> list[Delivery]:
-        """All that is unacknowledged, in the order in which it was sent; it is kept no longer."""
-        deliveries, self._deliveries = list(self._deliveries.values()), {}
-        self._octets = 0
-        self.clear()
-        return deliveries
-
-    def _answered(self, mid: int, *, delivered: bool) -> bool:
-        delivery = self._deliveries.pop(mid, None)
-        if delivery is None:
-            return False
-        super().remove_message_by_mid(mid)
-        self._octets -= len(delivery.message.payload)
-        delivery.settle(delivered=delivered)
-        self._on_room()
-        return True
 
 
 class GmqttClient:
@@ -135,8 +61,6 @@ class GmqttClient:
         client_id: str,
         version: int,
         *,
-        window: Qos1Window,
-        will: Message | None,
         username: str | None,
         password: str | None,
         on_accepted: Callable[[Mapping[str, Any]], object],
@@ -148,15 +72,12 @@ class GmqttClient:
         """`on_accepted` and `on_message` are given properties of MQTT 5, the latter last of all.
 
         Before them, of a message: topic, payload, QoS, and whether it is retained.
-        `on_acknowledged` is given a PUBACK before gmqtt is, `on_ended` a DISCONNECT or nothing.
+        `on_acknowledged` is given a PUBACK, `on_ended` a DISCONNECT or nothing.
         """
         self._version = version
-        self._window = window
         self._client = gmqtt.Client(
             client_id,
             clean_session=True,
-            will_message=will and self._packed(will),
-            persistent_storage=window,
         )
         self._client.set_config(NEVER_RECONNECT)
         if username is not None:
@@ -174,16 +95,12 @@ class GmqttClient:
             on_message(topic, bytes(payload), qos, bool(properties["retain"]), properties)
             return 0
 
-        def acknowledged(command: int, packet: bytes) -> None:
-            on_acknowledged(packet)
-            handler._handle_puback_packet(command, packet)
-
         self._client.on_connect = accepted
         self._client.on_disconnect = lambda _client, packet, *_: on_ended(packet or b"")
         self._client.on_subscribe = lambda _client, _id, granted, _properties: on_granted(granted)
         self._client.on_message = received
-        # gmqtt takes a PUBACK that refuses for one that accepts.
-        handler._handler_cache[PUBACK] = acknowledged
+        # gmqtt takes a PUBACK that refuses for one that accepts, and knows nothing of our ids.
+        handler._handler_cache[PUBACK] = lambda _command, packet: on_acknowledged(packet)
         handler._handler_cache[PUBLISH] = _Publications(self._client, version, on_message)
 
     async def connect(self, host: str, port: int, tls: SSLContext | None) -> None:
@@ -195,12 +112,6 @@ class GmqttClient:
     def subscribe(self, topic_filter: str, *, as_published: bool) -> None:
         """Have what comes there; `as_published` says that retained messages are marked."""
         self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
-
-    def publish(self, delivery: Delivery) -> None:
-        """Send a message of QoS 1, which is in the window from now on."""
-        self._window.sending = delivery
-        self._client.publish(self._packed(delivery.message))
-        self._window.sending = None
 
     def write(self, octets: bytes) -> None:
         """Send packets that are packed."""
@@ -241,18 +152,6 @@ class GmqttClient:
         if connection is not None:
             connection._keep_connection_callback.cancel()
             connection._transport.abort()
-
-    def _packed(self, message: Message) -> gmqtt.Message:
-        properties: dict[str, Any] = {}
-        if self._version >= 5:
-            properties["content_type"] = message.content_type
-            if message.properties:
-                properties["user_property"] = list(message.properties)
-            if not message.retain:
-                properties["message_expiry_interval"] = MESSAGE_EXPIRY_S
-        return gmqtt.Message(
-            message.topic, message.payload, qos=message.qos, retain=message.retain, **properties
-        )
 
 
 class _Publications:

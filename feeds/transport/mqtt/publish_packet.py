@@ -1,4 +1,4 @@
-"""PUBLISH packets of QoS 0, the only ones of which there are thousands a second.
+"""PUBLISH packets, of which there are thousands a second.
 
 gmqtt packs each property anew, in a tenth of a millisecond a message, and those of our messages are
 mostly the same ones again.
@@ -13,7 +13,8 @@ from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message
 from plotfeed.feeds.messages.user_properties import packed_text, pieces_of
 from plotfeed.proto.varint import varint
 
-PUBLISH, RETAINED = b"\x30", b"\x31"
+FIRST = {(qos, retain): bytes((0x30 | qos << 1 | retain,)) for qos in (0, 1) for retain in (0, 1)}
+"""Their first octets, by QoS and whether they are retained."""
 EXPIRY, CONTENT_TYPE = b"\x02", b"\x03"
 
 
@@ -24,13 +25,18 @@ def pack(messages: Iterable[Message], version: int) -> None:
             message.packets[version] = publish_packet(message, version)
 
 
-def publish_packet(message: Message, version: int, expiry_s: int = MESSAGE_EXPIRY_S) -> bytes:
-    """The packet of a message of QoS 0 for that version; what is retained does not expire.
+def publish_packet(
+    message: Message, version: int, expiry_s: int = MESSAGE_EXPIRY_S, *, number: int | None = None
+) -> bytes:
+    """The packet of a message for that version; what is retained does not expire.
 
-    MQTT 3.1.1, section 3.3, and MQTT 5.0, sections 2.2.2 and 3.3.
+    With `number` as its id it is of QoS 1, without of QoS 0. MQTT 3.1.1, section 3.3, and MQTT 5.0,
+    sections 2.2.2 and 3.3.
     """
-    first = RETAINED if message.retain else PUBLISH
+    first = FIRST[number is not None, message.retain]
     topic, payload = packed_text(message.topic), message.payload
+    if number is not None:
+        topic += number.to_bytes(2, "big")  # they stand one behind the other
     if version < 5:
         return b"".join((first, varint(len(topic) + len(payload)), topic, payload))
     content_type, properties = _content_type(message.content_type), pieces_of(message.properties)

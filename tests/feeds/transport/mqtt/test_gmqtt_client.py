@@ -20,40 +20,29 @@ from plotfeed.feeds.transport.mqtt import gmqtt_client
 from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     PRIVATE,
     GmqttClient,
-    Qos1Window,
     reason_name,
     refusal_code,
 )
 from plotfeed.feeds.transport.mqtt.publish_packet import publish_packet
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 
 
 class Used:
     """A client of ours over a scripted broker, and what it is told."""
 
     def __init__(self) -> None:
-        self.window = Qos1Window(QueueCounts(), lambda: None)
         self.answers: list[bytes] = []
-        self.held: list[int] = []
-        """Messages that the window still held, at each of them."""
         self.ended: list[bytes] = []
         self.client = GmqttClient(
             "test",
             5,
-            window=self.window,
-            will=None,
             username=None,
             password=None,
             on_accepted=lambda _: None,
             on_granted=lambda _: None,
             on_message=lambda *_: None,
-            on_acknowledged=self.acknowledged,
+            on_acknowledged=self.answers.append,
             on_ended=self.ended.append,
         )
-
-    def acknowledged(self, packet: bytes) -> None:
-        self.answers.append(packet)
-        self.held.append(self.window.unacknowledged)
 
     @property
     def connection(self) -> Any:
@@ -111,20 +100,19 @@ async def test_what_is_written_packed_arrives_as_it_is() -> None:
 
 
 @pytest.mark.asyncio
-async def test_an_answer_comes_to_us_before_it_acknowledges_the_message() -> None:
+async def test_an_answer_comes_to_us_whether_it_is_a_refusal_or_not() -> None:
     broker, deliveries = ScriptedBroker(), Deliveries()
     async with used(broker) as it:
-        for _ in range(3):
-            it.client.publish(deliveries.make(qos=1))
+        for number in (1000, 1001, 1002):
+            message = deliveries.make(qos=1).message
+            it.client.write(publish_packet(message, 5, number=number))
         await until(lambda: len(broker.unacknowledged) == 3)
-        ids = list(broker.unacknowledged)
-        broker.acknowledge(3)
-        await until(lambda: deliveries.delivered == [0, 1, 2])
-        cache = "MqttPackageHandler._handler_cache"
-        puback = "MqttPackageHandler._handle_puback_packet"
-        answered = [int.from_bytes(packet[:2], "big") for packet in it.answers]
-        assert answered == ids, told(cache, "does not lead a PUBACK to us")
-        assert it.held == [3, 2, 1], told(puback, "acknowledged before we had seen the answer")
+        broker.acknowledge(2)
+        broker.acknowledge(1, b"\x97")
+        await until(lambda: len(it.answers) == 3)
+    expected = [b"\x03\xe8", b"\x03\xe9", b"\x03\xea\x97"]
+    cache = "MqttPackageHandler._handler_cache"
+    assert it.answers == expected, told(cache, "does not lead a PUBACK to us")
 
 
 @pytest.mark.asyncio

@@ -23,7 +23,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import client, gmqtt_client, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.gmqtt_client import MAX_UNACKNOWLEDGED
+from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_OCTETS
 
 PAUSE_S = {"drop-oldest": 0.0, "drop-newest": 0.0, "wait": 2.0}

@@ -18,7 +18,7 @@ from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
 
 
-def by_gmqtt(message: Message, version: int, expiry_s: int) -> bytes:
+def by_gmqtt(message: Message, version: int, expiry_s: int, number: int | None) -> bytes:
     more = {}
     if version >= 5:
         more = {"content_type": message.content_type}
@@ -26,8 +26,10 @@ def by_gmqtt(message: Message, version: int, expiry_s: int) -> bytes:
             more["user_property"] = list(message.properties)  # type: ignore[assignment]
         if not message.retain:
             more["message_expiry_interval"] = expiry_s  # type: ignore[assignment]
-    packet = gmqtt.Message(message.topic, message.payload, qos=0, retain=message.retain, **more)
-    protocol = SimpleNamespace(proto_ver=version)
+    qos = 0 if number is None else 1
+    packet = gmqtt.Message(message.topic, message.payload, qos=qos, retain=message.retain, **more)
+    ids = SimpleNamespace(next_id=lambda: number)
+    protocol = SimpleNamespace(proto_ver=version, id_generator=ids)
     _, octets = PublishPacket.build_package(packet, protocol)
     return bytes(octets)
 
@@ -50,11 +52,15 @@ messages = st.builds(
 )
 
 
-@given(messages, st.sampled_from([4, 5]), st.integers(1, 2**32 - 1))
+numbers = st.one_of(st.none(), st.integers(1, 65_535))
+
+
+@given(messages, st.sampled_from([4, 5]), st.integers(1, 2**32 - 1), numbers)
 def test_a_packet_is_what_an_independent_client_makes_of_the_same_message(
-    message: Message, version: int, expiry_s: int
+    message: Message, version: int, expiry_s: int, number: int | None
 ) -> None:
-    assert publish_packet(message, version, expiry_s) == by_gmqtt(message, version, expiry_s)
+    expected = by_gmqtt(message, version, expiry_s, number)
+    assert publish_packet(message, version, expiry_s, number=number) == expected
 
 
 @given(st.lists(messages, max_size=5), st.sampled_from([4, 5]), st.integers(0, 1))

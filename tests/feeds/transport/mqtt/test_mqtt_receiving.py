@@ -9,8 +9,7 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.transport.mqtt.gmqtt_client import PUBLISH, GmqttClient, Qos1Window
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
+from plotfeed.feeds.transport.mqtt.gmqtt_client import PUBLISH, GmqttClient
 from plotfeed.proto.varint import varint
 
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12)
@@ -47,8 +46,6 @@ class Ears:
         self.client = GmqttClient(
             "test",
             version,
-            window=Qos1Window(QueueCounts(), lambda: None),
-            will=None,
             username=None,
             password=None,
             on_accepted=lambda _: None,

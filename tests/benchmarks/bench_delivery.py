@@ -1,0 +1,201 @@
+"""Processor time of a deadline: 200 sensors with two messages each, to two brokers; and the ledger.
+
+    python tests/benchmarks/bench_delivery.py
+
+MQTT 5 to one broker and 3.1.1 to the other, packets ready, perfect links. Up to the last write is
+what a deadline takes; what is told and written afterwards has the time until the next.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bench_engine import a_broker
+from support.waiting import PATIENCE_S
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.delivery import Settled
+from plotfeed.feeds.delivery.outbox import Outbox, send_all
+from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.models.state import Looks, Plots
+from plotfeed.proto.ledger_octets import LedgerOctets, ledger
+
+SENSORS, DEADLINES = 200, 150
+EVERY_S = 0.02
+AIM_US, AIM_MESSAGE_US = 1000, 2.0
+
+
+@dataclass
+class Found:
+    """Microseconds of each deadline."""
+
+    write: list[float] = field(default_factory=list)
+    tell: list[float] = field(default_factory=list)
+    statuses: list[float] = field(default_factory=list)
+
+
+def messages(sensor: str, due_utc_ns: int) -> list[Message]:
+    """A block of plots and one of service."""
+    source = f"plotfeed/{sensor}"
+    return [
+        Message(
+            topic=f"{source}/asterix/{category}",
+            payload=bytes(octets),
+            content_type=f"application/x-asterix; cat={category}",
+            due_utc_ns=due_utc_ns,
+            properties=attributes(source, f"asterix/{category}", "1-1", due_utc_ns, sensor=sensor),
+        )
+        for category, octets in (("048", 60), ("034", 20))
+    ]
+
+
+def status(sensor: str, due_utc_ns: int) -> Message:
+    """What each sensor says every five seconds."""
+    return Message(
+        topic=f"plotfeed/{sensor}/status",
+        payload=bytes(300),
+        content_type="application/json",
+        due_utc_ns=due_utc_ns,
+        retain=True,
+        qos=1,
+    )
+
+
+async def measured(ports: list[int]) -> Found:
+    """Deadlines over brokers on those ports, of MQTT 5 and 3.1.1 in turn."""
+    clock, totals, found = WallClock(), SessionCounters(), Found()
+    async with asyncio.TaskGroup() as running:
+        links = [
+            MqttTransport(BrokerAddress("127.0.0.1", port, (5 - i,)), "bench")
+            for i, port in enumerate(ports)
+        ]
+        tasks = [running.create_task(link.run()) for link in links]
+        for link in links:
+            await link.wait_until_up(PATIENCE_S)
+        outboxes = [Outbox(clock, links, totals=totals) for _ in range(SENSORS)]
+        for _ in range(DEADLINES):
+            await asyncio.sleep(EVERY_S)
+            one_deadline(outboxes, clock.now_ns(), found)
+            await asyncio.sleep(EVERY_S)
+            start = time.process_time()
+            for i, outbox in enumerate(outboxes):
+                outbox.send_past_link(status(f"r{i}", clock.now_ns()))
+            await asyncio.sleep(0)
+            found.statuses.append((time.process_time() - start) * 1e6)
+        for task in tasks:
+            task.cancel()
+    clock.close()
+    return found
+
+
+def one_deadline(outboxes: list[Outbox], due_utc_ns: int, found: Found) -> None:
+    """Whoever is told first is told after the last write."""
+    told: list[float] = []
+
+    def keep(_settled: Settled) -> None:
+        if not told:
+            told.append(time.process_time())
+
+    departures = [
+        (outbox, messages(f"r{i}", due_utc_ns), keep) for i, outbox in enumerate(outboxes)
+    ]
+    for outbox, some, _ in departures:
+        outbox.prepare(some)
+    start = time.process_time()
+    send_all(departures)
+    end = time.process_time()
+    found.write.append((told[0] - start) * 1e6)
+    found.tell.append((end - told[0]) * 1e6)
+
+
+def ledger_us(sectors: int, drones: int) -> float:
+    """A sector's entry with so many looks and plots, among so many others."""
+    rng, names = np.random.default_rng(1), [f"d{i}" for i in range(1000)]
+    n = sectors * drones
+    by = np.arange(sectors + 1) * drones
+    due_ns = np.full(n, 1_795_000_000_000_000_000) + np.arange(n)
+    looks = Looks(
+        drone=rng.integers(0, len(names), n),
+        channel=np.zeros(n, np.int64),
+        t_utc_ns=due_ns,
+        range_m=rng.random(n),
+        azimuth_deg=rng.random(n),
+        elevation_deg=rng.random(n),
+        snr=rng.random(n),
+        pd=rng.random(n),
+        detected=rng.random(n) < 0.9,
+    )
+    plots = Plots.of(
+        drone=looks.drone,
+        t_utc_ns=due_ns,
+        true_range_m=looks.range_m,
+        true_azimuth_deg=looks.azimuth_deg,
+        true_elevation_deg=looks.elevation_deg,
+    )
+    topics = [f"plotfeed/r{i}/asterix/{c}" for i in range(sectors) for c in ("048", "034")]
+    sent_ns, sizes = np.full(2 * sectors, due_ns[0]), np.full(2 * sectors, 60)
+    octets = LedgerOctets(names)
+
+    def entries() -> list[bytes]:
+        truths = octets.truths(looks, by, plots, by)
+        sent, ends = octets.sent(topics, sent_ns, sent_ns, sizes, np.arange(2 * sectors))
+        ends = ends[::2].tolist()
+        return [
+            ledger(f"r{i}", 7, 1, truth=truth, sent=sent[ends[i] : ends[i + 1]])
+            for i, truth in enumerate(truths)
+        ]
+
+    took = []
+    for _ in range(20):
+        start = time.process_time()
+        entries()
+        took.append((time.process_time() - start) * 1e6)
+    return statistics.median(took) / sectors
+
+
+def main() -> None:
+    """Prints tables."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        places = [Path(name) / f"broker{i}" for i in range(2)]
+        for place in places:
+            place.mkdir()
+        brokers = [stack.enter_context(a_broker(place)) for place in places]
+        over_brokers = asyncio.run(measured([port for _, port in brokers]))
+        over_none = asyncio.run(measured([]))
+    print(f"Medians of {DEADLINES}, µs of processor; {brokers[0][0]} as the brokers.\n")
+    print("| | two brokers | none |\n|---|--:|--:|")
+    for what, attribute in (
+        (f"a deadline, up to the last write (aim {AIM_US:,})", "write"),
+        ("counted and told afterwards", "tell"),
+        ("200 retained statuses of QoS 1, one by one", "statuses"),
+    ):
+        cells = [statistics.median(getattr(one, attribute)) for one in (over_brokers, over_none)]
+        print(f"| {what} | " + " | ".join(f"{us:,.0f}" for us in cells) + " |")
+    each = [
+        statistics.median(map(sum, zip(one.write, one.tell, strict=True))) / SENSORS / 2
+        for one in (over_brokers, over_none)
+    ]
+    print(f"| a message, both (aim {AIM_MESSAGE_US:g} with none) | {each[0]:.1f} | {each[1]:.1f} |")
+    print("\nAn entry of the ledger, by how many are made at once, µs:\n")
+    print("| looks and plots in each | 1 | 50 | 200 |\n|--:|--:|--:|--:|")
+    for drones in (1, 10, 1000):
+        cells = [ledger_us(sectors, drones) for sectors in (1, 50, 200)]
+        print(f"| {drones:,} | " + " | ".join(f"{us:,.1f}" for us in cells) + " |")
+
+
+if __name__ == "__main__":
+    main()
