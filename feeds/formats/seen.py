@@ -79,10 +79,11 @@ class Seen:
 
     @cached_property
     def stamps(self) -> list[SectorStamp]:
-        """The sectors as messages tell of them."""
+        """The sectors as messages tell of them; where sensors are in step, it is one for all."""
         of = self.sectors
-        columns = (of.scan.tolist(), of.index.tolist(), of.end_ns.tolist())
-        return list(map(SectorStamp, *columns))
+        keys = zip(of.scan.tolist(), of.index.tolist(), of.end_ns.tolist(), strict=True)
+        known: dict[tuple[int, int, int], SectorStamp] = {}
+        return [known.get(key) or known.setdefault(key, SectorStamp(*key)) for key in keys]
 
     def parts(self, sources: Ints) -> Parts:
         """The plots by sector, for encoders; `sources` are their sensors, (m,)."""

@@ -16,6 +16,8 @@ USER_PROPERTY = b"\x26"
 """What announces one in a packet; MQTT 5.0, section 2.2.2."""
 
 Pair = tuple[str, str]
+Pieces = tuple[int, Sequence[bytes]]
+"""How many octets there are, and these, in pieces."""
 
 
 def dashed(kind: str) -> str:
@@ -48,17 +50,17 @@ class SectorStamp:
 
     def __init__(self, scan: int, index: int, end_ns: int) -> None:
         self.scan, self.index, self.end_ns = scan, index, end_ns
-        self._octets: tuple[bytes, bytes, bytes] | None = None
+        self._octets: tuple[bytes, bytes, bytes, int] | None = None
 
-    def octets(self, sensor: bytes) -> tuple[bytes, bytes]:
-        """Part of an id, and the properties of its sensor and its own, worked out once."""
-        if self._octets is None or self._octets[0] is not sensor:
+    def octets(self) -> tuple[bytes, bytes, bytes, int]:
+        """Part of an id, the properties before and behind the sensor's, and how long these are."""
+        if self._octets is None:
             scan, index, time = str(self.scan), str(self.index), iso_utc(self.end_ns).encode()
-            length = len(time).to_bytes(2, "big")
-            place = packed_pair("scan", scan), packed_pair("sector", index)
-            of_sector = b"".join((_TIME, length, time, sensor, *place))
-            self._octets = (sensor, f"{scan}-{index}-".encode(), of_sector)
-        return self._octets[1:]
+            before = b"".join((_TIME, len(time).to_bytes(2, "big"), time))
+            behind = packed_pair("scan", scan) + packed_pair("sector", index)
+            length = len(before) + len(behind)
+            self._octets = f"{scan}-{index}-".encode(), before, behind, length
+        return self._octets
 
 
 _TIME, _ID = (USER_PROPERTY + packed_text(name) for name in ("time", "id"))
@@ -70,6 +72,7 @@ class Address:
     __slots__ = (
         "_behind_id",
         "_id",
+        "_length",
         "_sensor",
         "content_type",
         "event",
@@ -90,12 +93,23 @@ class Address:
         self._id = f"{self.kind}-".encode()
         self._behind_id = b"".join(packed_pair(*pair) for pair in self.event)
         self._sensor = packed_pair(*self.sensor)
+        self._length = len(_ID) + 2 + len(self._behind_id) + len(self._sensor)
 
-    def octets(self, stamp: SectorStamp, number: int) -> tuple[bytes, bytes, bytes]:
-        """The properties of a message of a sector as packets have them, in pieces."""
-        sector, of_sector = stamp.octets(self._sensor)
+    def octets(self, stamp: SectorStamp, number: int) -> Pieces:
+        """The properties of a message of a sector as packets have them."""
+        sector, time, place, length = stamp.octets()
         name = b"%b%b%d" % (self._id, sector, number)
-        return _ID + len(name).to_bytes(2, "big") + name, self._behind_id, of_sector
+        octets = len(name)
+        pieces = (
+            _ID,
+            octets.to_bytes(2, "big"),
+            name,
+            self._behind_id,
+            time,
+            self._sensor,
+            place,
+        )
+        return self._length + length + octets, pieces
 
 
 class SectorProperties(Sequence[Pair]):
@@ -121,8 +135,8 @@ class SectorProperties(Sequence[Pair]):
             ("sector", str(stamp.index)),
         )
 
-    def octets(self) -> tuple[bytes, bytes, bytes]:
-        """All of them as packets have them, in pieces."""
+    def octets(self) -> Pieces:
+        """All of them as packets have them."""
         return self.address.octets(self.stamp, self.number)
 
     def __len__(self) -> int:
@@ -158,11 +172,12 @@ class SectorProperties(Sequence[Pair]):
 
 def packed(properties: Sequence[Pair]) -> bytes:
     """Properties as packets have them."""
-    return b"".join(pieces_of(properties))
+    return b"".join(pieces_of(properties)[1])
 
 
-def pieces_of(properties: Sequence[Pair]) -> Sequence[bytes]:
-    """Properties as packets have them, in pieces that are to be joined."""
+def pieces_of(properties: Sequence[Pair]) -> Pieces:
+    """Properties as packets have them: their octets, in pieces that are to be joined."""
     if isinstance(properties, SectorProperties):
         return properties.octets()
-    return [packed_pair(name, value) for name, value in properties]
+    pieces = [packed_pair(name, value) for name, value in properties]
+    return sum(map(len, pieces)), pieces

@@ -39,9 +39,10 @@ def publish_packet(
         topic += number.to_bytes(2, "big")  # they stand one behind the other
     if version < 5:
         return b"".join((first, varint(len(topic) + len(payload)), topic, payload))
-    content_type, properties = _content_type(message.content_type), pieces_of(message.properties)
+    content_type = _content_type(message.content_type)
+    octets, properties = pieces_of(message.properties)
     expiry = b"" if message.retain else _expiry(expiry_s)
-    octets = len(content_type) + sum(map(len, properties)) + len(expiry)
+    octets += len(content_type) + len(expiry)
     length = varint(octets)
     rest = varint(len(topic) + len(length) + octets + len(payload))
     return b"".join((first, rest, topic, length, content_type, *properties, expiry, payload))
