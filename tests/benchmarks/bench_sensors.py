@@ -36,6 +36,8 @@ draws a detection by North's approximation first. Both give objects, each tied t
 tracker of Stone Soup takes as they are; plotfeed gives columns, with looks beside them."""
 AIM = 500
 """Times as fast per detection, at 1,000 targets."""
+AIMS_NS = {"mimo": 500, "passive": 500, "rf": 500}
+"""A target and scan, at 10,000 targets."""
 REPEATS = 9
 SECONDS_A_REPEAT = 0.1
 
@@ -233,6 +235,7 @@ def main() -> None:
     print()
     print(*(_verdict(name, theirs[name], shares["active"], times) for name in THEIRS), sep="\n")
     print(_losses(times))
+    print(_reached(times))
     print(NOT_THE_SAME)
 
 
@@ -268,6 +271,16 @@ def _losses(times: dict[tuple[str, int], list[float]]) -> str:
         > min(statistics.median(times[other, n]) for other in THEIRS)
     ]
     return "- Slower than either of Stone Soup's radars: " + ("; ".join(slower) or "none") + "."
+
+
+def _reached(times: dict[tuple[str, int], list[float]]) -> str:
+    """Whether sensors that took long at many targets take as little as they should."""
+    n, told = SIZES[-1], []
+    for name, aim_ns in AIMS_NS.items():
+        ns = statistics.median(times[name, n])
+        told.append(f"{CASES[name][0]} {ns:,.0f} ({'met' if ns <= aim_ns else '**missed**'})")
+    aims = ", ".join(dict.fromkeys(f"{ns} ns" for ns in AIMS_NS.values()))
+    return f"- Aim: {aims} at {n:,} targets: " + "; ".join(told) + "."
 
 
 def _spread(values: list[float]) -> str:

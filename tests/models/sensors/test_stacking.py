@@ -239,12 +239,15 @@ def test_with_draws_by_drone_too(kind: str) -> None:
     rng = np.random.default_rng(5)
     models = several(MODELS[kind], rng)
     found = targets(rng, 300)
-    draws = ScanDraws(Chance(1, "radar"), Purpose.DETECTION)
-    scans = np.full(len(found), 7)
-    looks, plots = stacked(models).rows(found.sensor).observe(found, draws.of(scans, found.drone))
+    draws = ScanDraws([Chance(1, str(i)) for i in range(SENSORS)], Purpose.DETECTION)
+    sensor, scans = found.sensor, np.full(len(found), 7)
+    looks, plots = (
+        stacked(models).rows(found.sensor).observe(found, draws.of(sensor, scans, found.drone))
+    )
     for i, model in enumerate(models):
         mine = of_rows(found, found.sensor == i)
-        own_looks, own_plots = model.observe(mine, draws.of(scans[: len(mine)], mine.drone))
+        own_draws = draws.of(sensor[sensor == i], scans[: len(mine)], mine.drone)
+        own_looks, own_plots = model.observe(mine, own_draws)
         assert_same(looks.rows(looks.sensor == i), own_looks)
         assert_same(plots.rows(plots.sensor == i), own_plots)
 
