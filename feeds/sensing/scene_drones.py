@@ -76,13 +76,12 @@ def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
     if drone.repeat:
         places.append(places[0])
         speeds.append(drone.speed_m_s or speeds[-1])
-    times_s, positions = [0.0], [geodetic_to_ecef(*places[0])]
-    for (a, b), speed_m_s in zip(pairwise(places), speeds[1:], strict=True):
-        for place in _along(a, b):
-            positions.append(geodetic_to_ecef(*place))
-            leg_m = float(np.linalg.norm(positions[-1] - positions[-2]))
-            times_s.append(times_s[-1] + max(leg_m / speed_m_s, 1e-6))
-    return times_s, np.array(positions)
+    legs = [list(_along(a, b)) for a, b in pairwise(places)]
+    positions = geodetic_to_ecef(*np.array([places[0], *(p for leg in legs for p in leg)]).T)
+    lengths_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    leg_speeds_m_s = np.repeat(speeds[1:], [len(leg) for leg in legs])
+    times_s = np.cumsum(np.maximum(lengths_m / leg_speeds_m_s, 1e-6))
+    return [0.0, *times_s.tolist()], positions
 
 
 def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:

@@ -13,12 +13,12 @@ from plotfeed.proto.utc import NS
 
 SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
+LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
+"""What can wait is done together, at multiples of this on the time line."""
 AT_ONCE = 50
-"""Entries written before the clock is looked at again."""
-BUSY_AT_ONCE = 5
-"""The same where the next deadline is near: nothing waits for ever."""
+"""Entries written, or messages sent in simulated time, before anything else has its turn."""
 MAX_LATER = 2_000
-"""Entries that may wait; with one more, the oldest is written however late the session is."""
+"""Entries that may wait; with one more, the oldest are written however late the session is."""
 DRAIN_EVERY_NS = 20 * NS
 """A simulated clock lets the sockets catch up this often."""
 
@@ -73,19 +73,26 @@ class SessionLoop:
         self._before_due = before_due
         self._waiting_transports: Sequence[WaitingTransport] = ()
         self._later: BoundedQueue[Action] = BoundedQueue(MAX_LATER)
+        self._later_ns: int | None = None
+        """When the turn of what waits comes."""
+        self._is_turn_of_later = False
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
         """Wait for these whenever they are full, and with them all sensors."""
         self._waiting_transports = transports
 
     def later(self, action: Action) -> None:
-        """Do this when nothing is due, or when too much waits for that."""
+        """Do this with others, soon, when nothing is due; or when too much waits for that."""
         if not self._later.has_room():
-            self._do_later(1)
+            self._do_later(AT_ONCE)
         self._later.put(action)
-        due_ns = self.schedule.next_due_ns()
-        if due_ns is not None and self._clock.stands_before(due_ns):
-            self._clock.wake()  # nothing else would
+        if self._later_ns is None:
+            is_simulated = isinstance(self._clock, InstantClock)
+            every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
+            self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
+            self.schedule.put(self._later_ns, self._begin_later)
+        if self._stands_still():
+            self._clock.wake()
 
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, for the next tick or, where time stands still, for now."""
@@ -126,12 +133,20 @@ class SessionLoop:
         """Do all that could wait."""
         self._do_later(len(self._later))
 
+    def _begin_later(self) -> None:
+        """Let it be the turn of what waits; simulated time has all the time for that."""
+        self._later_ns, self._is_turn_of_later = None, True
+        if isinstance(self._clock, InstantClock):
+            self.do_all_later()
+
     def _do_later(self, most: int) -> None:
         some = min(most, len(self._later))
         for _ in range(some):
             self._later.take()()
         if some:
             self._after_later()
+        if not self._later:
+            self._is_turn_of_later = False
 
     async def _do_what_is_due(self, end_ns: int | None = None) -> None:
         """What is due by now, but nothing that is due after the end, however late it is."""
@@ -152,9 +167,6 @@ class SessionLoop:
                 break  # however much more is overdue
             if done < AT_ONCE and isinstance(self._clock, InstantClock) and self._clock.leaps:
                 by_ns = self._on_to_the_next(self._clock, by_ns, end_ns)
-        next_ns = self.schedule.next_due_ns()
-        has_time = next_ns is None or self._has_time_before(next_ns)
-        self._do_later(AT_ONCE if has_time else BUSY_AT_ONCE)
 
     def _on_to_the_next(self, clock: InstantClock, by_ns: int, end_ns: int | None) -> int:
         """Simulated time goes on to the next that is only sent, if that is so: until when."""
@@ -163,19 +175,20 @@ class SessionLoop:
             return by_ns
         if self.schedule.next_kind() is ActionKind.WORK:
             return by_ns
-        if next_ns > by_ns:
-            self._do_later(AT_ONCE)
         clock.jump(next_ns)
         return max(by_ns, next_ns)
 
     async def _wait_until(self, due_ns: int) -> None:
         """Do what could wait, until then; what comes while time stands still is taken in now."""
         while self._has_time_before(due_ns):
-            if self._inputs and self._stands_still():
+            stands_still = self._stands_still()
+            takes_in = stands_still and len(self._inputs) > 0
+            if takes_in:
                 self._inputs.take_in(self._clock.now_ns(), lambda: False)
-            elif not self._later:
+            if self._later and (self._is_turn_of_later or stands_still):
+                self._do_later(AT_ONCE)
+            elif not takes_in:
                 break
-            self._do_later(AT_ONCE)
             await asyncio.sleep(0)
         await self._clock.sleep_until(due_ns)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import pytest
 from support.waiting import until
 
-from plotfeed.feeds.session.loop import MAX_LATER, SessionLoop
+from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 
@@ -55,18 +55,25 @@ class Case:
 
 
 @pytest.mark.asyncio
-async def test_what_is_due_together_is_done_before_what_can_wait() -> None:
-    case = Case()
+async def test_what_can_wait_is_done_together_at_fixed_times() -> None:
+    case, s = Case(), LATER_EVERY_SIMULATED_NS
 
-    def first() -> None:
-        case.loop.later(case.note("ledger"))
-        case.note("first")()
+    def both(name: str) -> Callable[[], None]:
+        def act() -> None:
+            case.loop.later(case.note(f"ledger of {name}"))
+            case.note(name)()
 
-    case.loop.schedule.put(5, first)
-    case.at(5, "second")
-    case.at(6, "third")
-    await case.loop.work(10)
-    assert case.done == [("first", 5), ("second", 5), ("ledger", 5), ("third", 6)]
+        return act
+
+    for t, name in ((5, "first"), (5, "second"), (6, "third"), (s + 1, "fourth")):
+        case.loop.schedule.put(t, both(name))
+    await case.loop.work(2 * s)
+    ledgers = [(f"ledger of {name}", s) for name in ("first", "second", "third")]
+    assert case.done == [
+        *[("first", 5), ("second", 5), ("third", 6)],
+        *ledgers,
+        *[("fourth", s + 1), ("ledger of fourth", 2 * s)],
+    ]
 
 
 @pytest.mark.asyncio
