@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models.state import Bools, Floats, Ints
-from plotfeed.proto.varint import varint
+from plotfeed.proto.varint import varint, varint_octets
 
 VARINT, DOUBLE, LENGTH = 0, 1, 2
 """Wire types."""
@@ -77,7 +77,7 @@ class Integers:
         self._tag = np.frombuffer(tag(field, wire_type), np.uint8)
         self._numbers = values.astype(np.uint64)  # a negative one in two's complement
         least, most = int(self._numbers.min()), int(self._numbers.max())
-        shortest, longest = (len(varint(number)) for number in (least, most))
+        shortest, longest = varint_octets(least), varint_octets(most)
         self._held = None if least else self._numbers != 0
         self.width = len(self._tag) + longest if most else 0
         self._own: Ints | int = longest

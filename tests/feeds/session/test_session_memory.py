@@ -1,0 +1,107 @@
+"""What a session keeps does not grow with its hours: objects are counted, minute after minute."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+import math
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto.utc import NS, iso_utc
+
+MINUTES, WARM_MINUTES = 5, 2
+"""A drone's track is kept for a minute."""
+DRONES, TELEMETRY_HZ = 4, 5
+LINK = """
+[sensor.link]
+latency_ms = 50.0
+jitter_ms = 10.0
+duplicate = 0.05
+loss = { kind = "random", probability = 0.05 }
+"""
+
+
+class Census(Observer):
+    """Flies drones by telemetry, one report in fifty garbage, and counts objects each minute."""
+
+    wants_ledger = True
+
+    def __init__(self) -> None:
+        self.blocks: list[int] = []
+        self.objects: list[Counter[type]] = []
+        self.entries = 0
+
+    def begun(self, session: RunningSession) -> None:
+        self._session = session
+        self._telemetry_ns = self._begin_ns = session.clock.now_ns()
+        self._count_ns = self._begin_ns + 60 * NS
+        self._reports = 0
+
+    def settled(self, *_: object) -> None:
+        self.entries += 1
+
+    def before_due(self, due_utc_ns: int) -> None:
+        while self._telemetry_ns < due_utc_ns:
+            inputs = [self._report(drone) for drone in range(DRONES)]
+            self._session.receive(inputs, self._telemetry_ns)
+            self._telemetry_ns += NS // TELEMETRY_HZ
+        if due_utc_ns >= self._count_ns:
+            self._count_ns += 60 * NS
+            gc.collect()
+            self.objects.append(Counter(type(each) for each in gc.get_objects()))
+            self.blocks.append(sys.getallocatedblocks())
+
+    def _report(self, drone: int) -> tuple[str, bytes, None]:
+        self._reports += 1
+        angle = (self._telemetry_ns - self._begin_ns) / 60e9 + drone
+        said = {
+            "time_utc": iso_utc(self._telemetry_ns),
+            "latitude_deg": 40.45 + 0.02 * math.cos(angle),
+            "longitude_deg": -3.73 + 0.02 * math.sin(angle),
+            "altitude_m": 900.0,
+            "altitude_reference": "ELLIPSOID",
+        }
+        payload = b"garbage" if self._reports % 50 == 0 else json.dumps(said).encode()
+        return f"plotfeed/telemetry/d{drone}", payload, None
+
+
+def scene(folder: Path) -> Scene:
+    sensors = "\n".join(
+        radar(f"radar{i}", sectors=8, more='report = ["asterix-048", "plots"]') + LINK
+        for i in range(2)
+    )
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=sensors, drones="")
+    return load(scene_file(folder, text))
+
+
+@pytest.mark.parametrize("is_recorded", [False, True])
+def test_minutes_leave_nothing_behind(tmp_path: Path, is_recorded: bool) -> None:
+    what, census, observers = scene(tmp_path), Census(), list[Observer]()
+    clock = InstantClock(what.scene.start_utc_ns)
+    observers.append(census)
+    with Recorder(tmp_path / "session.mcap") as recorder:
+        if is_recorded:
+            observers.append(SessionRecorder(recorder, ledger_is_sent=True))
+        totals = asyncio.run(
+            run(what, clock=clock, broker="none", duration_s=60.5 * MINUTES, observers=observers)
+        )
+    assert census.entries > 10 * 60 * MINUTES
+    assert totals.telemetry > 0.9 * 60 * MINUTES * DRONES * TELEMETRY_HZ
+    assert totals.refused > 50
+    assert len(census.blocks) == MINUTES
+    # What is kept up to a bound still grows, by the scan; nothing does by the sector or message.
+    grown = census.objects[-1] - census.objects[WARM_MINUTES - 1]
+    sectors = census.entries * (MINUTES - WARM_MINUTES) // MINUTES
+    assert census.blocks[-1] - census.blocks[WARM_MINUTES - 1] < 0.7 * sectors
+    assert max(grown.values(), default=0) < 0.1 * sectors, grown.most_common(8)
