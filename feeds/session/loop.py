@@ -14,7 +14,7 @@ from plotfeed.proto.utc import NS
 SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
-"""What can wait is done together, at multiples of this on the time line."""
+"""What can wait is done together, at multiples of this, after what is due just then."""
 AT_ONCE = 50
 """Entries written, or messages sent in simulated time, before anything else has its turn."""
 MAX_LATER = 2_000
@@ -89,7 +89,7 @@ class SessionLoop:
         if self._later_ns is None:
             is_simulated = isinstance(self._clock, InstantClock)
             every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
-            self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
+            self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns + 1
             self.schedule.put(self._later_ns, self._begin_later)
         if self._stands_still():
             self._clock.wake()
