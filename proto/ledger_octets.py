@@ -6,13 +6,13 @@ those that protobuf itself would make.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
-from plotfeed.models.state import Ints, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.units import decibels
 from plotfeed.proto.varint import varint
@@ -33,10 +33,10 @@ _LEDGER, _LOOK, _PLOT, _SENT = (
     {field.name: field.number for field in message.DESCRIPTOR.fields}
     for message in (pb.Ledger, pb.Look, pb.PlotTruth, pb.Sent)
 )
-_SCAN, _SECTOR, _MESSAGES = (
-    tag(_LEDGER[name], wire_type)
-    for name, wire_type in (("scan", VARINT), ("sector", VARINT), ("messages", LENGTH))
-)
+_SCAN, _SECTOR = (tag(_LEDGER[name], VARINT) for name in ("scan", "sector"))
+_LOOKS, _PLOTS, _MESSAGES = (tag(_LEDGER[name], LENGTH) for name in ("looks", "plots", "messages"))
+MANY = 16
+"""Rows from which on it is faster to fill in octets than objects of protobuf."""
 _DELIVERED = pb.Sent(delivered=True, fate=pb.SENT).SerializeToString()
 
 
@@ -58,8 +58,9 @@ class LedgerOctets:
         are plots.
         """
         self._name_drones()
-        of_looks = _parts(*self._looks(looks), looks_by) if len(looks) else None
-        of_plots = _parts(*self._plots(plots), plots_by) if len(plots) else None
+        looked, told = self._looks(looks), self._plots(plots)
+        of_looks = _parts(*looked, looks_by) if looked else None
+        of_plots = _parts(*told, plots_by) if told else None
         if of_looks is None or of_plots is None:
             return of_looks or of_plots or [b""] * (len(looks_by) - 1)
         return [one + other for one, other in zip(of_looks, of_plots, strict=True)]
@@ -99,7 +100,9 @@ class LedgerOctets:
         self._looked_at.extend([text_field(_LOOK["drone"], name) for name in new])
         self._caused_by.extend([text_field(_PLOT["drone"], name) for name in new])
 
-    def _looks(self, looks: Looks) -> tuple[bytes, Ints]:
+    def _looks(self, looks: Looks) -> tuple[bytes, Ints] | None:
+        if len(looks) < MANY:
+            return _joined(_LOOKS, self._few_looks(looks)) if len(looks) else None
         return submessages(
             _LEDGER["looks"],
             len(looks),
@@ -116,8 +119,53 @@ class LedgerOctets:
             ],
         )
 
-    def _plots(self, plots: Plots) -> tuple[bytes, Ints]:
-        is_true = plots.drone >= 0
+    def _few_looks(self, looks: Looks) -> Iterator[pb.Look]:
+        names = (
+            "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "pd", "detected"
+        )  # fmt: skip
+        columns = [getattr(looks, name).tolist() for name in names]
+        columns += [decibels(looks.snr).tolist(), looks.drone.tolist()]
+        for channel, t, range_m, azimuth_deg, elevation_deg, pd, detected, snr_db, drone in zip(
+            *columns, strict=True
+        ):
+            yield pb.Look(
+                drone=self._drones[drone],
+                time_utc_ns=t,
+                range_m=range_m,
+                azimuth_deg=azimuth_deg,
+                elevation_deg=elevation_deg,
+                snr_db=snr_db,
+                pd=pd,
+                detected=detected,
+                channel=channel,
+            )
+
+    def _few_plots(self, plots: Plots) -> Iterator[pb.PlotTruth]:
+        names = ("t_utc_ns", "true_range_m", "true_azimuth_deg", "true_elevation_deg", "drone")
+        columns = [getattr(plots, name).tolist() for name in names]
+        rates_m_s, merged = plots.true_range_rate_m_s, plots.merged_drones
+        for i, (t, range_m, azimuth_deg, elevation_deg, drone) in enumerate(
+            zip(*columns, strict=True)
+        ):
+            truth = pb.PlotTruth(time_utc_ns=t)
+            if drone != FALSE_ALARM:
+                truth = pb.PlotTruth(
+                    drone=self._drones[drone],
+                    time_utc_ns=t,
+                    range_m=range_m,
+                    azimuth_deg=azimuth_deg,
+                    elevation_deg=elevation_deg,
+                )
+            if rates_m_s is not None and not np.isnan(rates_m_s[i]):
+                truth.range_rate_m_s = rates_m_s[i]
+            if merged is not None:
+                truth.merged_drones.extend(self._drones[other] for other in merged[i])
+            yield truth
+
+    def _plots(self, plots: Plots) -> tuple[bytes, Ints] | None:
+        if len(plots) < MANY:
+            return _joined(_PLOTS, self._few_plots(plots)) if len(plots) else None
+        is_true = plots.drone != FALSE_ALARM
         columns: list[Field] = [
             self._caused_by.of(plots.drone + 1),
             Integers(_PLOT["time_utc_ns"], plots.t_utc_ns),
@@ -146,8 +194,18 @@ def _repeated(number: int, name: str) -> bytes:
 
 def sent_field(sent: pb.Sent) -> bytes:
     """A message, whatever became of it, as a field of its Ledger."""
-    octets = sent.SerializeToString()
-    return _MESSAGES + varint(len(octets)) + octets
+    return _submessage(_MESSAGES, sent)
+
+
+def _submessage(head: bytes, message: pb.Look | pb.PlotTruth | pb.Sent) -> bytes:
+    octets = message.SerializeToString()
+    return head + varint(len(octets)) + octets
+
+
+def _joined(head: bytes, messages: Iterable[pb.Look | pb.PlotTruth]) -> tuple[bytes, Ints]:
+    """As `submessages` makes them."""
+    parts = [_submessage(head, message) for message in messages]
+    return b"".join(parts), np.array([0, *accumulate(map(len, parts))], np.int64)
 
 
 def ledger(

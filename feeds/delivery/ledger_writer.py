@@ -12,7 +12,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.models.state import Columns, Ints, Looks, Plots
 from plotfeed.proto.content_types import protobuf_content_type
-from plotfeed.proto.ledger_octets import LedgerOctets, ledger, sent_field
+from plotfeed.proto.ledger_octets import MANY, LedgerOctets, ledger, sent_field
 from plotfeed.proto.utc import iso_utc
 
 CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")
@@ -65,6 +65,9 @@ class LedgerWriter:
 
     def _sent(self, settled: Sequence[Settled]) -> Iterator[bytes]:
         """What became of the messages of each sector, as fields of its entry."""
+        if len(settled) < MANY:
+            yield from (b"".join(map(sent_field, records(each))) for each in settled)
+            return
         together = [each for each in settled if isinstance(each, SentTogether)]
         messages = [message for each in together for message in each.messages]
         octets, ends = b"", [0]

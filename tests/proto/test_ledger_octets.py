@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.models.state import FALSE_ALARM, Looks, Plots
+from plotfeed.proto import ledger_octets
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger_octets import LedgerOctets, ledger, sent_field
 from plotfeed.proto.units import decibels
@@ -101,22 +102,31 @@ def ends(counts: list[int]) -> Any:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-@given(sectors, st.booleans(), st.booleans())
+@given(sectors, st.booleans(), st.booleans(), st.sampled_from([1, 100]))
 def test_looks_and_plots_are_what_protobuf_makes_of_them(
-    sectors: list[Any], with_rates: bool, with_merged: bool
+    sectors: list[Any], with_rates: bool, with_merged: bool, many: int
 ) -> None:
+    """Whether they are few or many."""
     octets = LedgerOctets(NAMES)
-    truths = octets.truths(
-        looks_of([row for rows, _ in sectors for row in rows]),
-        ends([len(rows) for rows, _ in sectors]),
-        plots_of([row for _, rows in sectors for row in rows], with_rates, with_merged),
-        ends([len(rows) for _, rows in sectors]),
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ledger_octets, "MANY", many)
+        truths = truths_of(octets, sectors, with_rates, with_merged)
     expected = [
         by_protobuf(looks_of(seen), plots_of(told, with_rates, with_merged)).SerializeToString()
         for seen, told in sectors
     ]
     assert truths == expected
+
+
+def truths_of(
+    octets: LedgerOctets, sectors: list[Any], with_rates: bool, with_merged: bool
+) -> list[bytes]:
+    return octets.truths(
+        looks_of([row for rows, _ in sectors for row in rows]),
+        ends([len(rows) for rows, _ in sectors]),
+        plots_of([row for _, rows in sectors for row in rows], with_rates, with_merged),
+        ends([len(rows) for _, rows in sectors]),
+    )
 
 
 messages = st.lists(
