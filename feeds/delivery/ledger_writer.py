@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import accumulate
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from plotfeed.proto.ledger_octets import MANY, LedgerOctets, ledger, sent_field
 from plotfeed.proto.utc import iso_utc
 
 CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")
+
+C = TypeVar("C", bound=Columns)
 
 Kept = tuple[SectorReport, str, Settled]
 """A sector, its link's keys then in JSON, and what became of its messages."""
@@ -31,17 +34,13 @@ class LedgerWriter:
 
     def messages(self, kept: Sequence[Kept]) -> list[Message]:
         """An entry for each sector, in that order."""
-        reports = [report for report, _, _ in kept]
-        looks, plots = [r.looks for r in reports], [r.plots for r in reports]
-        truths = self._octets.truths(
-            Looks.joined(looks), _edges(looks), Plots.joined(plots), _edges(plots)
-        )
+        truths = self._truths([report for report, _, _ in kept])
         sent = self._sent([settled for _, _, settled in kept])
-        times = {end_ns: iso_utc(end_ns) for end_ns in {r.sector.end_ns for r in reports}}
+        times = {at: iso_utc(at) for at in {report.counts.due_utc_ns for report, _, _ in kept}}
         found = []
         for (report, link, _), truth, messages in zip(kept, truths, sent, strict=True):
-            sensor, sector = report.sensor, report.sector
-            scan, index, end_ns = sector.scan, sector.index, sector.end_ns
+            sensor, scan, end_ns = report.sensor, report.counts.scan, report.counts.due_utc_ns
+            index = int(report.sighting.sectors.index[report.row])
             properties = (
                 ("specversion", "1.0"),
                 ("id", f"truth-{scan}-{index}"),
@@ -61,6 +60,29 @@ class LedgerWriter:
                     properties=properties,
                 )
             )
+        return found
+
+    def _truths(self, reports: Sequence[SectorReport]) -> list[bytes]:
+        """Looks and plots of each sector, as fields of its entry."""
+        places: dict[int, list[int]] = {}
+        for place, report in enumerate(reports):
+            places.setdefault(id(report.sighting), []).append(place)
+        looks: list[Looks] = []
+        plots: list[Plots] = []
+        looks_in: list[int] = []
+        plots_in: list[int] = []
+        for together in places.values():
+            sighting = reports[together[0]].sighting
+            rows = _ints([reports[place].row for place in together])
+            looks.append(_of_rows(sighting.looks, sighting.looks_by, rows, looks_in))
+            plots.append(_of_rows(sighting.plots, sighting.plots_by, rows, plots_in))
+        truths = self._octets.truths(
+            Looks.joined(looks), _edges(looks_in), Plots.joined(plots), _edges(plots_in)
+        )
+        in_order = [place for together in places.values() for place in together]
+        found = [b""] * len(reports)
+        for place, truth in zip(in_order, truths, strict=True):
+            found[place] = truth
         return found
 
     def _sent(self, settled: Sequence[Settled]) -> Iterator[bytes]:
@@ -95,5 +117,14 @@ def _ints(values: list[int]) -> Ints:
     return np.array(values, np.int64)
 
 
-def _edges(parts: Sequence[Columns]) -> Ints:
-    return _ints([0, *accumulate(map(len, parts))])
+def _edges(lengths: list[int]) -> Ints:
+    return _ints([0, *accumulate(lengths)])
+
+
+def _of_rows(columns: C, by: Ints, rows: Ints, lengths: list[int]) -> C:
+    """What sectors in those rows, at least one, have of the columns; how much each is noted."""
+    first, after = by[rows], by[rows + 1]
+    lengths += (after - first).tolist()
+    if (first[1:] == after[:-1]).all():
+        return columns.between(int(first[0]), int(after[-1]))
+    return columns.rows(np.concatenate(list(map(np.arange, first, after))))

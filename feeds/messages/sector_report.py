@@ -76,8 +76,8 @@ class SectorReport:
         self.sensor = sensor
         self.counts = counts
         self.messages = messages
-        self._sighting = sighting
-        self._row = row
+        self.sighting = sighting
+        self.row = row
 
     @classmethod
     def of(
@@ -91,14 +91,14 @@ class SectorReport:
     @cached_property
     def sector(self) -> Sector:
         """When and where it was."""
-        return self._sighting.sectors.one(self._row)
+        return self.sighting.sectors.one(self.row)
 
     @cached_property
     def looks(self) -> Looks:
         """Whom the sensor looked at."""
-        return self._sighting.looks_of(self._row)
+        return self.sighting.looks_of(self.row)
 
     @cached_property
     def plots(self) -> Plots:
         """Plots that it measured, in the order of time."""
-        return self._sighting.plots_of(self._row)
+        return self.sighting.plots_of(self.row)
