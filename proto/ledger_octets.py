@@ -203,7 +203,7 @@ def _submessage(head: bytes, message: pb.Look | pb.PlotTruth | pb.Sent) -> bytes
 
 
 def _joined(head: bytes, messages: Iterable[pb.Look | pb.PlotTruth]) -> tuple[bytes, Ints]:
-    """As `submessages` makes them."""
+    """Rows as `submessages` makes them, and where each begins and ends, (n+1,)."""
     parts = [_submessage(head, message) for message in messages]
     return b"".join(parts), np.array([0, *accumulate(map(len, parts))], np.int64)
 
