@@ -22,7 +22,7 @@ from plotfeed.models.beam import Sectors
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
-from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
 from plotfeed.proto.utc import NS
 
@@ -79,18 +79,19 @@ class Asterix015(AsterixFormat):
             for geometry in geometries
         ]
         self._status = Status025(scene, sensors)
-        self._systems = {i: _system(scene, s) for i, s in sensors.items() if s.illuminators}
+        self._systems = _systems(scene, sensors)
 
     def blocks(self, seen: Seen) -> list[Blocks]:
         """Blocks of category 015, then those of 016 and 025 where they are due."""
         sectors = seen.sectors
         found = seen.in_groups(self._geometry[sectors.sensor], self._of_plots)
-        if self._systems:
-            due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
-            for i in due.tolist():
-                system = self._systems.get(int(sectors.sensor[i]))
-                if system is not None:
-                    found[i].extend((16, b) for b in system.blocks(int(sectors.end_ns[i])))
+        due = periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0
+        for of, encoder in self._systems if due.any() else ():
+            numbers = of[sectors.sensor]
+            which = np.flatnonzero(due & (numbers >= 0))
+            systems = encoder.blocks_by(sectors.end_ns[which], numbers[which])
+            for i, blocks in zip(which.tolist(), systems, strict=True):
+                found[i].extend((16, block) for block in blocks)
         self._status.add_to(found, sectors)
         return found
 
@@ -115,23 +116,41 @@ def _plots_of(scene: Scene, sensors: Sensors) -> tuple[Ints, PlotEncoder015]:
     )
 
 
-def _system(scene: Scene, sensor: Sensor) -> SystemEncoder016:
+def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder016]]:
+    """The numbers of sensors with as many transmitters, by their index, and their encoder."""
+    alike: dict[int, dict[int, Sensor]] = {}
+    for i, sensor in sensors.items():
+        if sensor.illuminators:
+            alike.setdefault(len(sensor.illuminators), {})[i] = sensor
+    n = len(numbers_of(sensors))
+    return [
+        (
+            numbers_of(some, n),
+            SystemEncoder016(
+                [_system(scene, sensor) for sensor in some.values()],
+                period_s=SERVICE_PERIOD_NS // NS,
+                geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+                max_octets=[max_block_octets(scene, sensor) for sensor in some.values()],
+            ),
+        )
+        for some in alike.values()
+    ]
+
+
+def _system(scene: Scene, sensor: Sensor) -> System:
     """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
     site = scene.scene.site
     transmitters = [
         _component(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
         for number, transmitter in enumerate(sensor.illuminators)
     ]
-    return SystemEncoder016(
-        sensor.sac,
-        sensor.sic,
-        period_s=SERVICE_PERIOD_NS // NS,
+    return System(
+        sac=sensor.sac,
+        sic=sensor.sic,
         pairs=[Pair(identity=n, transmitter=n, receiver=0) for n in range(len(transmitters))],
         transmitters=transmitters,
         receivers=[_component(0, frame_at(site, sensor.position_enu_m))],
         reference=_component(0, site_frame(site)),
-        geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
-        max_octets=max_block_octets(scene, sensor),
     )
 
 

@@ -10,9 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Reports, checked_position
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position
+from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import TIME_LSB_NS
 
 CAT016 = category(
@@ -57,62 +61,97 @@ class Pair:
     receiver: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class System:
+    """A multistatic system by its source, and of what it is made.
+
+    `reference` is its reference point, whose height the standard takes from mean sea level.
+    """
+
+    sac: int
+    sic: int
+    pairs: Sequence[Pair]
+    transmitters: Sequence[Component]
+    receivers: Sequence[Component]
+    reference: Component
+
+    @property
+    def numbers(self) -> tuple[int, int, int]:
+        """How many pairs, transmitters and receivers it has."""
+        return len(self.pairs), len(self.transmitters), len(self.receivers)
+
+
 class SystemEncoder016:
-    """Two data blocks of one record each, the same but for their time of day.
+    """Two data blocks of one record each a system, the same but for their time of day.
 
     The first says how the system is composed (I016/010, 000, 140, 200, 300, 400, 405), the second
-    where its components are (I016/010, 000, 140, 410, 420). `reference` is the system's reference
-    point, whose height the standard takes from mean sea level: `geoid_undulation_m` above the
-    ellipsoid.
+    where its components are (I016/010, 000, 140, 410, 420). All systems have as many pairs,
+    transmitters and receivers. Mean sea level is `geoid_undulation_m` above the ellipsoid.
     """
 
     def __init__(
         self,
-        sac: int,
-        sic: int,
+        systems: Sequence[System],
         *,
         period_s: int,
-        pairs: Sequence[Pair],
-        transmitters: Sequence[Component],
-        receivers: Sequence[Component],
-        reference: Component,
         geoid_undulation_m: float = 0.0,
-        max_octets: int = UDP_OCTETS,
+        max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
-        source: dict[str, float | str] = {"I016/010/SAC": sac, "I016/010/SIC": sic}
-        system = source | {"I016/000": SYSTEM, "I016/200": period_s}
-        for index, pair in enumerate(pairs):
-            path = f"I016/300/{index}"
-            system[f"{path}/PID"] = pair.identity
-            system[f"{path}/TID"] = pair.transmitter
-            system[f"{path}/RID"] = pair.receiver
-        system |= _position("I016/400", reference)
-        system["I016/405"] = reference.height_m - geoid_undulation_m
-        components = source | {"I016/000": COMPONENTS}
-        for index, component in enumerate(transmitters):
-            path = f"I016/410/{index}"
-            components |= {f"{path}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
-            components |= _component(path, "TID", component)
-        for index, component in enumerate(receivers):
-            components |= _component(f"I016/420/{index}", "RID", component)
+        if len({system.numbers for system in systems}) > 1:
+            raise EncodeError("systems of different numbers of components", field="I016")
+        pairs, transmitters, receivers = systems[0].numbers
+        composed = [_composed(system, period_s, geoid_undulation_m) for system in systems]
+        components = [_components(system) for system in systems]
         self._messages = [
             Reports(
                 CAT016,
                 ("I016/010", "I016/000", "I016/140", *items),
-                constants=constants,
+                constants={path: [of[path] for of in constants] for path in constants[0]},
                 lsb={"I016/140": TIME_LSB_NS},
                 max_octets=max_octets,
             )
             for constants, items in (
-                (system, ("I016/200", f"I016/300*{len(pairs)}", "I016/400", "I016/405")),
-                (components, (f"I016/410*{len(transmitters)}", f"I016/420*{len(receivers)}")),
+                (composed, ("I016/200", f"I016/300*{pairs}", "I016/400", "I016/405")),
+                (components, (f"I016/410*{transmitters}", f"I016/420*{receivers}")),
             )
         ]
 
     def blocks(self, t_utc_ns: int) -> list[bytes]:
-        """The composition, then the components."""
-        columns = {"I016/140": t_utc_ns}
-        return [block for message in self._messages for block in message.blocks(columns)]
+        """The composition of the one system, then its components."""
+        return self.blocks_by(np.array([t_utc_ns]), np.zeros(1, np.int64))[0]
+
+    def blocks_by(self, t_utc_ns: Ints, sources: Ints) -> list[list[bytes]]:
+        """The composition of systems, by their numbers, then their components, at times (m,)."""
+        each = Parts(np.arange(len(sources) + 1), sources)
+        of_both = [of.blocks_by({"I016/140": t_utc_ns}, each) for of in self._messages]
+        return [[*first, *second] for first, second in zip(*of_both, strict=True)]
+
+
+def _composed(system: System, period_s: int, geoid_undulation_m: float) -> dict[str, float]:
+    constants = _source(system) | {"I016/000": SYSTEM, "I016/200": period_s}
+    for index, pair in enumerate(system.pairs):
+        path = f"I016/300/{index}"
+        constants[f"{path}/PID"] = pair.identity
+        constants[f"{path}/TID"] = pair.transmitter
+        constants[f"{path}/RID"] = pair.receiver
+    constants |= _position("I016/400", system.reference)
+    constants["I016/405"] = system.reference.height_m - geoid_undulation_m
+    return constants
+
+
+def _components(system: System) -> dict[str, float]:
+    constants = _source(system) | {"I016/000": COMPONENTS}
+    for index, component in enumerate(system.transmitters):
+        path = f"I016/410/{index}"
+        constants |= {f"{path}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
+        constants |= _component(path, "TID", component)
+    for index, component in enumerate(system.receivers):
+        constants |= _component(f"I016/420/{index}", "RID", component)
+    return constants
+
+
+def _source(system: System) -> dict[str, float]:
+    return {"I016/010/SAC": system.sac, "I016/010/SIC": system.sic}
 
 
 def _component(path: str, identity: str, component: Component) -> dict[str, float]:

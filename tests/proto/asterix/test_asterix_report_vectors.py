@@ -11,7 +11,7 @@ import pytest
 from support.asterix_input import plots, tracks
 
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
@@ -81,12 +81,17 @@ def test_systems_in_016() -> None:
     transmitters = [Component(**station) for station in system["transmitters"]]
     receiver = Component(**system["receiver"])
     encoder = SystemEncoder016(
-        *SOURCE,
+        [
+            System(
+                sac=SOURCE[0],
+                sic=SOURCE[1],
+                pairs=[Pair(identity=p, transmitter=t, receiver=r) for p, t, r in system["pairs"]],
+                transmitters=transmitters,
+                receivers=[receiver],
+                reference=receiver,
+            )
+        ],
         period_s=10,
-        pairs=[Pair(identity=p, transmitter=t, receiver=r) for p, t, r in system["pairs"]],
-        transmitters=transmitters,
-        receivers=[receiver],
-        reference=receiver,
         geoid_undulation_m=52.0,
     )
     assert [block.hex() for block in encoder.blocks(SECOND_NS)] == system["blocks"]

@@ -6,12 +6,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks, values_of
 
-from plotfeed.proto.asterix.cat016 import Component, Pair, SystemEncoder016
+from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
 from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
@@ -25,14 +26,18 @@ STATUS = StatusEncoder025(25, 3, latitude_deg=40.45, longitude_deg=-3.73, height
 
 def system(**changes: Any) -> SystemEncoder016:
     """A system of one transmitter and one receiver, but for the changes."""
-    settings: dict[str, Any] = {
-        "period_s": 10,
+    settings: dict[str, Any] = {"period_s": 10}
+    parts: dict[str, Any] = {
+        "sac": 25,
+        "sic": 3,
         "pairs": [PAIR],
         "transmitters": [MAST],
         "receivers": [MAST],
         "reference": MAST,
     }
-    return SystemEncoder016(25, 3, **settings | changes)
+    of_parts = {name: value for name, value in changes.items() if name in parts}
+    others = {name: value for name, value in changes.items() if name not in parts}
+    return SystemEncoder016([System(**parts | of_parts)], **settings | others)
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-8192, 8191.75))
@@ -54,6 +59,24 @@ def test_stations_come_back_to_half_an_lsb(
         assert isinstance(value, float)
         assert abs(math.remainder(value - given_value, 360) if half < 0.1 else
                    value - given_value) <= half * (1 + 1e-6)  # fmt: skip
+
+
+def test_systems_of_as_many_components_are_encoded_together() -> None:
+    def of(sic: int, height_m: float) -> System:
+        mast = replace(MAST, height_m=height_m)
+        return System(
+            sac=25, sic=sic, pairs=[PAIR], transmitters=[mast], receivers=[MAST], reference=mast
+        )
+
+    both, times = [of(3, 700.0), of(4, 900.0)], np.array([10**9, 10**9, 2 * 10**9])
+    which = np.array([1, 0, 1])
+    together = SystemEncoder016(both, period_s=10).blocks_by(times, which)
+    assert together == [
+        SystemEncoder016([both[i]], period_s=10).blocks(t)
+        for i, t in zip(which.tolist(), times.tolist(), strict=True)
+    ]
+    with pytest.raises(EncodeError, match="different numbers"):
+        SystemEncoder016([both[0], replace(both[1], pairs=[PAIR] * 2)], period_s=10)
 
 
 def test_a_system_and_its_components_are_two_messages() -> None:
