@@ -85,7 +85,7 @@ def read(folder: Path) -> Run:
     record = folder / "soak.mcap"
     return Run(
         said=said,
-        samples={name: np.array([row[name] for row in rows]) for name in rows[0]},
+        samples={name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[-1]},
         totals=json.loads((folder / "out").read_text().splitlines()[-1]),
         ledger=ledger_of(record, said["began"]["utc_ns"]),
         record_mb=record.stat().st_size / 1e6,

@@ -59,7 +59,7 @@ average, the load average was {load} ({loads}). {nice}Lateness is a message's se
 its link was to let it leave, while the broker was there; waits for the processor and for
 acknowledgements are in it. The slope of memory is by least squares, of means of a minute, from
 minute {warm} on, when the lateness of the last {kept:,} messages, which is kept, had filled its
-place. A recording keeps its index, some 600 octets for each quarter of a second, until it ends.
+place.
 """
 NICE = """The run had precedence over them (nice {nice}), but for some that ran in real time. """
 AWAY = """
@@ -85,14 +85,20 @@ def _rows(run: Run) -> Iterator[tuple[str, str]]:
     yield "memory (RSS), last part, MB", _range(s["rss_mb"][settled], ".1f")
     yield "of these its own (RssAnon), MB", _range(s["own_mb"][settled], ".1f")
     yield "slope of its own, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
-    yield "of this the recording's index, MB an hour", f"{run.index_mb / (s['t_s'][-1] / 3600):.1f}"
+    yield (
+        "the recording's index, in a file until the end, MB an hour",
+        f"{run.index_mb / (s['t_s'][-1] / 3600):.1f}",
+    )
     yield "lateness p50, first and last third, ms", f"{first[0]:.2f}, {last[0]:.2f}"
     yield "lateness p99, first and last third, ms", f"{first[1]:.1f}, {last[1]:.1f}"
     yield "processor, cores", f"{_rate(s, 'cpu_s'):.2f}"
-    yield "file descriptors, broker there", _range(s["descriptors"][run.is_quiet(s["t_s"])])
-    yield "threads", _range(s["threads"])
+    yield (
+        "file descriptors, broker there",
+        _range(s["descriptors"][settled & run.is_quiet(s["t_s"])]),
+    )
+    yield "threads", _range(s["threads"][settled])
     for name, what in WAITING.items():
-        yield f"{what}, most seen at once", f"{s[name].max():,.0f}"
+        yield f"{what}, most seen at once", f"{np.nanmax(s[name]):,.0f}"
     yield "scans missed", f"{totals['missed_scans']:,} of {_scans(run):,.0f}"
     yield "messages that sensors handed over", f"{ledger.handed_over:,}"
     yield "of these, told of in the ledger", f"{int(ledger.first.sum()):,}"
@@ -130,7 +136,7 @@ def _of_machine(run: Run) -> dict[str, Any]:
 
 def _scans(run: Run) -> float:
     """Of all sensors, each of which has one a second."""
-    return float(run.samples["t_s"][-1] * run.samples["plotfeed_sensor_enabled"][0])
+    return float(run.samples["t_s"][-1] * np.nanmax(run.samples["plotfeed_sensor_enabled"]))
 
 
 def _rate(samples: dict[str, Array], name: str) -> float:
