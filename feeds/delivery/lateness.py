@@ -57,9 +57,12 @@ class LastLateness:
 
     def values(self) -> Ints:
         """The last of them, oldest first; a copy."""
-        values = np.frombuffer(self._values, np.int64)
         oldest = self._count % self._most if self._count > self._most else 0
-        return np.roll(values[: len(self)], -oldest)
+        return np.roll(self.in_any_order(), -oldest)
+
+    def in_any_order(self) -> Ints:
+        """The last of them, as they are kept: to be read at once."""
+        return np.frombuffer(self._values, np.int64)[: len(self)]
 
     def _make_room(self, count: int) -> None:
         room = len(self._values)
@@ -73,5 +76,10 @@ def lateness_us(lateness_ns: LastLateness | Sequence[int], *percentiles: float) 
     """Percentiles of how late messages left, microseconds; zeros if none did."""
     if not lateness_ns:
         return [0.0] * len(percentiles)
-    values = lateness_ns.values() if isinstance(lateness_ns, LastLateness) else lateness_ns
-    return [float(p) / 1e3 for p in np.percentile(values, percentiles)]
+    values = lateness_ns.in_any_order() if isinstance(lateness_ns, LastLateness) else lateness_ns
+    ordered = np.sort(np.asarray(values))  # of integers quicker than what np.percentile does
+    at = np.array(percentiles) / 100 * (len(ordered) - 1)
+    below = at.astype(np.int64)
+    above = np.minimum(below + 1, len(ordered) - 1)
+    found = ordered[below] + (at - below) * (ordered[above] - ordered[below])
+    return [float(p) / 1e3 for p in found]

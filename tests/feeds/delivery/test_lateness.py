@@ -40,6 +40,15 @@ def test_percentiles_are_of_what_is_kept() -> None:
     assert lateness_us(kept, 0, 50, 100) == [1.0, 2.0, 3.0]
 
 
+@given(
+    st.lists(st.integers(-(10**12), 10**12), min_size=1, max_size=50),
+    st.lists(st.floats(0, 100), min_size=1, max_size=4),
+)
+def test_percentiles_are_those_of_numpy(values: list[int], percentiles: list[float]) -> None:
+    expected = np.percentile(values, percentiles) / 1e3
+    assert lateness_us(values, *percentiles) == pytest.approx(expected.tolist(), rel=1e-9, abs=1e-5)
+
+
 def test_its_memory_does_not_grow_once_its_room_is_taken() -> None:
     kept = LastLateness()
     kept.extend(range(LATENESS_KEPT))
