@@ -118,8 +118,9 @@ class Outputs:
         Raises `PlotfeedError`.
         """
         announcer = announcer_of(self._scene, sensor)
-        offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
-        self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
+        if any(not link.address.ends_with_us for link in self.brokers):
+            offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
+            self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
         transports: list[Transport] = [*self.brokers]
         middleware = self._scene.sapient.middleware
         if announcer is not None:
