@@ -26,6 +26,8 @@ from plotfeed.models.state import Floats, Ints
 
 BLOCK_ELEMENTS = 1 << 15
 """Numbers of a table that are worked on at once: 256 kB."""
+KEPT_ELEMENTS = 1 << 22
+"""Size of the tables that are kept for a draw: 32 MB."""
 CERTAIN = 1 - 1e-12
 """What a probability is taken to be at least of, whatever rounding has done."""
 _TAIL = 36.0
@@ -49,13 +51,13 @@ def draw_outlasting(
     """
     n = len(snrs)
     ends, goes_on = _odds(snrs, np.asarray(multiplier))
+    outlasting_them = _Outlasting(ends, goes_on, n_samples)
     samples_left = np.full(n, n_samples)
     reference_sum, beyond = np.zeros(n), np.zeros(n)
     for i, mean in enumerate(1 + snrs.T):
         outlasted = samples_left
         if i < len(ends) - 1:
-            level = rng.random((n,))
-            outlasted = _outlasted(level, ends[i:], goes_on[i:], samples_left, n_samples)
+            outlasted = outlasting_them.draw(i, rng.random((n,)), samples_left)
         own_end = outlasted < samples_left
         reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (n,))
         samples_left = samples_left - outlasted
@@ -112,42 +114,75 @@ def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: Arr
     return chances
 
 
-def _outlasted(
-    level: Floats, ends: Floats, goes_on: Floats, samples_left: Ints, n_samples: int
-) -> Ints:
-    """How many of the samples left the first look outlasts, given that all looks outlast all; (n,).
+class _Outlasting:
+    """How many samples each look outlasts, given that all looks outlast all of them."""
 
-    Drawn by inversion from uniform levels. That of a strong look nearly always outlasts them all:
-    as it does by itself with probability goes_on**samples_left, given the success it does at least
-    with that.
-    """
-    outlasted = samples_left.copy()
-    surely = level < goes_on[0] ** samples_left * CERTAIN
-    doubtful = np.flatnonzero(~surely & (samples_left > 0))
-    for part in _blocks(len(doubtful), n_samples + 1):
-        rows = doubtful[part]
-        outlasted[rows] = _inverted(
-            level[rows], ends[:, rows], goes_on[:, rows], samples_left[rows], n_samples
-        )
-    return outlasted
+    def __init__(self, ends: Floats, goes_on: Floats, n_samples: int) -> None:
+        self._ends = ends
+        self._goes_on = goes_on
+        self._n_samples = n_samples
+        self._kept: Floats | None = None
+        self._place = np.full(ends.shape[1], -1)
+
+    def draw(self, look: int, level: Floats, samples_left: Ints) -> Ints:
+        """How many of the samples left a look outlasts; (n,), by inversion from uniform levels.
+
+        That of a strong look nearly always outlasts them all: as it does by itself with probability
+        goes_on**samples_left, given the success it does at least with that.
+        """
+        outlasted = samples_left.copy()
+        surely = level < self._goes_on[look] ** samples_left * CERTAIN
+        doubtful = np.flatnonzero(~surely & (samples_left > 0))
+        for part in _blocks(len(doubtful), self._n_samples + 1):
+            rows = doubtful[part]
+            outlasted[rows] = _inverted(
+                level[rows],
+                self._chances(look, rows, doubtful),
+                self._goes_on[look, rows],
+                samples_left[rows],
+            )
+        return outlasted
+
+    def _chances(self, look: int, rows: Ints, doubtful: Ints) -> Floats:
+        """Chances of success from a look on with 0, 1, ... samples left; (samples + 1, n).
+
+        All looks of a row are worked out at once and kept, as far as there is room: whatever is in
+        doubt later is so at the first look.
+        """
+        if self._kept is None:
+            n_looks = len(self._ends) - 1
+            some = doubtful[: KEPT_ELEMENTS // (n_looks * (self._n_samples + 1))]
+            self._place[some] = np.arange(len(some))
+            self._kept = np.empty((n_looks, self._n_samples + 1, len(some)))
+            for part in _blocks(len(some), len(self._ends)):
+                _fill(
+                    self._kept[:, :, part], self._ends[:, some[part]], self._goes_on[:, some[part]]
+                )
+        place = self._place[rows]
+        if (place >= 0).all():
+            return np.asarray(self._kept[look][:, place])
+        table = np.empty((1, self._n_samples + 1, len(rows)))
+        _fill(table, self._ends[look:, rows], self._goes_on[look:, rows])
+        return np.asarray(table[0])
 
 
-def _inverted(
-    level: Floats, ends: Floats, goes_on: Floats, samples_left: Ints, n_samples: int
-) -> Ints:
-    """What `_outlasted` draws, by chances of success from the first look on with 0, 1, ... left.
+def _fill(table: Floats, ends: Floats, goes_on: Floats) -> None:
+    """Write chances of success from each look on, by samples left; (looks, samples + 1, n)."""
+    chance = np.ones_like(ends)
+    back = _Backwards(chance, ends, goes_on)
+    table[:, 0] = 1.0
+    for n in range(1, table.shape[1]):
+        back.step()
+        table[:, n] = chance[: len(table)]
+
+
+def _inverted(level: Floats, chances: Floats, goes_on: Floats, samples_left: Ints) -> Ints:
+    """How many of the samples left a look of those chances outlasts; (n,).
 
     Outlasting one more sample and then succeeding becomes less probable with each.
     """
-    chances = np.empty((n_samples + 1, len(level)))
-    chance = np.ones_like(ends)
-    back = _Backwards(chance, ends, goes_on)
-    chances[0] = 1.0
-    for n in range(n_samples):
-        back.step()
-        chances[n + 1] = chance[0]
-    left = np.arange(n_samples + 1)[:, None]
-    at_least = chances / goes_on[0] ** left  # with so many left, over what no longer depends on it
+    left = np.arange(len(chances))[:, None]
+    at_least = chances / goes_on**left  # with so many left, over what no longer depends on it
     above = level * np.take_along_axis(at_least, samples_left[None], 0)[0]
     return np.asarray(((at_least > above) & (left < samples_left)).sum(axis=0))
 

@@ -250,3 +250,18 @@ def test_shapes_broadcast():
     rng = np.random.default_rng(0)
     for part in detection.draw_detected_power_noncoherent(np.ones((0, 3)), 1e-6, 48, rng):
         assert part.shape == (0,)
+
+
+@pytest.mark.parametrize(("kept", "at_once"), [(0, 1 << 15), (2000, 1 << 15), (1 << 22, 1)])
+def test_draws_do_not_depend_on_what_is_worked_out_at_once(monkeypatch, kept, at_once):
+    """Neither on the tables that are kept nor on the parts in which they are filled."""
+    snrs = 10 ** np.random.default_rng(22).uniform(-2, 2, (300, 4))
+
+    def drawn():
+        rng = np.random.default_rng(23)
+        return detection.draw_detected_power_noncoherent(snrs, 1e-4, 24, rng)
+
+    expected = drawn()
+    monkeypatch.setattr(looks_chain, "KEPT_ELEMENTS", kept)
+    monkeypatch.setattr(looks_chain, "BLOCK_ELEMENTS", at_once)
+    np.testing.assert_array_equal(drawn(), expected)
