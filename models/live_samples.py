@@ -112,26 +112,18 @@ class LiveSamples:
 
     def fitted_velocity(self, numbers: Ints, sigma_m: Floats) -> Floats:
         """Velocities of samples by `fit_velocity` over them and those before; (n, 3), ECEF."""
-        chain = np.full((MAX_FIT_SAMPLES, len(numbers)), NONE)
-        chain[0] = numbers
-        for i in range(1, MAX_FIT_SAMPLES):
-            before = np.where(chain[i - 1] >= 0, self._before[chain[i - 1]], NONE)
+        if not len(numbers):
+            return np.zeros((0, 3))
+        chain = np.full((len(numbers), MAX_FIT_SAMPLES), NONE)
+        chain[:, -1] = numbers
+        for i in range(MAX_FIT_SAMPLES - 1, 0, -1):
+            before = np.where(chain[:, i] >= 0, self._before[chain[:, i]], NONE)
             if (before < 0).all():
                 break
-            chain[i] = before
-        counts = (chain >= 0).sum(axis=0)
-        t_s = np.where(chain >= 0, (self._t_utc_ns[chain] - self._t_utc_ns[numbers]) / NS, 0.0)
-        least = _least_samples(t_s, counts, sigma_m).tolist()
-        fitted = np.zeros((len(numbers), 3))
-        for i, count in enumerate(counts.tolist()):
-            which = chain[:count, i][::-1]
-            fitted[i] = fit_velocity(
-                self._t_utc_ns[which],
-                self._position_ecef_m[which],
-                float(sigma_m[i]),
-                least=least[i],
-            )
-        return fitted
+            chain[:, i - 1] = before
+        counts = (chain >= 0).sum(axis=1)
+        t_s = (self._t_utc_ns[chain] - self._t_utc_ns[numbers][:, None]) / NS
+        return fit_velocities(t_s, self._position_ecef_m[chain], counts, sigma_m)
 
     def stretches_at(self, drones: Ints, t_utc_ns: Ints) -> Stretches:
         """The stretches of drones (m,), each with a sample at least, that hold times (m,)."""
@@ -202,44 +194,35 @@ class LiveSamples:
 
 
 def fit_velocity(
-    t_utc_ns: Sequence[int] | Ints,
-    position_m: Sequence[Floats] | Floats,
-    sigma_m: float,
-    *,
-    least: int = 2,
+    t_utc_ns: Sequence[int] | Ints, position_m: Sequence[Floats] | Floats, sigma_m: float
 ) -> Floats:
     """Slope of the straight line through the latest positions, m/s; zero for a single one.
 
     It reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
     t)^2), under `SIGMA_VELOCITY_M_S`: two where positions are fine, many where they are coarse, so
-    that the steps of a quantised position are not taken for speed. Fewer than `least` are known not
-    to be enough.
+    that the steps of a quantised position are not taken for speed.
     """
     t_s = (np.asarray(t_utc_ns, dtype=np.int64) - t_utc_ns[-1]) / NS
-    positions = np.asarray(position_m)
-    slope = np.zeros(positions.shape[-1])
-    for n in range(least, len(t_s) + 1):
-        if t_s[-n] < -MAX_FIT_S and n > 2:
-            break
-        t = t_s[-n:] - t_s[-n:].mean()
-        spread_s2 = float(t @ t)
-        slope = t @ positions[-n:] / spread_s2
-        if sigma_m <= SIGMA_VELOCITY_M_S * spread_s2**0.5:
-            break
-    return slope
+    positions, counts = np.asarray(position_m), np.array([len(t_s)])
+    fitted: Floats = fit_velocities(t_s[None], positions[None], counts, np.array([sigma_m]))[0]
+    return fitted
 
 
-def _least_samples(t_s: Floats, counts: Ints, sigma_m: Floats) -> Ints:
-    """The number of samples from which `fit_velocity` has to try, or less; (m,).
+def fit_velocities(t_s: Floats, position_m: Floats, counts: Ints, sigma_m: Floats) -> Floats:
+    """As `fit_velocity`, of many drones: by times (m, k), positions (m, k, 3); (m, 3).
 
-    By times (k, m) back from the latest of each, of which so many count.
+    Times are relative to the last of each; the last `counts` of each are known.
     """
-    ones = np.arange(1, len(t_s) + 1)[:, None]
-    squares_s2 = np.cumsum(t_s * t_s, axis=0)
-    spread_s2 = squares_s2 - np.cumsum(t_s, axis=0) ** 2 / ones
-    wanted_s2 = (np.minimum(sigma_m, 1e100) / SIGMA_VELOCITY_M_S) ** 2
-    enough = spread_s2 + 1e-9 * squares_s2 >= wanted_s2
-    enough |= (ones >= counts) | (np.roll(t_s, -1, axis=0) < -MAX_FIT_S)
-    enough[-1] = True
-    least: Ints = np.maximum(np.argmax(enough, axis=0) + 1, 2)
-    return least
+    slopes = np.zeros((len(t_s), position_m.shape[-1]))
+    open_ = np.flatnonzero(counts >= 2)
+    for n in range(2, t_s.shape[1] + 1):
+        if n > 2:
+            open_ = open_[(counts[open_] >= n) & (t_s[open_, -n] >= -MAX_FIT_S)]
+        if not len(open_):
+            break
+        latest_s = t_s[open_, -n:]
+        t = latest_s - latest_s.mean(axis=1)[:, None]
+        spread_s2 = np.matmul(t[:, None], t[:, :, None])[:, 0, 0]
+        slopes[open_] = np.matmul(t[:, None], position_m[open_, -n:])[:, 0] / spread_s2[:, None]
+        open_ = open_[sigma_m[open_] > SIGMA_VELOCITY_M_S * spread_s2**0.5]
+    return slopes

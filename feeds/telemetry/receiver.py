@@ -56,6 +56,7 @@ class Admission:
         self._check_now(t_utc_ns, now_utc_ns)
         if last_utc_ns is not None and t_utc_ns <= last_utc_ns:
             self._check_order(drone, t_utc_ns, last_utc_ns)
+        self._check_late(now_utc_ns - t_utc_ns)
         self._last_utc_ns[drone] = t_utc_ns
 
     def _check_name(self, drone: str) -> None:
@@ -79,20 +80,21 @@ class Admission:
             detail = f"time_utc is {-ahead_ns / NS:.3f} s old; at most {limit_s:g} s"
             raise Refused(Reason.STALE, detail)
 
-        if self._max_late_ns is not None and -ahead_ns > self._max_late_ns:
-            limit_s = self._max_late_ns / NS
-            detail = (
-                f"time_utc is {-ahead_ns / NS:.3f} s old; after {limit_s:g} s no sensor can still "
-                "see the drone there"
-            )
-            raise Refused(Reason.LATE, detail)
-
     def _check_order(self, drone: str, t_utc_ns: int, last_utc_ns: int) -> None:
         if t_utc_ns == last_utc_ns:
             raise Refused(Reason.DUPLICATE, f"drone {drone!r} has reported for this time before")
         behind_s = (last_utc_ns - t_utc_ns) / NS
         detail = f"time_utc is {behind_s:.3f} s before the last report of drone {drone!r}"
         raise Refused(Reason.BACKWARDS, detail)
+
+    def _check_late(self, age_ns: int) -> None:
+        if self._max_late_ns is not None and age_ns > self._max_late_ns:
+            limit_s = self._max_late_ns / NS
+            detail = (
+                f"time_utc is {age_ns / NS:.3f} s old; after {limit_s:g} s no sensor can still see "
+                "the drone there"
+            )
+            raise Refused(Reason.LATE, detail)
 
 
 LOOK_BACK_S = 1.0

@@ -4,26 +4,35 @@
 
 Messages are queued as a transport queues them and taken in by ticks of 10 ms; each tick all drones
 are then asked where they are. The flood comes over a broker that shares the machine, from a process
-that writes packets made beforehand.
+that writes packets made beforehand; 20 radars turn meanwhile.
 """
 
 from __future__ import annotations
 
+import asyncio
 import sys
+import tempfile
 import time
 from pathlib import Path
+
+import numpy as np
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+from support.brokers import free_port, mosquitto  # noqa: E402
+from support.mqtt_client import listening  # noqa: E402
+from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
 from plotfeed.feeds.delivery.counters import SessionCounters  # noqa: E402
-from plotfeed.feeds.scene.scene import Scene  # noqa: E402
+from plotfeed.feeds.delivery.lateness import lateness_us  # noqa: E402
+from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.inputs import SessionInputs  # noqa: E402
-from plotfeed.feeds.session.observer import SessionContext  # noqa: E402
+from plotfeed.feeds.session.observer import Observer, SessionContext  # noqa: E402
+from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
+from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
 from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
 from plotfeed.models.state import AltitudeReference  # noqa: E402
 from plotfeed.models.truth import Trajectories  # noqa: E402
@@ -127,3 +136,116 @@ def show_costs(scene: Scene) -> None:
             + " | ".join(f"{cost:.1f} µs" for cost in costs)
             + f" | {1e6 / sum(costs):,.0f} |"
         )
+
+
+FLOOD_HZ, QUIET_HZ, RADARS = 50_000.0, 10.0, 20
+
+
+def publish(drone: str, rate_hz: float, port: int, start_ns: int, seconds: float) -> None:
+    """Publish one drone's reports at that rate, from that time on; packets are made before."""
+    step_ns, together = round(NS / rate_hz), max(1, round(rate_hz / 100))
+    with listening(port, 5) as client:
+        parts = []
+        for first in range(0, round(seconds * rate_hz), together):
+            reports = [
+                encode_protobuf(report(start_ns + i * step_ns, i, with_velocity=True))
+                for i in range(first, first + together)
+            ]
+            packed = [
+                client._publication(f"plotfeed/telemetry/{drone}", one, "application/x-protobuf")
+                for one in reports
+            ]
+            parts.append((start_ns + first * step_ns, b"".join(packed)))
+        for due_ns, part in parts:
+            time.sleep(max(0.0, (due_ns - time.time_ns()) / NS))
+            client._socket.sendall(part)
+
+
+class Watch(Observer):
+    """What was taken in, and how late sectors left."""
+
+    def __init__(self) -> None:
+        self.begins = asyncio.Event()
+
+    def begun(self, session: Session) -> None:  # type: ignore[override]
+        """Keep the session."""
+        self.session = session
+        self.begins.set()
+
+
+async def show_flood(folder: Path, seconds: float) -> None:
+    """A table of one session beside a flood, and the same without it."""
+    print("| | without | with the flood |\n|---|--:|--:|")
+    both = [await beside(folder, seconds, flooded=flooded) for flooded in (False, True)]
+    for name in both[0]:
+        print(f"| {name} | {both[0][name]} | {both[1][name]} |")
+
+
+async def beside(folder: Path, seconds: float, *, flooded: bool) -> dict[str, str]:
+    """What becomes of a drone at 10 Hz, and of the session."""
+    sensors = "".join(radar(f"radar{i}", period_s=1.0, sectors=32) for i in range(RADARS))
+    text = scene_text(port=1883, drones="", sensors=sensors, mqtt="truth = false")
+    scene, port, watch, stop = load(scene_file(folder, text)), free_port(), Watch(), asyncio.Event()
+    configuration = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+    ages_s, behind_s = [], []
+    with mosquitto(folder, port, configuration):
+        broker, clock = f"mqtt://127.0.0.1:{port}", WallClock()
+        running = asyncio.create_task(
+            run(scene, clock=clock, broker=broker, stop=stop, observers=[watch])
+        )
+        await watch.begins.wait()
+        start_ns = time.time_ns() + round((2 + 4 * seconds) * NS)
+        rates_hz = {"quiet": QUIET_HZ} | ({"flood": FLOOD_HZ} if flooded else {})
+        publishers = [
+            await asyncio.create_subprocess_exec(
+                sys.executable, __file__, *map(str, (drone, rate_hz, port, start_ns, seconds))
+            )
+            for drone, rate_hz in rates_hz.items()
+        ]
+        trajectories, totals = watch.session.trajectories, watch.session.totals
+        await asyncio.sleep((start_ns - time.time_ns()) / NS)
+        cpu_s, began_s = time.process_time(), time.monotonic()
+        while time.time_ns() < start_ns + round(seconds * NS):
+            await asyncio.sleep(0.02)
+            behind_s.append(totals.intake_behind_s)
+            if "quiet" in trajectories.names:
+                row = trajectories.names.index("quiet")
+                last_ns = int(trajectories.spans_ns[row, 1])
+                ages_s.append((time.time_ns() - last_ns) / NS)
+        cpu_s, took_s = time.process_time() - cpu_s, time.monotonic() - began_s
+        taken, flooded_number = totals.telemetry, totals.flooded
+        for publisher in publishers:
+            await publisher.wait()
+        stop.set()
+        await running
+    late_us = lateness_us(totals.lateness_ns, 50, 99)
+    return {
+        "telemetry taken": f"{taken:,}",
+        "flooded, dropped": f"{flooded_number:,}",
+        "quiet drone's last report, age p50": f"{np.percentile(ages_s, 50):.3f} s",
+        "and at most": f"{max(ages_s):.3f} s",
+        "intake behind, at most": f"{max(behind_s):.3f} s",
+        "sectors' lateness p50, p99": f"{late_us[0] / 1000:.1f}, {late_us[1] / 1000:.1f} ms",
+        "scans missed": str(totals.missed_scans),
+        "share of a core": f"{cpu_s / took_s:.2f}",
+    }
+
+
+def main(seconds: float) -> None:
+    """Measure and print."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        text = scene_text(port=1883, drones="", sensors=radar(period_s=1.0, sectors=32))
+        show_costs(load(scene_file(folder, text)))
+        print(
+            f"\nA drone at {QUIET_HZ:g} Hz beside {FLOOD_HZ:,.0f} messages a second of another:\n"
+        )
+        asyncio.run(show_flood(folder, seconds))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 2:
+        _, name, rate, port, start, duration = sys.argv
+        publish(name, float(rate), int(port), int(start), float(duration))
+    else:
+        main(float(sys.argv[1]) if sys.argv[1:] else SECONDS)
