@@ -34,7 +34,6 @@ BENCHMARKS = {
     "bench_engine.py": "The engine under load",
     "bench_scaling.py": "Scale",
     "bench_simulated.py": "Simulated time",
-    "bench_telemetry.py": "Telemetry taken in",
     "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
     "bench_page.py": "The live page",
