@@ -209,7 +209,7 @@ def fit_velocity(
 
 
 def fit_velocities(t_s: Floats, position_m: Floats, counts: Ints, sigma_m: Floats) -> Floats:
-    """As `fit_velocity`, of many drones: by times (m, k), positions (m, k, 3); (m, 3).
+    """Slopes as `fit_velocity` finds them, by times (m, k) and positions (m, k, 3); (m, 3), m/s.
 
     Times are relative to the last of each; the last `counts` of each are known.
     """
