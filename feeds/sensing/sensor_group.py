@@ -68,6 +68,7 @@ class SensorGroup:
         self._is_alone = len(sensors) == 1
         self._frames = self.site.frame if self._is_alone else at_work.frames
         self._model = stacked(models)
+        self._merges = getattr(self._model, "merging", None) is not None
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
         reach_m = np.zeros(max(sensors) + 1)
@@ -78,14 +79,22 @@ class SensorGroup:
     def look(self, sectors: Sectors) -> Sighting:
         """What comes of sectors of these sensors, as far as is known now."""
         if not sectors.stares[0]:
-            return self._turn(sectors)
+            if not self._merges:
+                return self._turn(sectors)
+            # A look is compared with its nearest neighbours: those of other turns are none.
+            n = self._at_work.timetables[int(sectors.sensor[0])].sectors
+            turns = [
+                sectors.rows(np.arange(i, min(i + n, len(sectors))))
+                for i in range(0, len(sectors), n)
+            ]
+            return _joined([self._turn(turn) for turn in turns])
         scans = []
         while len(sectors):  # one scan of each sensor after the other
             first = np.ones(len(sectors), np.bool_)
             np.not_equal(sectors.sensor[1:], sectors.sensor[:-1], out=first[1:])
             scans.append(self._stare(sectors.rows(first)))
             sectors = sectors.rows(~first)
-        return scans[0] if len(scans) == 1 else _joined(scans)
+        return _joined(scans)
 
     def _stare(self, sectors: Sectors) -> Sighting:
         """Looks at all drones that are there when a scan ends; one scan of each sensor."""
@@ -106,7 +115,7 @@ class SensorGroup:
         at_work = self._at_work
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
-        if getattr(self._model, "merging", None) is not None:
+        if self._merges:
             looks, detections = self._observed_among_neighbours(sectors, met.truth)
         else:
             looks, detections = self._met(sectors, met.truth, met.row)
@@ -265,7 +274,9 @@ class SensorGroup:
 
 
 def _joined(scans: Sequence[Sighting]) -> Sighting:
-    """Several scans of sensors that stare, the later ones after the earlier ones of each."""
+    """Several scans of sensors, the later ones after the earlier ones of each."""
+    if len(scans) == 1:
+        return scans[0]
     sectors = Sectors.joined([scan.sectors for scan in scans])
     order = np.lexsort((sectors.end_ns, sectors.sensor))
 

@@ -159,3 +159,19 @@ def test_control_in_mid_run_changes_that_sensor_alone_from_the_next_sector_on() 
     of_r2 = [message.due_utc_ns for message in found["r2"]]
     assert min(of_r2) < middle_ns
     assert max(of_r2) < middle_ns
+
+
+def test_echoes_merge_with_those_of_their_own_turn_however_many_are_worked_out_at_once() -> None:
+    """Two that fly side by side, in so many turns that those of others would be the nearest."""
+    side_by_side = [
+        {
+            "id": f"d{i}", "speed_m_s": 8.0, "repeat": True, "rcs_m2": 1.0,
+            "path": [waypoint(60.0 + 0.3 * i, 5.0, 1600.0 + 15.0 * i), waypoint(80.0, 5.0, 1900.0)],
+        }
+        for i in range(2)
+    ]  # fmt: skip
+    sensor = radar(scan=rotating(0.5, 16), merging={"range_m": 60.0, "azimuth_deg": 4.0})
+    made = scene([sensor], side_by_side, seed=8)
+    end_ns = START_NS + 20 * S
+    by_ticks = in_stretches(at_work(made), [*range(START_NS, end_ns, S // 100), end_ns])
+    assert in_stretches(at_work(made), [end_ns]) == by_ticks
