@@ -15,6 +15,7 @@ SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
 """What can wait is done together, at multiples of this, after what is due just then."""
+NEVER_NS = 1 << 63
 AT_ONCE = 50
 """Entries written, or messages sent in simulated time, before anything else has its turn."""
 MAX_LATER = 2_000
@@ -74,7 +75,7 @@ class SessionLoop:
         self._waiting_transports: Sequence[WaitingTransport] = ()
         self._later: BoundedQueue[Action] = BoundedQueue(MAX_LATER)
         self._later_ns: int | None = None
-        """When the turn of what waits comes."""
+        """When the turn of what waits comes; it has come at the end."""
         self._is_turn_of_later = False
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
@@ -89,8 +90,8 @@ class SessionLoop:
         if self._later_ns is None:
             is_simulated = isinstance(self._clock, InstantClock)
             every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
-            self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns + 1
-            self.schedule.put(self._later_ns, self._begin_later)
+            self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
+            self.schedule.put(self._later_ns, self._begin_later, ActionKind.BETWEEN)
         if self._stands_still():
             self._clock.wake()
 
@@ -125,6 +126,7 @@ class SessionLoop:
     async def finish(self, least: ActionKind) -> None:
         """Do what is of that kind and still ahead, and nothing else."""
         self.schedule.keep(least)
+        self._later_ns, self._is_turn_of_later = NEVER_NS, True
         while (due_ns := self.schedule.next_due_ns()) is not None:
             await self._wait_until(due_ns)
             await self._do_what_is_due()
@@ -145,7 +147,7 @@ class SessionLoop:
             self._later.take()()
         if some:
             self._after_later()
-        if not self._later:
+        if not self._later and self._later_ns != NEVER_NS:
             self._is_turn_of_later = False
 
     async def _do_what_is_due(self, end_ns: int | None = None) -> None:
@@ -173,7 +175,7 @@ class SessionLoop:
         next_ns = self.schedule.next_due_ns()
         if next_ns is None or (end_ns is not None and next_ns > end_ns):
             return by_ns
-        if self.schedule.next_kind() is ActionKind.WORK:
+        if self.schedule.next_kind() < ActionKind.SENDING:
             return by_ns
         clock.jump(next_ns)
         return max(by_ns, next_ns)
@@ -190,7 +192,8 @@ class SessionLoop:
             elif not takes_in:
                 break
             await asyncio.sleep(0)
-        await self._clock.sleep_until(due_ns)
+        exactly = len(self.schedule) > 0 and self.schedule.next_kind() >= ActionKind.SENDING
+        await self._clock.sleep_until(due_ns, exactly=exactly)
 
     def _stands_still(self) -> bool:
         """Whether the next deadline waits for somebody who lets time go on."""

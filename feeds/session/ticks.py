@@ -81,7 +81,7 @@ class Ticks:
     def _plan(self, due_ns: int) -> None:
         if self._due_ns is None or due_ns < self._due_ns:
             self._due_ns = due_ns
-            self._schedule.put(due_ns, partial(self._tick, due_ns))
+            self._schedule.put(due_ns, partial(self._tick, due_ns), ActionKind.BETWEEN)
 
     def _tick(self, due_ns: int) -> None:
         if due_ns != self._due_ns:
