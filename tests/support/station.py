@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensors import NS_IN_MS, EmulatedSensors
@@ -18,10 +19,17 @@ class Station:
         self.sensor = sensor
         self.sectors = sensor.scan.sectors
         self.period_ns = sensor.scan.period_ns
+        self.frame = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._scene, self._trajectories = scene, trajectories
         self._emulated = EmulatedSensors(scene, trajectories, [sensor])
         chance = Chance(scene.scene.seed, sensor.id)
         jitter_ns = sensor.scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(self.period_ns, self.sectors, jitter_ns, chance)
+
+    def change(self, sensor: Sensor) -> None:
+        """Be that one from the next sector on."""
+        self.sensor = sensor
+        self._emulated = EmulatedSensors(self._scene, self._trajectories, [sensor])
 
     def sector_at(self, t_utc_ns: int) -> Sector:
         return self._timetable.sector_at(t_utc_ns)
