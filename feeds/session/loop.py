@@ -13,7 +13,7 @@ from plotfeed.proto.utc import NS
 
 SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
-LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
+LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, 10 * NS
 """What can wait is done together, at multiples of this, after what is due just then."""
 NEVER_NS = 1 << 63
 AT_ONCE = 50
@@ -85,7 +85,7 @@ class SessionLoop:
     def later(self, action: Action) -> None:
         """Do this with others, soon, when nothing is due; or when too much waits for that."""
         if not self._later.has_room():
-            self._do_later(AT_ONCE)
+            self._do_later(MAX_LATER if isinstance(self._clock, InstantClock) else AT_ONCE)
         self._later.put(action)
         if self._later_ns is None:
             is_simulated = isinstance(self._clock, InstantClock)
