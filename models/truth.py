@@ -220,10 +220,10 @@ class Trajectories:
         tau_s = (t_utc_ns[:, None] - self._start_ns[: len(rows)]) / NS
         positions_m: Floats = np.moveaxis(_cubic(coefficients[:, :, None], tau_s), 0, -1)
         others = np.flatnonzero(~one_piece)
-        for i, t in enumerate(t_utc_ns if len(others) else ()):
-            state = self.state_at(int(t), others)
-            positions_m[i, others] = np.nan
-            positions_m[i, state.drone] = state.position_ecef_m
+        if len(others):
+            n, k = len(others), len(t_utc_ns)
+            each_m = self.position_at(np.tile(t_utc_ns, n), np.repeat(others, k))
+            positions_m[:, others] = each_m.reshape(n, k, 3).swapaxes(0, 1)
         return positions_m
 
     def _row(self, drone: str, track: KnownTrack | None = None) -> int:

@@ -104,17 +104,22 @@ class Ticks:
         ticks = self._ticks_from(k)
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
         due: dict[int, DueTogether] = defaultdict(DueTogether)
+        ready: list[Departure] = []
         for reports in self._sensors.reports(before_ns):
+            self._let_sendings_pass()
             sectors += len(reports)
             for report in reports:
                 due[report.counts.due_utc_ns].reports.append(report)
-        for together in due.values():
-            together.reports.sort(key=lambda report: self._order[report.sensor])
+                ready.append((self._tasks[report.sensor].outbox, report.messages, None))
+        if len(self._tasks) > 1:
+            for together in due.values():
+                together.reports.sort(key=lambda report: self._order[report.sensor])
         if self._cooperative is not None:
             for due_ns, departure in self._cooperative.said_before(before_ns, now_ns):
                 due[due_ns].others.append(departure)
+                ready.append(departure)
+        prepare_all(ready)
         for due_ns, together in due.items():
-            prepare_all(self._departures(together))
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
         clock = self._clock
         if isinstance(clock, InstantClock) and clock.leaps and sectors < MOST_SECTORS:
@@ -123,6 +128,14 @@ class Ticks:
         self._plan(max(self._next_work_ns(k + ticks - 1), self._earliest_ns))
         if self._inputs:
             self.input_waits()
+
+    def _let_sendings_pass(self) -> None:
+        """Send what is due by now: no deadline waits for the sensors that are still to be done."""
+        schedule, clock = self._schedule, self._clock
+        while (due_ns := schedule.next_due_ns()) is not None and clock.left_ns(due_ns) <= 0:
+            if schedule.next_kind() < ActionKind.SENDING:
+                break
+            schedule.take()()
 
     def _next_work_ns(self, k: int) -> int:
         """The tick at which there is something to work out, or after tick k at the latest."""
