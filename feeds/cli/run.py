@@ -40,8 +40,10 @@ from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRec
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -81,6 +83,8 @@ class RunSettings:
 
 def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     """Run until it ends or is stopped; the exit code."""
+    if settings.broker not in (None, NO_BROKER):
+        BrokerAddress.parse(settings.broker)  # what is wrong with it is told before anything begins
     serves_page, note = _page(settings)
     again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
     if again is not None and not again.has_ticks:
