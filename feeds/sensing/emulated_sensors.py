@@ -6,7 +6,8 @@ what comes out depends neither on how long the stretches are nor on who else is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ AHEAD_NS = 10_000_000
 
 So scripted changes count in sectors that end this much later, or begin no earlier.
 """
+
+NO_GROUP = -1
 
 
 class EmulatedSensors:
@@ -70,7 +73,13 @@ class EmulatedSensors:
         self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
         self._sites = [self._site_of(i) for i in range(len(self.sensors))]
         self._models = [sensor.model(self._scene_site) for sensor in self.sensors]
-        self._groups = self._grouped()
+        self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
+        self._numbers: dict[Any, int] = {}
+        """Of groups, by what their sensors have in common."""
+        self._keys: list[Any] = [None] * len(self.sensors)
+        self._free_numbers = count()
+        self._groups: dict[int, SensorGroup] = {}
+        self._group(range(len(self.sensors)))
         self._start_ns = 0
         self._script: list[tuple[int, int]] = []
         """When the script changes which sensor, UTC; the next one last."""
@@ -193,28 +202,31 @@ class EmulatedSensors:
             self._sites[i] = self._site_of(i)
             self._models[i] = sensor.model(self._scene_site)
             self._at_work.false_alarms.forget(i)
-        if sensors:
-            self._groups = self._grouped()
+        self._group(sensors)
 
     def _site_of(self, i: int) -> SensorSite:
         return SensorSite.of(self.sensors[i], self._frames[i], self._trajectories, self._chances[i])
 
-    def _grouped(self) -> list[SensorGroup]:
-        """Sensors that share a pass: those of one kind, with the same effects."""
-        members: dict[Any, list[int]] = {}
-        for i, sensor in enumerate(self.sensors):
-            members.setdefault(self._key_of(i, sensor), []).append(i)
-        self._group_of = np.zeros(len(self.sensors), np.int64)
-        for number, of_group in enumerate(members.values()):
-            self._group_of[of_group] = number
-        return [
-            SensorGroup(
-                self._at_work, some, [self._models[i] for i in some], [self._sites[i] for i in some]
-            )
-            for some in members.values()
-        ]
+    def _group(self, which: Iterable[int]) -> None:
+        """Put sensors with those of their kind; groups that they leave and join are made anew."""
+        anew = {}
+        for i in which:
+            key = self._key_of(i)
+            number = self._numbers.setdefault(key, next(self._free_numbers))
+            anew[number], anew[int(self._group_of[i])] = key, self._keys[i]
+            self._group_of[i], self._keys[i] = number, key
+        anew.pop(NO_GROUP, None)
+        for number, key in anew.items():
+            of_group = np.flatnonzero(self._group_of == number).tolist()
+            self._groups.pop(number, None)
+            if not of_group:
+                del self._numbers[key]
+            else:
+                models = [self._models[i] for i in of_group]
+                sites = [self._sites[i] for i in of_group]
+                self._groups[number] = SensorGroup(self._at_work, of_group, models, sites)
 
-    def _key_of(self, i: int, sensor: Sensor) -> Any:
+    def _key_of(self, i: int) -> Any:
         """What sensors that share a pass have in common; one that cannot share has its own."""
         model = self._models[i]
         alone = (
@@ -225,6 +237,6 @@ class EmulatedSensors:
         return (
             i if alone else None,
             grouping_key(model),
-            sensor.scan.rotates,
+            self.sensors[i].scan.rotates,
             self._sites[i].tells_heights,
         )
