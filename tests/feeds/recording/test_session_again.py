@@ -1,0 +1,62 @@
+"""The record of a session is run again as it was; one from before sessions had ticks is told of."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from support.command import plotfeed_here
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.replay.mcap.mcap_reader import McapReader
+
+SIMULATED = ("--speed", "max", "--broker", "none", "--json")
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(), port=1883)
+    path = tmp_path / "record.mcap"
+    scene = scene_file(tmp_path, text)
+    done = plotfeed_here("run", scene, "--duration", "3", "--record", path, *SIMULATED)
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+def without_ticks(record: Path, path: Path) -> Path:
+    """The record as a session made it that knew no ticks."""
+    with McapReader(record) as mcap:
+        attached = [mcap.attachment(entry.name) for entry in mcap.attachments()]
+        messages = list(mcap.messages())
+    recorder = Recorder(path, attachments=[one for one in attached if one is not None], waits=True)
+    for message in messages:
+        if message.topic.endswith("/session"):
+            told = json.loads(message.payload)
+            assert told.pop("tick_ms") == 10
+            message = replace(message, payload=json.dumps(told).encode())  # noqa: PLW2901
+        recorder.write(message)
+    recorder.close()
+    return path
+
+
+def test_a_record_is_run_again_without_a_word(record: Path) -> None:
+    assert SessionRecord.open(record).has_ticks
+    again = plotfeed_here("run", record, *SIMULATED)
+    assert again.returncode == 0
+    assert again.stderr == ""
+    assert json.loads(again.stdout)["messages"] > 0
+
+
+def test_a_record_from_before_there_were_ticks_is_run_and_told_of(
+    record: Path, tmp_path: Path
+) -> None:
+    old = without_ticks(record, tmp_path / "old.mcap")
+    assert not SessionRecord.open(old).has_ticks
+    again = plotfeed_here("run", old, *SIMULATED)
+    assert again.returncode == 0
+    assert again.stderr.startswith(f"plotfeed: {old} was made before sessions went by ticks")
+    assert json.loads(again.stdout)["messages"] > 0
