@@ -22,7 +22,7 @@ from plotfeed.proto.utc import NS
 
 @dataclass(frozen=True, slots=True)
 class SensorSite:
-    """Where a sensor stands among the drones, and whose random numbers it has.
+    """Where a sensor stands among the drones.
 
     `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
     reads in place of what it finds, None if that is the same. Its clock may be ahead. `errs` says
@@ -37,7 +37,6 @@ class SensorSite:
     errs: bool
     tells_heights: bool
     trajectories: Trajectories
-    chance: Chance
 
     @classmethod
     def of(
@@ -53,7 +52,6 @@ class SensorSite:
             errs=sensor.bias is not None or sensor.drift is not None,
             tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),
             trajectories=trajectories,
-            chance=chance,
         )
 
     def states_at(

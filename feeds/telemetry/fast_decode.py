@@ -164,7 +164,6 @@ REFERENCES = {
 }
 SPACE = JSON_SPACE.decode()
 SECONDS = re.compile(r"\d{4}-\d\d-\d\dT([01]\d|2[0-3]):\d\d:\d\d", re.ASCII)
-FRACTION = re.compile(r"\d{1,9}", re.ASCII)
 
 
 def _no_constant(text: str) -> float:
