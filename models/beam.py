@@ -15,6 +15,7 @@ from plotfeed.models.state import Bools, Columns, Floats, Ints
 
 MOST_SIGMAS = 4.0
 """Bound of the jitter of a scan."""
+WHOLE_NUMBERS = ("scan", "index", "start_ns", "end_ns")
 SPAN_NS = 1 << 42
 """Twice as long as any stretch of time whose sectors are worked out at once, half an hour."""
 
@@ -49,15 +50,16 @@ class Sectors(Columns):
     end_deg: Floats
     stares: Bools
 
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.sensor)
+
     @classmethod
     def of(cls, sectors: Sequence[Sector], sensor: int = 0) -> Self:
         """Columns of sectors of one sensor."""
         return cls(
             sensor=np.full(len(sectors), sensor, np.int64),
-            scan=np.array([s.scan for s in sectors], np.int64),
-            index=np.array([s.index for s in sectors], np.int64),
-            start_ns=np.array([s.start_ns for s in sectors], np.int64),
-            end_ns=np.array([s.end_ns for s in sectors], np.int64),
+            **{n: np.array([getattr(s, n) for s in sectors], np.int64) for n in WHOLE_NUMBERS},
             start_deg=np.array([s.start_deg for s in sectors], np.float64),
             end_deg=np.array([s.end_deg for s in sectors], np.float64),
             stares=np.array([s.stares for s in sectors], np.bool_),
@@ -74,6 +76,12 @@ class Sectors(Columns):
             end_deg=float(self.end_deg[i]),
             stares=bool(self.stares[i]),
         )
+
+    def first_of_sensors(self) -> Bools:
+        """Which are the first of their sensors; (m,)."""
+        first = np.ones(len(self.sensor), np.bool_)
+        np.not_equal(self.sensor[1:], self.sensor[:-1], out=first[1:])
+        return first
 
     def places(self, sensor: Ints, t_utc_ns: Ints) -> Ints:
         """Numbers that order rows by sensor and then by time; (n,) each."""
@@ -219,9 +227,7 @@ class Timetables:
         """Go on past those sectors, which were next."""
         if not len(sectors):
             return
-        last = np.append(
-            np.flatnonzero(sectors.sensor[1:] != sectors.sensor[:-1]), len(sectors) - 1
-        )
+        last = np.append(np.flatnonzero(sectors.first_of_sensors()[1:]), len(sectors) - 1)
         sensor, scan, index = sectors.sensor[last], sectors.scan[last], sectors.index[last] + 1
         over = index == self._sectors[sensor]
         scan, index = scan + over, np.where(over, 0, index)
@@ -252,14 +258,15 @@ def _of_turns(
     end: Ints,
 ) -> Sectors:
     """Sectors from `first` up to `end` of a scan of each sensor; all (k,)."""
-    counts = end - first
-    which = np.repeat(np.arange(len(sensor)), counts)
-    before = np.cumsum(counts) - counts
-    index = np.arange(len(which)) - (before - first)[which]
-    start_ns, duration_ns, sectors = start_ns[which], duration_ns[which], sectors[which]
+    counts, index = end - first, first
+    if not (counts == 1).all():
+        which = np.repeat(np.arange(len(sensor)), counts)
+        index = np.arange(len(which)) - (np.cumsum(counts) - counts - first)[which]
+        sensor, scan, sectors = sensor[which], scan[which], sectors[which]
+        start_ns, duration_ns = start_ns[which], duration_ns[which]
     return Sectors(
-        sensor=sensor[which],
-        scan=scan[which],
+        sensor=sensor,
+        scan=scan,
         index=index,
         start_ns=start_ns - (-index * duration_ns // sectors),
         end_ns=start_ns - (-(index + 1) * duration_ns // sectors),

@@ -23,6 +23,12 @@ CULLED_FROM = 32
 FASTEST_M_S = 1000.0
 """Speed that no drone exceeds between one border and the next."""
 NEVER_NS = np.iinfo(np.int64).min
+NOBODY = TruthState(
+    drone=np.zeros(0, np.int64),
+    t_utc_ns=np.zeros(0, np.int64),
+    position_ecef_m=np.zeros((0, 3)),
+    velocity_ecef_m_s=np.zeros((0, 3)),
+)
 
 
 class Borders:
@@ -73,19 +79,21 @@ def meetings(
     where `borders` has it, and they are told where the last one ends. Drones that stay further away
     than `reach_m`, of each sensor or of all, may be left out.
     """
-    first = np.ones(len(sectors), np.bool_)
-    np.not_equal(sectors.sensor[1:], sectors.sensor[:-1], out=first[1:])
+    first = sectors.first_of_sensors()
     borders = borders or Borders(int(sectors.sensor[-1]) + 1)
     start_deg, end_deg = _edges(sectors, first, frames, trajectories, borders, np.asarray(reach_m))
-    last = np.append(first[1:], True)
-    borders.take(sectors.rows(last), end_deg[last])
+    if first.all():
+        borders.take(sectors, end_deg)
+    else:
+        last = np.append(first[1:], True)
+        borders.take(sectors.rows(last), end_deg[last])
     passed, share = passes_between(
         ahead_of_beam_deg(start_deg, sectors.start_deg[:, None]),
         ahead_of_beam_deg(end_deg, (sectors.end_deg % 360.0)[:, None]),
     )
     row, drones = np.nonzero(passed)
     if not len(drones):
-        return Meetings(trajectories.state_at(int(sectors.end_ns[0]), drones), row)
+        return Meetings(NOBODY, row)
     of_each = sectors.rows(row)
     frame_of_each = frames_at(frames, of_each.sensor)
 
@@ -111,13 +119,8 @@ def _edges(  # noqa: PLR0917
     reach_m: Floats,
 ) -> tuple[Floats, Floats]:
     """Azimuths of all drones at the beginnings and ends of sectors; each (m, drones)."""
-    edges_ns, at_edge = np.unique(
-        np.concatenate([sectors.end_ns, sectors.start_ns[first]]), return_inverse=True
-    )
-    positions_ecef_m = trajectories.positions_at(edges_ns)
-    drones = positions_ecef_m.shape[1]
-    at_end, at_start = at_edge[: len(sectors)], at_edge[len(sectors) :]
-    sensor = sectors.sensor
+    positions_ecef_m, at_end = _positions_at(sectors.end_ns, trajectories)
+    drones, sensor = positions_ecef_m.shape[1], sectors.sensor
     if drones < CULLED_FROM:
         of_all = frames_at(frames, sensor[:, None])
         end_deg = of_all.azimuths_deg(positions_ecef_m[at_end])
@@ -132,19 +135,32 @@ def _edges(  # noqa: PLR0917
         end_deg[row, drone] = frames_at(frames, sensor[row]).azimuths_deg(
             positions_ecef_m[at_end[row], drone]
         )
+    borders.make_room(drones)
+    starts_ns, of_first = sectors.start_ns[first], sensor[first]
+    taken = borders.azimuth_deg[of_first, :drones]
+    taken[borders.t_utc_ns[of_first] != starts_ns] = np.nan
+    unknown = np.isnan(taken)
+    if unknown.any():
+        row, drone = np.nonzero(unknown & ~np.isnan(end_deg[first]))
+        if len(row):
+            positions_ecef_m, at_start = _positions_at(starts_ns, trajectories)
+            taken[row, drone] = frames_at(frames, of_first[row]).azimuths_deg(
+                positions_ecef_m[at_start[row], drone]
+            )
+    if len(sectors) == 1:
+        return taken, end_deg
     start_deg = np.empty_like(end_deg)
     start_deg[1:] = end_deg[:-1]
-    borders.make_room(drones)
-    of_first = sensor[first]
-    known = borders.t_utc_ns[of_first] == sectors.start_ns[first]
-    taken = np.where(known[:, None], borders.azimuth_deg[of_first, :drones], np.nan)
-    row, drone = np.nonzero(np.isnan(taken) & ~np.isnan(end_deg[first]))
-    if len(row):
-        taken[row, drone] = frames_at(frames, of_first[row]).azimuths_deg(
-            positions_ecef_m[at_start[row], drone]
-        )
     start_deg[first] = taken
     return start_deg, end_deg
+
+
+def _positions_at(t_utc_ns: Ints, trajectories: Trajectories) -> tuple[Floats, Ints]:
+    """ECEF positions of all drones at different times, (k, drones, 3), and which is each, (m,)."""
+    if len(t_utc_ns) == 1 or (t_utc_ns == t_utc_ns[0]).all():
+        return trajectories.positions_at(t_utc_ns[:1]), np.zeros(len(t_utc_ns), np.int64)
+    different_ns, which = np.unique(t_utc_ns, return_inverse=True)
+    return trajectories.positions_at(different_ns), which
 
 
 def ahead_of_beam_deg(azimuth_deg: Floats, beam_deg: float | Floats) -> Floats:

@@ -207,11 +207,10 @@ class Trajectories:
         return position_m
 
     def positions_at(self, t_utc_ns: Ints) -> Floats:
-        """ECEF positions of all drones at several times (k,), metres; (k, n, 3), NaN if not there.
-
-        What `state_at` gives at each of them, to the last bit.
-        """
+        """ECEF positions of all drones at times (k,), metres; (k, n, 3), NaN for one not there."""
         rows = np.arange(len(self.names))
+        if len(t_utc_ns) == 1:
+            return self.position_at(np.full(rows.shape, t_utc_ns[0]), rows)[None]
         self._pieces(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
         one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
         alive, coefficients = self._alive[: len(rows)], self._coefficients[:, :, : len(rows)]
@@ -221,9 +220,9 @@ class Trajectories:
         positions_m: Floats = np.moveaxis(_cubic(coefficients[:, :, None], tau_s), 0, -1)
         others = np.flatnonzero(~one_piece)
         if len(others):
-            n, k = len(others), len(t_utc_ns)
-            each_m = self.position_at(np.tile(t_utc_ns, n), np.repeat(others, k))
-            positions_m[:, others] = each_m.reshape(n, k, 3).swapaxes(0, 1)
+            times_ns, each = np.tile(t_utc_ns, len(others)), np.repeat(others, len(t_utc_ns))
+            positions = self.position_at(times_ns, each).reshape(len(others), -1, 3)
+            positions_m[:, others] = positions.swapaxes(0, 1)
         return positions_m
 
     def _row(self, drone: str, track: KnownTrack | None = None) -> int:

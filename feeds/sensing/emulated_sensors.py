@@ -26,6 +26,7 @@ from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
+from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories
 
 NS_IN_MS = 1_000_000
@@ -149,19 +150,28 @@ class EmulatedSensors:
     def sightings(self, before_ns: int) -> Iterator[Sighting]:
         """What is seen in those sectors, a group at a time, with the script's changes meanwhile."""
         while len(sectors := self._next.ending_before(before_ns)):
-            known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
-            if self._script and (later := known_ns >= self._script[-1][0]).any():
+            later = self._later_than_script(sectors)
+            if later.any():
                 sectors = sectors.rows(~later)
-            else:
-                later = None
             self._next.take(sectors)
             yield from self._seen(sectors.rows(self._enabled[sectors.sensor]))
-            if later is None:
+            if not later.any():
                 return
             self._follow_script_until(self._script[-1][0])
 
+    def _later_than_script(self, sectors: Sectors) -> Bools:
+        """Which sectors are worked out after the next change of the script."""
+        if not self._script:
+            return np.zeros(len(sectors), np.bool_)
+        known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
+        return known_ns >= self._script[-1][0]
+
     def _seen(self, sectors: Sectors) -> Iterator[Sighting]:
         if not len(sectors):
+            return
+        if len(self._groups) == 1:
+            (group,) = self._groups.values()
+            yield group.look(sectors)
             return
         of_group = self._group_of[sectors.sensor]
         for number in np.unique(of_group).tolist():

@@ -54,7 +54,10 @@ class FalseAlarmsDue:
             for sensor, scan in dict.fromkeys(which):
                 if scan != self._scan[sensor]:
                     self._draw(sensor, scan, models[sensor])
-        due = np.unique(sectors.sensor[self._next_ns[sectors.sensor] < sectors.end_ns])
+        is_due = self._next_ns[sectors.sensor] < sectors.end_ns
+        if not is_due.any():
+            return []
+        due = np.unique(sectors.sensor[is_due])
         return [
             (sensor, alarms)
             for sensor in due.tolist()

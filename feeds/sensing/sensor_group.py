@@ -23,7 +23,7 @@ from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
 from plotfeed.models.sensors.stacking import stacked
 from plotfeed.models.state import Columns, Floats, Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories
@@ -90,8 +90,7 @@ class SensorGroup:
             return _joined([self._turn(turn) for turn in turns])
         scans = []
         while len(sectors):  # one scan of each sensor after the other
-            first = np.ones(len(sectors), np.bool_)
-            np.not_equal(sectors.sensor[1:], sectors.sensor[:-1], out=first[1:])
+            first = sectors.first_of_sensors()
             scans.append(self._stare(sectors.rows(first)))
             sectors = sectors.rows(~first)
         return _joined(scans)
@@ -115,7 +114,9 @@ class SensorGroup:
         at_work = self._at_work
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
-        if self._merges:
+        if not len(met.truth):
+            looks, detections = NO_LOOKS, NO_PLOTS
+        elif self._merges:
             looks, detections = self._observed_among_neighbours(sectors, met.truth)
         else:
             looks, detections = self._met(sectors, met.truth, met.row)
@@ -262,6 +263,8 @@ class SensorGroup:
 
     def _by_sector(self, sectors: Sectors, columns: C) -> tuple[C, Ints]:
         """Rows by sensor and in the order of time, and where those of each sector begin."""
+        if not len(columns):
+            return columns, np.zeros(len(sectors) + 1, np.int64)
         held: dict[str, NDArray[Any]] = vars(columns)
         t_utc_ns, sensor = held["t_utc_ns"], held.get("sensor")
         if sensor is None:
