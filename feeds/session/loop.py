@@ -13,7 +13,7 @@ from plotfeed.proto.utc import NS
 
 SPARE_NS = 1_000_000
 """Less than this before a deadline, nothing else is begun."""
-LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, 10 * NS
+LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
 """What can wait is done together, at multiples of this, after what is due just then."""
 NEVER_NS = 1 << 63
 AT_ONCE = 50
