@@ -20,6 +20,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -75,10 +76,11 @@ class EmbeddedBroker:
 
         Raises `BrokerError` if it does not listen within ten seconds, twice.
         """
-        try:
-            return await cls._listening(free_ports(preferred_port))
-        except BrokerError:  # somebody may have taken a port that was free a moment ago
-            return await cls._listening(free_ports(preferred_port))
+        async with _no_other_session_starts():
+            try:
+                return await cls._listening(free_ports(preferred_port))
+            except BrokerError:  # somebody may have taken a port that was free a moment ago
+                return await cls._listening(free_ports(preferred_port))
 
     @classmethod
     async def _listening(cls, ports: Ports) -> Self:
@@ -133,6 +135,30 @@ class EmbeddedBroker:
             if child.stdin is not None:
                 child.stdin.close()
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+@contextlib.asynccontextmanager
+async def _no_other_session_starts() -> AsyncIterator[None]:
+    """Hold off sessions of this machine that look for free ports in the same moment.
+
+    Else one could take another's broker for its own, and lose it when that ends.
+    """
+    try:
+        import fcntl
+
+        path = Path(tempfile.gettempdir(), f"plotfeed-{os.getuid()}.lock")
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except (ImportError, AttributeError, OSError):  # another system, or somebody else's file
+        yield
+        return
+    with os.fdopen(lock):
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while time.monotonic() < deadline:
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            await asyncio.sleep(0.01)
+        yield
 
 
 def free_ports(preferred: int) -> Ports:
