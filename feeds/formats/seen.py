@@ -103,10 +103,10 @@ class Seen:
 
     def rows(self, which: Ints) -> Seen:
         """What came of the sectors at those indices, (k,), in that order."""
-        plots, plots_by = _of_parts(self.plots, self.plots_by, which)
+        plots, plots_by = of_parts(self.plots, self.plots_by, which)
         looks, looks_by = self.looks, self.looks_by
         if looks_by is not None:
-            looks, looks_by = _of_parts(looks, looks_by, which)
+            looks, looks_by = of_parts(looks, looks_by, which)
         numbers, truth_at = which.tolist(), self.truth_at
         return Seen(
             sectors=self.sectors.rows(which),
@@ -129,7 +129,7 @@ class Seen:
         return made  # type: ignore[return-value]
 
 
-def _of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
+def of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
     """Rows of some parts, (k,), and where each of those begins and ends now, (k+1,)."""
     lengths = np.diff(by)[which]
     edges = np.concatenate([[0], np.cumsum(lengths)])

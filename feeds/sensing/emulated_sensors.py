@@ -60,7 +60,7 @@ class EmulatedSensors:
             for s, chance in zip(self.sensors, chances, strict=True)
         ]
         frames = [frame_at(self._scene_site, s.position_enu_m) for s in self.sensors]
-        self._frames, self._chances, self._timetables = frames, chances, timetables
+        self._frames = frames
         self._at_work = SensorsAtWork(
             frames=LocalFrames.of(frames),
             trajectories=trajectories,
@@ -114,15 +114,14 @@ class EmulatedSensors:
         """Let that be the next one of a sensor, whatever was worked out before."""
         self._next.go_on_with(i, sector)
 
-    def control(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> Sensor:
+    def control(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> None:
         """Let a sensor have those keys, over its script, in all sectors not worked out yet.
 
-        The sensor as it is then; raises `ChangeError`, and nothing has changed.
+        Raises `ChangeError`, and nothing has changed.
         """
         sensor = self.as_of(i, controlled, max(at_utc_ns, self._followed_ns))
         self._controlled[i] = controlled
         self._change({i: sensor})
-        return sensor
 
     def as_of(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> Sensor:
         """A sensor as its script has it then, and those keys over that; raises `ChangeError`."""
@@ -137,7 +136,7 @@ class EmulatedSensors:
         missed = {}
         for i in np.flatnonzero(now_ns - self._next.next_end_ns > self._next.period_ns).tolist():
             sector = self._next.sector(i)
-            last = self._timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
+            last = self._at_work.timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
             missed[i] = last.scan - sector.scan
             self._next.go_on_with(i, last)
         return missed
@@ -215,7 +214,8 @@ class EmulatedSensors:
         self._group(sensors)
 
     def _site_of(self, i: int) -> SensorSite:
-        return SensorSite.of(self.sensors[i], self._frames[i], self._trajectories, self._chances[i])
+        chance = self._at_work.chances[i]
+        return SensorSite.of(self.sensors[i], self._frames[i], self._trajectories, chance)
 
     def _group(self, which: Iterable[int]) -> None:
         """Put sensors with those of their kind; groups that they leave and join are made anew."""

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from plotfeed.feeds.formats.seen import of_parts
 from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
 from plotfeed.feeds.sensing.sensor_site import SensorSite
@@ -284,10 +285,9 @@ def _joined(scans: Sequence[Sighting]) -> Sighting:
     order = np.lexsort((sectors.end_ns, sectors.sensor))
 
     def in_order(parts: Sequence[C], offsets: Sequence[Ints]) -> tuple[C, Ints]:
-        counts = np.concatenate([np.diff(of_scan) for of_scan in offsets])
-        rows = np.repeat(np.argsort(order), counts)
-        columns = type(parts[0]).joined(parts).rows(np.argsort(rows, kind="stable"))
-        return columns, np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[order])])
+        lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
+        edges = np.concatenate([[0], np.cumsum(lengths)])
+        return of_parts(type(parts[0]).joined(parts), edges, order)
 
     looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
     plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
