@@ -148,7 +148,12 @@ class Signatures:
 
 @dataclass(frozen=True, kw_only=True)
 class Looks(Columns):
-    """Each drone that a sensor looked at: geometry as it was sensed, and the odds it had.
+    """Each drone that a sensor looked at: where it was, and the odds it had.
+
+    `t_utc_ns` is when the sensor looked. What it senses may have left the drone before, as sound
+    does: then `emitted_utc_ns` is there, 0 for looks to which that does not apply, and the geometry
+    is that of the drone then. It is along the axes that the sensor takes for east, north and up as
+    a model gives it, and true as the ledger tells it: those differ if the sensor stands askew.
 
     `channel` is the transmitter or emitter by whose signal it was looked at, where a sensor looks
     by several, else 0. `sensor` is there only where several sensors share a pass: an index among
@@ -164,6 +169,7 @@ class Looks(Columns):
     snr: Floats
     pd: Floats
     detected: Bools
+    emitted_utc_ns: Ints | None = None
     sensor: Ints | None = None
 
     def whose(self) -> dict[str, Ints]:
@@ -281,8 +287,9 @@ _ABSENT = {
     "identity": endless("", np.object_),
     "merged_drones": endless((), np.object_),
     "sensor": endless(-1, np.int64),
+    "emitted_utc_ns": endless(0, np.int64),
 }
-"""What stands in the columns of plots that a sensor does not fill, where it is not NaN."""
+"""What stands in columns that a sensor does not fill, where it is not NaN."""
 _PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))
 
 

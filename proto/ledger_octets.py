@@ -103,21 +103,20 @@ class LedgerOctets:
     def _looks(self, looks: Looks) -> tuple[bytes, Ints] | None:
         if len(looks) < MANY:
             return _joined(_LOOKS, self._few_looks(looks)) if len(looks) else None
-        return submessages(
-            _LEDGER["looks"],
-            len(looks),
-            [
-                self._looked_at.of(looks.drone),
-                Integers(_LOOK["time_utc_ns"], looks.t_utc_ns),
-                Doubles(_LOOK["range_m"], looks.range_m),
-                Doubles(_LOOK["azimuth_deg"], looks.azimuth_deg),
-                Doubles(_LOOK["elevation_deg"], looks.elevation_deg),
-                Doubles(_LOOK["snr_db"], decibels(looks.snr)),
-                Doubles(_LOOK["pd"], looks.pd),
-                Integers(_LOOK["detected"], looks.detected),
-                Integers(_LOOK["channel"], looks.channel),
-            ],
-        )
+        columns: list[Field] = [
+            self._looked_at.of(looks.drone),
+            Integers(_LOOK["time_utc_ns"], looks.t_utc_ns),
+            Doubles(_LOOK["range_m"], looks.range_m),
+            Doubles(_LOOK["azimuth_deg"], looks.azimuth_deg),
+            Doubles(_LOOK["elevation_deg"], looks.elevation_deg),
+            Doubles(_LOOK["snr_db"], decibels(looks.snr)),
+            Doubles(_LOOK["pd"], looks.pd),
+            Integers(_LOOK["detected"], looks.detected),
+            Integers(_LOOK["channel"], looks.channel),
+        ]
+        if looks.emitted_utc_ns is not None:
+            columns.append(Integers(_LOOK["emitted_utc_ns"], looks.emitted_utc_ns))
+        return submessages(_LEDGER["looks"], len(looks), columns)
 
     def _few_looks(self, looks: Looks) -> Iterator[pb.Look]:
         names = (
@@ -125,9 +124,11 @@ class LedgerOctets:
         )  # fmt: skip
         columns = [getattr(looks, name).tolist() for name in names]
         columns += [decibels(looks.snr).tolist(), looks.drone.tolist()]
-        for channel, t, range_m, azimuth_deg, elevation_deg, pd, detected, snr_db, drone in zip(
-            *columns, strict=True
-        ):
+        emitted = looks.emitted_utc_ns
+        columns.append([None] * len(looks) if emitted is None else emitted.tolist())
+        for (
+            channel, t, range_m, azimuth_deg, elevation_deg, pd, detected, snr_db, drone, emitted_ns
+        ) in zip(*columns, strict=True):  # fmt: skip
             yield pb.Look(
                 drone=self._drones[drone],
                 time_utc_ns=t,
@@ -138,6 +139,7 @@ class LedgerOctets:
                 pd=pd,
                 detected=detected,
                 channel=channel,
+                emitted_utc_ns=emitted_ns or None,
             )
 
     def _few_plots(self, plots: Plots) -> Iterator[pb.PlotTruth]:

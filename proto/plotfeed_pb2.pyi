@@ -161,7 +161,7 @@ class Ledger(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ..., link: _Optional[str] = ...) -> None: ...
 
 class Look(_message.Message):
-    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel")
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel", "emitted_utc_ns")
     DRONE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
@@ -171,6 +171,7 @@ class Look(_message.Message):
     PD_FIELD_NUMBER: _ClassVar[int]
     DETECTED_FIELD_NUMBER: _ClassVar[int]
     CHANNEL_FIELD_NUMBER: _ClassVar[int]
+    EMITTED_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     drone: str
     time_utc_ns: int
     range_m: float
@@ -180,7 +181,8 @@ class Look(_message.Message):
     pd: float
     detected: bool
     channel: int
-    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ...) -> None: ...
+    emitted_utc_ns: int
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ..., emitted_utc_ns: _Optional[int] = ...) -> None: ...
 
 class PlotTruth(_message.Message):
     __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s", "merged_drones")

@@ -29,7 +29,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.sensor_task import json_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.state import FALSE_ALARM, Looks, Plots, TruthState
+from plotfeed.models.state import FALSE_ALARM, Looks, TruthState
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.pacing import speed_of
@@ -81,9 +81,8 @@ class RecordedView:
             self._sectors = self._from(t_ns - self._glow_ns - LEAD_NS)
         found = self._sectors.until(t_ns)
         for sensor in {sector.sensor for sector in found}:
-            of_sensor = [sector for sector in found if sector.sensor == sensor]
-            looks, plots = ([getattr(s, name) for s in of_sensor] for name in ("looks", "plots"))
-            self._seen.take(sensor, Looks.joined(looks), Plots.joined(plots))
+            looks = [sector.looks for sector in found if sector.sensor == sensor]
+            self._seen.take(sensor, Looks.joined(looks))
         return found, self._seen.state_at(t_ns)
 
     def _from(self, from_ns: int) -> RecordedSectors:

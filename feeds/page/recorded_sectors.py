@@ -23,7 +23,6 @@ from plotfeed.feeds.recording.recorded_session import (
 )
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.live_samples import fit_velocity
 from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots, TruthState
@@ -96,6 +95,7 @@ def looks_of(looks: Sequence[pb.Look], drones: DroneNumbers) -> Looks:
         snr=_ratio(look.snr_db for look in looks),
         pd=np.nan_to_num(_within(1.0, (look.pd for look in looks))).clip(0.0),
         detected=np.array([look.detected for look in looks], np.bool_),
+        emitted_utc_ns=_ints(look.emitted_utc_ns for look in looks),
     )
 
 
@@ -239,6 +239,7 @@ class RecordedSectors:
         first_ns, last_ns = self._recording.start_ns - FAR_NS, self._recording.end_ns + FAR_NS
         times = chain(
             (look.time_utc_ns for look in told.looks),
+            (look.emitted_utc_ns or first_ns for look in told.looks),
             (plot.time_utc_ns for plot in told.plots),
             (one.due_utc_ns for one in told.messages),
             (one.sent_utc_ns or first_ns for one in told.messages),
@@ -262,11 +263,10 @@ class _Seen(NamedTuple):
 
 
 class SeenDrones:
-    """Positions by sensors that stand straight; of one that does not, the ledger's looks err."""
+    """Where the ledger's looks say that drones were."""
 
     def __init__(self, scene: Scene) -> None:
         self._frames = {s.id: frame_at(scene.scene.site, s.position_enu_m) for s in scene.sensor}
-        self._straight = {s.id for s in scene.sensor if _is_straight(s)}
         longest_s = max(sensor.scan.period_s for sensor in scene.sensor)
         self._alive_ns = round(max(scene.telemetry.stale_after_s, SCANS * longest_s) * NS)
         self._places: dict[int, list[tuple[int, Floats]]] = {}
@@ -274,16 +274,19 @@ class SeenDrones:
         self._changed: set[int] = set()
         """Drones that were seen since the last were worked out."""
 
-    def take(self, sensor: str, looks: Looks, plots: Plots) -> None:
-        """What a sensor looked at, or else what its plots truly were."""
+    def take(self, sensor: str, looks: Looks) -> None:
+        """What a sensor looked at."""
         if sensor not in self._frames:
             return
-        if sensor in self._straight:
-            geometry = (looks.azimuth_deg, looks.elevation_deg, looks.range_m)
-            self._take(sensor, looks.drone, looks.t_utc_ns, geometry)
-        else:
-            true = (plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
-            self._take(sensor, plots.drone, plots.t_utc_ns, true)
+        geometry = (looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+        there = (looks.drone >= 0) & np.isfinite(geometry).all(axis=0)
+        place_m = self._frames[sensor].to_ecef(aer_to_enu(*(part[there] for part in geometry)))
+        t_utc_ns, drones = looks.t_utc_ns[there], looks.drone[there].tolist()
+        if looks.emitted_utc_ns is not None:
+            emitted_ns = looks.emitted_utc_ns[there]
+            t_utc_ns = np.where(emitted_ns, emitted_ns, t_utc_ns)
+        for drone, t_ns, position in zip(drones, t_utc_ns.tolist(), place_m, strict=True):
+            self._note(drone, t_ns, position)
 
     def state_at(self, t_utc_ns: int) -> TruthState:
         """Drones that are there then, moved on from where they were seen last."""
@@ -303,15 +306,6 @@ class SeenDrones:
             velocity_ecef_m_s=velocity_m_s,
         )
 
-    def _take(
-        self, sensor: str, drones: Ints, t_utc_ns: Ints, geometry: tuple[Floats, Floats, Floats]
-    ) -> None:
-        there = (drones >= 0) & np.isfinite(geometry).all(axis=0)
-        place_m = self._frames[sensor].to_ecef(aer_to_enu(*(part[there] for part in geometry)))
-        times = t_utc_ns[there].tolist()
-        for drone, t_ns, position in zip(drones[there].tolist(), times, place_m, strict=True):
-            self._note(drone, t_ns, position)
-
     def _note(self, drone: int, t_ns: int, position_ecef_m: Floats) -> None:
         """Sensors tell of the same time, and of earlier ones, too."""
         places = self._places.setdefault(drone, [])
@@ -320,7 +314,3 @@ class SeenDrones:
         insort(places, (t_ns, position_ecef_m), key=itemgetter(0))
         del places[:-KEPT]
         self._changed.add(drone)
-
-
-def _is_straight(sensor: Sensor) -> bool:
-    return sensor.bias is None and sensor.drift is None

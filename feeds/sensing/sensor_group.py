@@ -207,6 +207,7 @@ class SensorGroup:
             signatures=self._at_work.trajectories.signatures,
             velocity_enu_m_s=velocity_enu_m_s,
             readings=self.site.readings,
+            emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )
         return targets, row
@@ -243,7 +244,10 @@ class SensorGroup:
 
     def _observed(self, targets: Targets, rng: Any) -> tuple[Looks, Plots]:
         model = self._model if targets.sensor is None else self._model_of(targets.sensor)
-        return model.observe(targets, rng)
+        looks, plots = model.observe(targets, rng)
+        if self.site.axes is not self.site.frame:
+            looks = self.site.as_they_truly_were(looks)
+        return looks, plots
 
     def _sighting(
         self, sectors: Sectors, looks: Looks, plots: Plots, alarms: Sequence[OfSensor]

@@ -15,7 +15,7 @@ from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Ints, PlaceState, TruthState
+from plotfeed.models.state import Ints, Looks, PlaceState, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
@@ -61,6 +61,13 @@ class SensorSite:
         if model.measures_range_rate:
             return self.trajectories.state_at(t_utc_ns, drones)
         return self.trajectories.places_at(t_utc_ns, drones)
+
+    def as_they_truly_were(self, looks: Looks) -> Looks:
+        """Looks along the sensor's own axes, by true east, north and up."""
+        own_enu_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+        true_enu_m = self.frame.rotate_from_ecef(self.axes.rotate_to_ecef(own_enu_m))
+        azimuth_deg, elevation_deg, _ = enu_to_aer(true_enu_m)
+        return looks.but(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg)
 
     def apparent_at(self, t_utc_ns: int, drones: Ints) -> TruthState:
         """Where drones are at a time of the sensor's clock, by its own axes and readings.

@@ -28,7 +28,8 @@ class Targets:
 
     `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
     `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
-    is sound that comes from where the drone was, or the sensor stands askew. Velocities are east,
+    is sound that comes from where the drone was at `emitted_utc_ns`, or the sensor stands askew.
+    Velocities are east,
     north and up, for sensors that measure them; `readings` for sensors that err in them. `sensor`,
     an index, is given where several sensors share a pass: each row is seen from its own.
     """
@@ -40,6 +41,7 @@ class Targets:
     signatures: Signatures
     velocity_enu_m_s: Floats | None = None
     readings: Readings | None = None
+    emitted_utc_ns: Ints | None = None
     sensor: Ints | None = None
 
     @classmethod
@@ -95,6 +97,8 @@ class Targets:
             "pd": pd,
             "detected": detected,
         }
+        if self.emitted_utc_ns is not None:
+            columns["emitted_utc_ns"] = self.emitted_utc_ns[rows]
         if self.sensor is not None:
             columns["sensor"] = self.sensor[rows]
         return Looks.holding(columns)

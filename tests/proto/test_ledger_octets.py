@@ -23,7 +23,7 @@ numbers = st.one_of(st.floats(width=64), st.sampled_from([0.0, -0.0, math.nan, 1
 positive = st.floats(0.0, 1e12)
 looks = st.tuples(
     st.integers(0, len(NAMES) - 1), st.integers(-1, 300), times, numbers, numbers, numbers,
-    positive, numbers, st.booleans(),
+    positive, numbers, st.booleans(), st.one_of(st.just(0), times),
 )  # fmt: skip
 plots = st.tuples(
     st.integers(FALSE_ALARM, len(NAMES) - 1), times, numbers, numbers, numbers, numbers,
@@ -37,13 +37,14 @@ sectors = st.lists(
 def looks_of(rows: list[Any]) -> Looks:
     if not rows:
         return Looks.none()
-    drone, channel, t, *floats, detected = zip(*rows, strict=True)
+    drone, channel, t, *floats, detected, emitted = zip(*rows, strict=True)
     names = ("range_m", "azimuth_deg", "elevation_deg", "snr", "pd")
     return Looks(
         drone=np.array(drone),
         channel=np.array(channel),
         t_utc_ns=np.array(t),
         detected=np.array(detected),
+        emitted_utc_ns=np.array(emitted) if any(emitted) else None,
         **{name: np.array(column) for name, column in zip(names, floats, strict=True)},
     )
 
@@ -84,6 +85,8 @@ def by_protobuf(looks: Looks, plots: Plots, **more: Any) -> pb.Ledger:
             detected=bool(looks.detected[i]),
             channel=int(looks.channel[i]),
         )
+        if looks.emitted_utc_ns is not None and looks.emitted_utc_ns[i]:
+            entry.looks[-1].emitted_utc_ns = int(looks.emitted_utc_ns[i])
     for i in range(len(plots)):
         truth = entry.plots.add(time_utc_ns=int(plots.t_utc_ns[i]))
         if plots.drone[i] != FALSE_ALARM:
@@ -178,7 +181,7 @@ def test_drones_may_become_more() -> None:
     octets = LedgerOctets(names)
     for i, name in enumerate(NAMES):
         names.append(name)
-        seen = looks_of([(i, 0, 5, 1.0, 2.0, 3.0, 4.0, 0.5, True)])
+        seen = looks_of([(i, 0, 5, 1.0, 2.0, 3.0, 4.0, 0.5, True, 0)])
         told = plots_of([(i, 5, 1.0, 2.0, 3.0, 4.0, [])], with_rates=False, with_merged=False)
         truths = octets.truths(seen, ends([1]), told, ends([1]))
         assert truths == [by_protobuf(seen, told).SerializeToString()]

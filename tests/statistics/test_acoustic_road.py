@@ -188,6 +188,10 @@ def test_looks_of_a_crossing_drone_are_where_it_is_heard() -> None:
     seconds_ago = looks.range_m / 343.2
     now_east_m = -150 + 20 * (looks.time_utc_ns - START_NS) / 1e9
     np.testing.assert_allclose(heard_east_m, now_east_m - 20 * seconds_ago, atol=0.05)
+    left_ns = looks.time_utc_ns - np.rint(seconds_ago * 1e9).astype(np.int64)
+    np.testing.assert_allclose(looks.emitted_utc_ns - left_ns, 0, atol=20_000)
+    then_east_m = -150 + 20 * (looks.emitted_utc_ns - START_NS) / 1e9
+    np.testing.assert_allclose(heard_east_m, then_east_m, atol=0.02)
     true_east_m = plots.true_range_m * np.sin(np.radians(plots.true_azimuth_deg))
     np.testing.assert_allclose(true_east_m, now_east_m, atol=0.05)
 

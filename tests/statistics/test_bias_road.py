@@ -167,6 +167,14 @@ def test_errors_change_neither_what_is_true_nor_the_odds(kind: str) -> None:
         assert (truth.azimuth_deg, truth.elevation_deg, truth.range_m) == pytest.approx(
             places[truth.drone], abs=0.02
         )
+    names = ("azimuth_deg", "elevation_deg", "range_m")
+    looked, expected = (
+        {look[0]: look[1:] for look in zip(each.drone, *map(each.__getattr__, names), strict=True)}
+        for each in (with_bias.looks(), without.looks())
+    )
+    for drone in looked.keys() & expected.keys():
+        assert looked[drone] == pytest.approx(expected[drone], abs=0.02)
+    assert (with_bias.looks().emitted_utc_ns != 0).all() == (kind == "microphones")
     assert np.mean(with_bias.looks().pd) == pytest.approx(np.mean(without.looks().pd), abs=2e-3)
 
 
