@@ -106,7 +106,7 @@ class Ticks:
         due: dict[int, DueTogether] = defaultdict(DueTogether)
         ready: list[Departure] = []
         for reports in self._sensors.reports(before_ns):
-            self._let_sendings_pass()
+            self._let_sendings_pass((k + 1) * TICK_NS)
             sectors += len(reports)
             for report in reports:
                 due[report.counts.due_utc_ns].reports.append(report)
@@ -129,11 +129,15 @@ class Ticks:
         if self._inputs:
             self.input_waits()
 
-    def _let_sendings_pass(self) -> None:
-        """Send what is due by now: no deadline waits for the sensors that are still to be done."""
+    def _let_sendings_pass(self, before_ns: int) -> None:
+        """Send what is due by now: no deadline waits for the sensors that are still to be done.
+
+        What is due from then on waits for what this tick has yet to plan: a late machine changes
+        neither the order of messages nor what a link's queue holds.
+        """
         schedule, clock = self._schedule, self._clock
         while (due_ns := schedule.next_due_ns()) is not None and clock.left_ns(due_ns) <= 0:
-            if schedule.next_kind() < ActionKind.SENDING:
+            if due_ns >= before_ns or schedule.next_kind() < ActionKind.SENDING:
                 break
             schedule.take()()
 

@@ -50,6 +50,7 @@ class Show:
         self.messages: list[tuple[Message, int]] = []
         self.frames: list[Frame] = []
         self.others: list[Observer] = []
+        self.missed_scans = 0
         self._clock = clock
         self._scene = scene
 
@@ -69,7 +70,7 @@ class Show:
             if act is not None:
                 await self.until(lambda: self.frames and "scene" in self.news)
                 await act(self)
-            await session
+            self.missed_scans = (await session).missed_scans
             self.look()
 
     def look(self) -> Frame:
@@ -280,7 +281,10 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
             sorted((m.due_utc_ns, m.payload) for m in messages if m.topic == f"plotfeed/{topic}")
             for messages in ([m for m, _ in show.messages], again)
         )
-        assert first == second
+        # On a machine that stood still for a turn, the run again has what the first one missed.
+        sent = {due_ns for due_ns, _ in first}
+        assert first == [(due_ns, payload) for due_ns, payload in second if due_ns in sent]
+        assert len(first) == len(second) or show.missed_scans
         assert len(first) > 2
 
 

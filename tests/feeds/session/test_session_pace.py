@@ -60,16 +60,6 @@ from_s = 2.2
 to_s = 2.5
 set = { enabled = false }
 """
-STARING = f"""
-[[sensor]]
-id = "staring"
-type = "range_gate"
-range_max_m = 10_000.0
-pfa = 0.2
-[sensor.scan]
-kind = "staring"
-period_s = {LONG_S}
-"""
 
 Sent = list[tuple[Message, int]]
 
@@ -184,6 +174,28 @@ async def test_what_links_and_events_do_does_not_depend_on_how_late_they_are_don
     assert ledger(other) == ledger(sent)
     assert counts(other_totals) == counts(totals)
     assert max(other_totals.lateness_ns) > mean_s * S
+
+
+class SlowClock(LateClock):
+    """A machine on which time goes by while it works, a tick's worth for a sensor."""
+
+    def left_ns(self, t_utc_ns: int) -> int:
+        self.jump(self.now_ns() + round(self._rng.exponential(0.01) * S))
+        return t_utc_ns - self.now_ns()
+
+
+@pytest.mark.asyncio
+async def test_what_is_sent_while_sensors_are_worked_out_is_sent_in_order(tmp_path: Path) -> None:
+    links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
+    sensors = "".join(impaired(name, link) for name, link in links.items())
+    what = scene(tmp_path, sensors + radar("clear", period_s=LONG_S, sectors=240))
+    totals, sent = await simulated(what, 3.0)
+    assert what.scene.start_utc_ns is not None
+    slow = SlowClock(what.scene.start_utc_ns, seed=5)
+    other_totals, other = await simulated(what, 3.0, slow)
+    assert reported(other) == reported(sent)
+    assert ledger(other) == ledger(sent)
+    assert counts(other_totals) == counts(totals)
 
 
 def lateness_s(sent: Sent) -> tuple[Array, Array]:
