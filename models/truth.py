@@ -27,7 +27,6 @@ from plotfeed.models.live_samples import (
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
     NS,
-    Bools,
     Floats,
     Ints,
     PlaceState,
@@ -36,6 +35,7 @@ from plotfeed.models.state import (
     TruthState,
     with_room,
 )
+from plotfeed.models.stretches_at_hand import StretchesAtHand, place, slope
 
 S = TypeVar("S", bound=PlaceState)
 
@@ -57,10 +57,7 @@ class Trajectories:
         )
         self._tracks: dict[int, KnownTrack] = {}
         """By row, of drones that are not live."""
-        self._start_ns: Ints = np.zeros(0, np.int64)
-        self._end_ns: Ints = np.zeros(0, np.int64)
-        self._alive: Bools = np.zeros(0, np.bool_)
-        self._coefficients: Floats = np.zeros((4, 3, 0))
+        self._at_hand = StretchesAtHand(self._looked_up)
         self._rcs_m2: Floats = np.zeros(0)
         self._sound_power_db: Floats = np.zeros(0)
         self._emitters = EmitterTable()
@@ -190,40 +187,22 @@ class Trajectories:
     def _at(self, t_utc_ns: ArrayLike, drones: Ints | None, kind: type[S]) -> S:
         rows = np.arange(len(self.names)) if drones is None else drones
         t = np.full(rows.shape, t_utc_ns, np.int64)
-        there, tau_s, coefficients = self._pieces(t, rows, everybody=drones is None)
+        there, tau_s, coefficients = self._at_hand.at(t, rows, everybody=drones is None)
         if not there.all():
             rows, t, tau_s = rows[there], t[there], tau_s[there]
             coefficients = coefficients[:, :, there]
-        columns = {"drone": rows, "t_utc_ns": t, "position_ecef_m": _cubic(coefficients, tau_s).T}
+        columns = {"drone": rows, "t_utc_ns": t, "position_ecef_m": place(coefficients, tau_s).T}
         if issubclass(kind, TruthState):
-            columns["velocity_ecef_m_s"] = _slope(coefficients, tau_s).T
+            columns["velocity_ecef_m_s"] = slope(coefficients, tau_s).T
         return kind.holding(columns)
 
     def position_at(self, t_utc_ns: Ints, drones: Ints) -> Floats:
         """ECEF positions of drones (m,) at times (m,), metres; (m, 3), NaN for one not there."""
-        there, tau_s, coefficients = self._pieces(t_utc_ns, drones)
-        position_m = _cubic(coefficients, tau_s).T
-        position_m[~there] = np.nan
-        return position_m
+        return self._at_hand.position_at(t_utc_ns, drones)
 
     def positions_at(self, t_utc_ns: Ints) -> Floats:
         """ECEF positions of all drones at times (k,), metres; (k, n, 3), NaN for one not there."""
-        rows = np.arange(len(self.names))
-        if len(t_utc_ns) == 1:
-            return self.position_at(np.full(rows.shape, t_utc_ns[0]), rows)[None]
-        self._pieces(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
-        one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
-        alive, coefficients = self._alive[: len(rows)], self._coefficients[:, :, : len(rows)]
-        if not alive.all():
-            coefficients = np.where(alive, coefficients, np.nan)
-        tau_s = (t_utc_ns[:, None] - self._start_ns[: len(rows)]) / NS
-        positions_m: Floats = np.moveaxis(_cubic(coefficients[:, :, None], tau_s), 0, -1)
-        others = np.flatnonzero(~one_piece)
-        if len(others):
-            times_ns, each = np.tile(t_utc_ns, len(others)), np.repeat(others, len(t_utc_ns))
-            positions = self.position_at(times_ns, each).reshape(len(others), -1, 3)
-            positions_m[:, others] = positions.swapaxes(0, 1)
-        return positions_m
+        return self._at_hand.positions_at(t_utc_ns, len(self.names))
 
     def _row(self, drone: str, track: KnownTrack | None = None) -> int:
         """The row of a drone; a new one flies that track, or is live."""
@@ -239,12 +218,9 @@ class Trajectories:
         return row
 
     def _make_room(self, rows: int) -> None:
-        if rows <= len(self._start_ns):
-            return
-        for name in ("_start_ns", "_end_ns", "_alive", "_rcs_m2", "_sound_power_db"):
+        self._at_hand.make_room(rows)
+        for name in ("_rcs_m2", "_sound_power_db"):
             setattr(self, name, with_room(getattr(self, name), rows))
-        more = len(self._start_ns) - self._coefficients.shape[2]
-        self._coefficients = np.pad(self._coefficients, ((0, 0), (0, 0), (0, more)))
 
     def _changed(self, rows: Ints, signatures: Signatures) -> None:
         """Samples of rows were added: the last of each row counts."""
@@ -252,31 +228,8 @@ class Trajectories:
         self._sound_power_db[rows] = signatures.sound_power_db
         for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
             self._emitters[row] = emitters
-        self._end_ns[rows] = self._start_ns[rows]  # empty: looked up when next asked for
+        self._at_hand.drop(rows)
         self.version += 1
-
-    def _pieces(
-        self, t_utc_ns: Ints, rows: Ints, *, everybody: bool = False
-    ) -> tuple[Bools, Floats, Floats]:
-        """Who of rows (m,) is there at times (m,), how long after the start of which cubic, s.
-
-        (m,), (m,) and coefficients (4, 3, m). The segments at hand are those asked for last.
-        """
-        which: Ints | slice = slice(len(rows)) if everybody else rows
-        start_ns, there = self._start_ns[which], self._alive[which]
-        coefficients = self._coefficients[:, :, which]
-        outside = np.flatnonzero((t_utc_ns < start_ns) | (t_utc_ns >= self._end_ns[which]))
-        if len(outside):
-            found = self._looked_up(t_utc_ns[outside], rows[outside])
-            start_ns, there, coefficients = start_ns.copy(), there.copy(), coefficients.copy()
-            start_ns[outside], there[outside] = found.start_ns, found.alive
-            coefficients[:, :, outside] = found.coefficients
-            # Of a drone asked for at several times, one segment stays at hand, whole.
-            kept, first = np.unique(rows[outside], return_index=True)
-            self._start_ns[kept], self._end_ns[kept] = found.start_ns[first], found.end_ns[first]
-            self._alive[kept] = found.alive[first]
-            self._coefficients[:, :, kept] = found.coefficients[:, :, first]
-        return there, (t_utc_ns - start_ns) / NS, coefficients
 
     def _looked_up(self, t_utc_ns: Ints, rows: Ints) -> Stretches:
         """The segments of rows (m,) that hold times (m,)."""
@@ -326,24 +279,3 @@ def _velocity_ecef(
     east, north, up = known.T
     velocity: Floats = (east * axes[0] + north * axes[1] + up * axes[2]).T
     return velocity
-
-
-def _cubic(coefficients: Floats, tau_s: Floats) -> Floats:
-    """Positions by (4, 3, ...) coefficients, after (...) times; (3, ...), a row a component."""
-    c0, c1, c2, c3 = coefficients
-    position_m: Floats = c3 * tau_s
-    for lower in (c2, c1):
-        position_m += lower
-        position_m *= tau_s
-    position_m += c0
-    return position_m
-
-
-def _slope(coefficients: Floats, tau_s: Floats) -> Floats:
-    """Velocities by (4, 3, ...) coefficients, after (...) times; (3, ...)."""
-    _, c1, c2, c3 = coefficients
-    velocity_m_s: Floats = c3 * (1.5 * tau_s)
-    velocity_m_s += c2
-    velocity_m_s *= 2 * tau_s
-    velocity_m_s += c1
-    return velocity_m_s
