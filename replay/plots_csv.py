@@ -1,7 +1,8 @@
 """A table of plots, a row each, of our own batches and of ASTERIX 048, 015 and 205; only written.
 
 What is empty was not measured, or is not in the category. Ranges of 015 are bistatic where the
-record says that its sensor is multistatic. Heights of 048 are above mean sea level.
+record says that its sensor is multistatic. Heights are above the WGS-84 ellipsoid, altitudes, which
+048 tells, above mean sea level.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ COLUMNS = (
     "azimuth_deg",
     "elevation_deg",
     "height_m",
+    "altitude_m",
     "doppler_m_s",
     "snr_db",
     "amplitude_dbm",
@@ -101,8 +103,7 @@ def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
         "sensor": [sensor if c else own for c, own in zip(categories, plots.sensor, strict=True)],
         "category": [f"{category:03d}" if category else "" for category in categories],
     }
-    heights_m = np.where(np.isnan(plots.altitude_m), plots.height_m, plots.altitude_m)
-    columns = vars(plots) | {"height_m": heights_m, "doppler_m_s": plots.range_rate_m_s}
+    columns = vars(plots) | {"doppler_m_s": plots.range_rate_m_s}
     for name in COLUMNS:
         yield known[name] if name in known else _where_told(columns[name])
 

@@ -22,8 +22,10 @@ from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, MEASURED, ChartSta
 from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.sensing.sensor_group import with_heights
 from plotfeed.models.beam import Sector, Sectors, Timetable
+from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -209,7 +211,9 @@ def _read(case: Case, name: str, sent: Plots, read: MeasuredPlots) -> Floats | N
     """What is read of a quantity; None if the format has nothing to read it from."""
     found: Floats = getattr(read, name)
     if name == "elevation_deg" and np.isnan(found).all() and not np.isnan(read.altitude_m).all():
-        undulation_m = case.scene.telemetry.geoid_undulation_m or 0.0
+        there_enu_m = aer_to_enu(sent.azimuth_deg, sent.elevation_deg, sent.range_m)
+        there = case.frame.to_geodetic(there_enu_m)[:2]
+        undulation_m = SeaLevel.of(case.scene).undulation_m(*there)
         higher_m = read.altitude_m + undulation_m - sent.height_m
         level_m = sent.range_m * np.cos(np.radians(sent.elevation_deg))
         return np.asarray(sent.elevation_deg + np.degrees(higher_m / level_m))

@@ -13,6 +13,7 @@ import numpy as np
 from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch, signature_of
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
@@ -58,7 +59,8 @@ def print_check(
 
 
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
-    """Tables and warnings of every sensor; raises `PlotfeedError` if a flight cannot be flown."""
+    """Tables and warnings of every sensor; raises `PlotfeedError` for a file without use."""
+    SeaLevel.of(scene)
     launch(scene, Trajectories(stale_after_s=scene.telemetry.stale_after_s), 0)
     target = scene_target(scene, rcs_m2)
     return {

@@ -18,7 +18,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
-from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -58,9 +58,10 @@ class InjectSettings:
             AltitudeReference.ABOVE_TAKEOFF: self.takeoff_height_m,
             AltitudeReference.MEAN_SEA_LEVEL: self.geoid_undulation_m,
         }
-        if declared.get(report.altitude_reference) is None:
+        above_m = declared.get(report.altitude_reference)
+        if above_m is None:
             return report
-        height_m = AltitudeDatum(self.takeoff_height_m, self.geoid_undulation_m).height_m(report)
+        height_m = report.altitude_m + above_m
         return replace(report, altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
 
 

@@ -16,6 +16,7 @@ from plotfeed.feeds.formats.message_format import (
 from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Sectors
@@ -48,7 +49,10 @@ class Status025:
             latitude_deg=[place.latitude_deg for place in places],
             longitude_deg=[place.longitude_deg for place in places],
             height_m=[place.height_m for place in places],
-            geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+            geoid_undulation_m=SeaLevel.of(scene).undulation_m(
+                [place.latitude_deg for place in places],
+                [place.longitude_deg for place in places],
+            ),
             category=EDITIONS[scene.asterix.longitude_025],
         )
 
@@ -122,14 +126,15 @@ def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder01
     for i, sensor in sensors.items():
         if sensor.illuminators:
             alike.setdefault(len(sensor.illuminators), {})[i] = sensor
-    n = len(numbers_of(sensors))
+    n, site = len(numbers_of(sensors)), scene.scene.site
+    at_site = site.latitude_deg, site.longitude_deg
     return [
         (
             numbers_of(some, n),
             SystemEncoder016(
                 [_system(scene, sensor) for sensor in some.values()],
                 period_s=SERVICE_PERIOD_NS // NS,
-                geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
+                geoid_undulation_m=float(SeaLevel.of(scene).undulation_m(*at_site)),
                 max_octets=[max_block_octets(scene, sensor) for sensor in some.values()],
             ),
         )

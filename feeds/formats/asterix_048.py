@@ -12,8 +12,14 @@ from plotfeed.feeds.formats.message_format import (
     numbers_of,
 )
 from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.models.frames import aer_to_enu
+from plotfeed.models.local_frames import LocalFrames, frames_at
+from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.codec.reports import Parts
 
 ALL = slice(None)
 
@@ -31,9 +37,11 @@ class Asterix048(AsterixFormat):
         self._plots = PlotEncoder048(
             [sensor.sac for sensor in sensors.values()],
             [sensor.sic for sensor in sensors.values()],
-            geoid_undulation_m=scene.telemetry.geoid_undulation_m or 0.0,
             max_octets=[max_block_octets(scene, sensor) for sensor in sensors.values()],
         )
+        self._sea_level = SeaLevel.of(scene)
+        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
+        self._frames = LocalFrames.of(places)
         turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}
         self._turning = numbers_of(turning, len(self._numbers))
         self._all_turn = len(turning) == len(sensors)
@@ -49,9 +57,8 @@ class Asterix048(AsterixFormat):
         """Blocks of category 048, then those of category 034."""
         sectors = seen.sectors
         parts = seen.parts(self._numbers[sectors.sensor])
-        found = [
-            [(48, block) for block in blocks] for blocks in self._plots.blocks_by(seen.plots, parts)
-        ]
+        every = self._plots.blocks_by(seen.plots, parts, self._undulation_m(seen.plots, parts))
+        found = [[(48, block) for block in blocks] for blocks in every]
         if self._service is None:
             return found
         turning = self._turning[sectors.sensor]
@@ -67,3 +74,13 @@ class Asterix048(AsterixFormat):
         for blocks, crossing in zip(theirs, crossings, strict=True):
             blocks.append((34, crossing))
         return found
+
+    def _undulation_m(self, plots: Plots, parts: Parts) -> Floats | float:
+        """Height of mean sea level above the ellipsoid where the plots are; (n,)."""
+        if not plots.measures("height_m"):
+            return 0.0
+        if self._sea_level.level_m is not None:
+            return self._sea_level.level_m
+        frames = frames_at(self._frames, parts.of_rows())
+        there_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+        return self._sea_level.undulation_m(*frames.to_geodetic(there_enu_m)[:2])

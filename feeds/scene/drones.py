@@ -116,10 +116,8 @@ class CooperativeKeys(SceneTable):
         """The ids of the cooperative ones."""
         return self.drones or flown
 
-    def problem(self, flown: Sequence[str], geoid_undulation_m: float | None) -> str | None:
+    def problem(self, flown: Sequence[str]) -> str | None:
         """Why the drones that a scene flies cannot report so, if they cannot."""
-        if geoid_undulation_m is None:
-            return "needs telemetry.geoid_undulation_m: ASTERIX 129 counts from mean sea level"
         for drone in self.those_of(flown):
             if drone not in flown:
                 return f"the scene flies no drone {drone!r}"

@@ -88,7 +88,10 @@ class Telemetry(SceneTable):
     takeoff_height_m: Height | None = None
     """Above the ellipsoid; added to altitudes above take-off, which are refused without it."""
     geoid_undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
-    """Of the geoid above the ellipsoid; without it, pyproj's EGM96 grid or a refusal."""
+    """Of mean sea level above the ellipsoid; without it, that of the geoid EGM96 at each place."""
+    geoid_grid: str | None = None
+    """A grid of a finer geoid, GeoTIFF or GTX, that PROJ reads, in place of the package's; relative
+    to the scene. Needs the extra geoid."""
     max_ahead_s: NotNegative = 2.0
     """Telemetry from further in the future is refused."""
     max_age_s: Positive = 60.0
@@ -98,6 +101,12 @@ class Telemetry(SceneTable):
     """Radar cross-section of a drone that states none."""
     sound_power_db: Decibels = 80.0
     """Sound power level, re 1 pW, of a drone that states none."""
+
+    @model_validator(mode="after")
+    def _one_sea_level(self) -> Self:
+        if self.geoid_grid is not None and self.geoid_undulation_m is not None:
+            raise ValueError("geoid_grid: either it or geoid_undulation_m says where sea level is")
+        return self
 
 
 def _prefix(value: str) -> str:
@@ -192,7 +201,7 @@ class Scene(SceneTable):
     def _drones_can_cooperate(self) -> Self:
         if self.cooperative is not None:
             flown = [drone.id for drone in self.drone]
-            problem = self.cooperative.problem(flown, self.telemetry.geoid_undulation_m)
+            problem = self.cooperative.problem(flown)
             if problem is not None:
                 raise ValueError(f"{COOPERATIVE}: {problem}")
         return self

@@ -12,6 +12,7 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone, FlightFile
 from plotfeed.feeds.scene.fields import Site, geodetic
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum, PositionReport
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
@@ -53,14 +54,14 @@ def _fly(
     trajectories: Trajectories, scene: Scene, drone: Drone, flight: FlightFile, begin_ns: int
 ) -> None:
     """Put a recorded flight on its way."""
-    reports, heights_m = zip(*_recorded(scene, flight, begin_ns), strict=True)
+    reports, heights_m = _recorded(scene, flight, begin_ns)
     accuracies = [(r.horizontal_accuracy_m, r.vertical_accuracy_m) for r in reports]
     trajectories.add_flight(
         drone.id,
         np.array([report.t_utc_ns for report in reports], np.int64),
         latitude_deg=np.array([report.latitude_deg for report in reports]),
         longitude_deg=np.array([report.longitude_deg for report in reports]),
-        height_m=np.array(heights_m),
+        height_m=heights_m,
         velocity_enu_m_s=np.array([r.velocity_enu_m_s or [np.nan] * 3 for r in reports]),
         sigma_m=np.array(
             [max((a for a in pair if a is not None), default=np.nan) for pair in accuracies]
@@ -99,8 +100,8 @@ def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
 
 def _recorded(
     scene: Scene, recorded: FlightFile, begin_ns: int
-) -> Iterator[tuple[PositionReport, float]]:
-    """The reports of a flight that begins then, with their heights above the ellipsoid."""
+) -> tuple[list[PositionReport], Floats]:
+    """The reports of a flight that begins then, and their heights above the ellipsoid."""
     from plotfeed.feeds.telemetry.flights import read, smoothed
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
@@ -112,13 +113,23 @@ def _recorded(
         start_utc_ns=begin_ns,
     )
     flight = smoothed(read(scene.folder / recorded.file, options))
-    datum = AltitudeDatum(
-        _first_known(recorded.takeoff_height_m, scene.telemetry.takeoff_height_m),
-        _first_known(recorded.geoid_undulation_m, scene.telemetry.geoid_undulation_m),
+    takeoff_height_m = recorded.takeoff_height_m
+    if takeoff_height_m is None:
+        takeoff_height_m = scene.telemetry.takeoff_height_m
+    sea_level = SeaLevel.of(scene, stated_m=recorded.geoid_undulation_m)
+    datum = AltitudeDatum(takeoff_height_m, sea_level)
+    references = [report.altitude_reference for report in flight.reports]
+    for reference in dict.fromkeys(references):
+        datum.check(reference)
+    heights_m = datum.heights_m(
+        [report.latitude_deg for report in flight.reports],
+        [report.longitude_deg for report in flight.reports],
+        [report.altitude_m for report in flight.reports],
+        references,
     )
     shift_ns = begin_ns - flight.reports[0].t_utc_ns
-    for report in flight.reports:
-        yield replace(report, t_utc_ns=report.t_utc_ns + shift_ns), datum.height_m(report)
+    shifted = [replace(report, t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
+    return shifted, heights_m
 
 
 def signature_of(scene: Scene, drone: Drone) -> Signature:
@@ -133,17 +144,13 @@ def signature_of(scene: Scene, drone: Drone) -> Signature:
     )
 
 
-def _first_known(*values: float | None) -> float | None:
-    return next((v for v in values if v is not None), None)
-
-
 class CooperativeDrones:
     """What the cooperative drones say at the k-th period since 1970."""
 
     def __init__(self, scene: Scene, settings: CooperativeKeys, trajectories: Trajectories) -> None:
         self.period_ns = round(settings.period_s * NS)
         self._accuracy_m = settings.accuracy_m
-        self._undulation_m = scene.telemetry.geoid_undulation_m or 0.0
+        self._sea_level = SeaLevel.of(scene)
         self._trajectories = trajectories
         names = settings.those_of([drone.id for drone in scene.drone])
         self._chances = {
@@ -175,7 +182,7 @@ class CooperativeDrones:
             state.t_utc_ns,
             latitude_deg,
             longitude_deg,
-            altitude_m=height_m - self._undulation_m,
+            altitude_m=height_m - self._sea_level.undulation_m(latitude_deg, longitude_deg),
             accuracy_m=self._radius_m(len(state)),
             velocity_m_s=velocity_m_s,
         )

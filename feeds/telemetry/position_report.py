@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cache
-from typing import Any, Protocol
 
-from plotfeed.models.state import AltitudeReference, Emitter
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.models.state import AltitudeReference, Emitter, Floats
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SPEED_M_S = 1000.0
@@ -133,94 +135,34 @@ def _check_speed(velocity_enu_m_s: Iterable[float]) -> None:
         raise Refused(Reason.OUT_OF_RANGE, detail)
 
 
-class Altitude(Protocol):
-    """What of a report tells its height."""
-
-    @property
-    def latitude_deg(self) -> float:
-        """WGS-84."""
-
-    @property
-    def longitude_deg(self) -> float:
-        """WGS-84."""
-
-    @property
-    def altitude_m(self) -> float:
-        """Above what the reference says."""
-
-    @property
-    def altitude_reference(self) -> AltitudeReference:
-        """What the altitude is measured from."""
-
-
-EGM96_GRIDS = ("us_nga_egm96_15.tif", "egm96_15.gtx")
-"""The names that PROJ knows the EGM96 geoid by, 15 minutes of arc."""
-
-
 @dataclass(frozen=True, slots=True)
 class AltitudeDatum:
-    """What a scene declares of its heights, metres; None where it declares nothing."""
+    """What altitudes are counted from, beside the ellipsoid."""
 
     takeoff_height_m: float | None = None
-    """Of the take-off point above the ellipsoid."""
-    geoid_undulation_m: float | None = None
-    """Of the geoid above the ellipsoid."""
+    """Of the take-off point above the ellipsoid; None where nobody says it."""
+    sea_level: SeaLevel = field(default_factory=SeaLevel)
 
-    def height_m(self, report: Altitude) -> float:
-        """The report's height above the WGS-84 ellipsoid, metres; raises `Refused`."""
-        match report.altitude_reference:
-            case AltitudeReference.ELLIPSOID:
-                return report.altitude_m
-            case AltitudeReference.ABOVE_TAKEOFF:
-                if self.takeoff_height_m is None:
-                    detail = (
-                        "altitude is above take-off, and the scene lacks telemetry.takeoff_height_m"
-                    )
-                    raise Refused(Reason.ALTITUDE, detail)
-                return report.altitude_m + self.takeoff_height_m
-            case AltitudeReference.MEAN_SEA_LEVEL:
-                if self.geoid_undulation_m is not None:
-                    return report.altitude_m + self.geoid_undulation_m
-                undulation_m = egm96_undulation_m(report.latitude_deg, report.longitude_deg)
-                return report.altitude_m + undulation_m
+    def check(self, reference: AltitudeReference) -> None:
+        """Raise `Refused` for altitudes that cannot be made heights above the ellipsoid."""
+        if reference is AltitudeReference.ABOVE_TAKEOFF and self.takeoff_height_m is None:
+            detail = "altitude is above take-off, and the scene lacks telemetry.takeoff_height_m"
+            raise Refused(Reason.ALTITUDE, detail)
 
-
-def egm96_undulation_m(latitude_deg: float, longitude_deg: float) -> float:
-    """Height of the EGM96 geoid above the ellipsoid, from an installed grid; raises `Refused`."""
-    transformer = _egm96()
-    if transformer is None:
-        detail = (
-            "altitude is above mean sea level: set telemetry.geoid_undulation_m in the scene, or "
-            "install plotfeed[geoid] and the grid us_nga_egm96_15.tif (projsync --file "
-            "us_nga_egm96_15.tif)"
-        )
-        raise Refused(Reason.ALTITUDE, detail)
-    undulation_m = float(transformer.transform(longitude_deg, latitude_deg, 0.0)[2])
-    if not math.isfinite(undulation_m):
-        detail = (
-            f"the EGM96 grid has no value at latitude {latitude_deg:g}, longitude "
-            f"{longitude_deg:g}; set telemetry.geoid_undulation_m in the scene"
-        )
-        raise Refused(Reason.ALTITUDE, detail)
-    return undulation_m
-
-
-@cache
-def _egm96() -> Any | None:
-    """A transformer from heights above the geoid to above the ellipsoid; None without a grid."""
-    try:
-        import pyproj
-    except ImportError:
-        return None
-    pyproj.network.set_network_enabled(active=False)  # type: ignore[attr-defined]
-    for grid in EGM96_GRIDS:
-        pipeline = (
-            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
-            f"+step +proj=vgridshift +grids={grid} +multiplier=1 "
-            "+step +proj=unitconvert +xy_in=rad +xy_out=deg"
-        )
-        try:
-            return pyproj.Transformer.from_pipeline(pipeline)
-        except pyproj.exceptions.ProjError:
-            continue
-    return None
+    def heights_m(
+        self,
+        latitude_deg: ArrayLike,
+        longitude_deg: ArrayLike,
+        altitude_m: ArrayLike,
+        references: Sequence[AltitudeReference],
+    ) -> Floats:
+        """Heights above the WGS-84 ellipsoid, metres, of altitudes that were checked; (n,)."""
+        heights_m = np.array(altitude_m, np.float64)
+        if self.takeoff_height_m is not None:
+            which = [r is AltitudeReference.ABOVE_TAKEOFF for r in references]
+            heights_m[which] += self.takeoff_height_m
+        if AltitudeReference.MEAN_SEA_LEVEL in references:
+            which = [r is AltitudeReference.MEAN_SEA_LEVEL for r in references]
+            latitude, longitude = np.asarray(latitude_deg), np.asarray(longitude_deg)
+            heights_m[which] += self.sea_level.undulation_m(latitude[which], longitude[which])
+        return heights_m

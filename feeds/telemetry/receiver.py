@@ -11,11 +11,12 @@ from google.protobuf import json_format
 
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
 from plotfeed.models.live_samples import MAX_FIT_SAMPLES
-from plotfeed.models.state import AltitudeReference, Signatures
+from plotfeed.models.state import Signatures
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
@@ -151,7 +152,7 @@ class TelemetryReceiver:
             max_drones=settings.max_drones,
         )
         self._prefix = scene.mqtt.prefix
-        self._datum = AltitudeDatum(settings.takeoff_height_m, settings.geoid_undulation_m)
+        self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._scripted = frozenset(d.id for d in scene.drone)
         self._trajectories = trajectories
@@ -180,7 +181,6 @@ class TelemetryReceiver:
         refusals: list[Message] = []
         names: list[str] = []
         rows: list[ReportRow] = []
-        heights_m: list[float] = []
         for topic, messages in waited:
             drone, first = topic.rpartition("/")[2], len(rows)
             is_known = self._admission.knows(drone)
@@ -190,9 +190,7 @@ class TelemetryReceiver:
                     if not is_known and drone in self._scripted:
                         detail = f"drone {drone!r} is flown by the scene itself"
                         raise Refused(Reason.NAME, detail)
-                    height_m = row.altitude_m
-                    if row.altitude_reference is not AltitudeReference.ELLIPSOID:
-                        height_m = self._datum.height_m(row)
+                    self._datum.check(row.altitude_reference)
                     self._admission.admit(drone, row.t_utc_ns, now_utc_ns)
                 except Refused as refused:
                     refusal = self.refuse(topic, refused, now_utc_ns)
@@ -200,16 +198,15 @@ class TelemetryReceiver:
                         refusals.append(refusal)
                 else:
                     rows.append(row)
-                    heights_m.append(height_m)
             if len(rows) > first:
                 if not is_known:
                     self._welcome(topic)
                 if len(rows) > first + 1:
                     unneeded = self._unneeded(rows[first:], now_utc_ns)
-                    del rows[first : first + unneeded], heights_m[first : first + unneeded]
+                    del rows[first : first + unneeded]
                 names += [drone] * (len(rows) - first)
         if rows:
-            self._add(names, rows, heights_m)
+            self._add(names, rows)
         return refusals
 
     @staticmethod
@@ -232,10 +229,8 @@ class TelemetryReceiver:
         self.conflated += needed
         return needed
 
-    def _add(
-        self, names: Sequence[str], rows: Sequence[ReportRow], heights_m: Sequence[float]
-    ) -> None:
-        t, latitude, longitude, _, _, *velocity, sigma, rcs, sound, emitters = zip(
+    def _add(self, names: Sequence[str], rows: Sequence[ReportRow]) -> None:
+        t, latitude, longitude, altitude, references, *velocity, sigma, rcs, sound, emitters = zip(
             *rows, strict=True
         )
         rcs_m2, sound_power_db = np.array(rcs), np.array(sound)
@@ -244,7 +239,7 @@ class TelemetryReceiver:
             np.array(t, np.int64),
             latitude_deg=np.array(latitude),
             longitude_deg=np.array(longitude),
-            height_m=np.array(heights_m),
+            height_m=self._datum.heights_m(latitude, longitude, altitude, references),
             velocity_enu_m_s=np.array(velocity).T,
             sigma_m=np.array(sigma),
             signatures=Signatures(

@@ -70,9 +70,9 @@ class State(IntEnum):
 class StatusEncoder025:
     """Status reports, as I025/010, 000, 070, 100, 600 and 610, and of errors 105.
 
-    The height of the system's reference point is above the WGS-84 ellipsoid, of which mean sea
-    level is `geoid_undulation_m` high. `category` is CAT025 or CAT025_HALF_TURN. Several systems
-    have a SAC, SIC, position and height each, in sequences.
+    The height of the system's reference point is above the WGS-84 ellipsoid, and mean sea level
+    lies `geoid_undulation_m` above that there. `category` is CAT025 or CAT025_HALF_TURN. Several
+    systems have a SAC, SIC, position, height and undulation each, in sequences.
     """
 
     def __init__(
@@ -83,18 +83,18 @@ class StatusEncoder025:
         latitude_deg: float | Sequence[float],
         longitude_deg: float | Sequence[float],
         height_m: float | Sequence[float],
-        geoid_undulation_m: float = 0.0,
+        geoid_undulation_m: ArrayLike = 0.0,
         category: Category = CAT025,
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I025/600")
-        heights_m = [height_m] if isinstance(height_m, int | float) else height_m
+        above_sea_m = np.atleast_1d(np.subtract(height_m, geoid_undulation_m))
         self._constants: dict[str, Constant] = {
             "I025/010/SAC": sac,
             "I025/010/SIC": sic,
             "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
             "I025/600/LAT": latitude_deg,
             "I025/600/LON": longitude_deg,
-            "I025/610": [height - geoid_undulation_m for height in heights_m],
+            "I025/610": above_sea_m.tolist(),
         }
         self._category = category
         self._by_errors: dict[int, Reports] = {}

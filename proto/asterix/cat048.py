@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.state import Ints, Plots
@@ -107,10 +108,10 @@ OPTIONAL = {
 class PlotEncoder048:
     """Plots of a primary radar, as I048/010, 140, 020, 040, and of 130, 110, 120 what is measured.
 
-    `geoid_undulation_m` is the height of mean sea level above the WGS-84 ellipsoid at the sensor:
-    plots have heights above the latter, I048/110 above the former. The Doppler speed of 120 is the
-    range rate in whole m/s; the standard leaves its sign open: here a positive one recedes. Several
-    radars have a SAC, SIC and limit of octets each, in sequences.
+    `geoid_undulation_m` is the height of mean sea level above the WGS-84 ellipsoid where the plots
+    are, one for all or (n,): they have heights above the latter, I048/110 above the former. The
+    Doppler speed of 120 is the range rate in whole m/s; the standard leaves its sign open: here a
+    positive one recedes. Several radars have a SAC, SIC and limit of octets each, in sequences.
     """
 
     def __init__(
@@ -119,10 +120,8 @@ class PlotEncoder048:
         sic: int | Sequence[int],
         *,
         simulated: bool = True,
-        geoid_undulation_m: float = 0.0,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
-        self._geoid_undulation_m = geoid_undulation_m
         self._reports = Reports(
             CAT048,
             ("I048/010", "I048/140", "I048/020", "I048/040"),
@@ -141,20 +140,22 @@ class PlotEncoder048:
             max_octets=max_octets,
         )
 
-    def blocks(self, plots: Plots) -> list[bytes]:
+    def blocks(self, plots: Plots, geoid_undulation_m: ArrayLike = 0.0) -> list[bytes]:
         """Data blocks of all plots of one radar, in their order, none longer than `max_octets`.
 
         A column of nothing but NaN is not measured; one with some NaN is an EncodeError.
         """
-        return self.blocks_by(plots, Parts.whole(len(plots)))[0]
+        return self.blocks_by(plots, Parts.whole(len(plots)), geoid_undulation_m)[0]
 
-    def blocks_by(self, plots: Plots, parts: Parts) -> list[list[bytes]]:
+    def blocks_by(
+        self, plots: Plots, parts: Parts, geoid_undulation_m: ArrayLike = 0.0
+    ) -> list[list[bytes]]:
         """Data blocks of each part of the plots; all of them measure the same."""
         if not len(plots):
             return [[] for _ in range(len(parts))]
         optional = measured(plots, OPTIONAL)
-        if "I048/110" in optional and self._geoid_undulation_m:
-            optional["I048/110"] = plots.height_m - self._geoid_undulation_m
+        if "I048/110" in optional:
+            optional["I048/110"] = plots.height_m - np.asarray(geoid_undulation_m)
         columns = {
             "I048/140": plots.t_utc_ns,
             "I048/040/RHO": plots.range_m,

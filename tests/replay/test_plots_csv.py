@@ -78,7 +78,8 @@ def test_plots_of_048_are_in_metres() -> None:
     ]
     assert [number(row, "range_m") for row in rows] == pytest.approx([2000, 3000], abs=3.7)
     assert [number(row, "azimuth_deg") for row in rows] == [45.0, 90.0]
-    assert [number(row, "height_m") for row in rows] == pytest.approx([304.8, 304.8])
+    assert [number(row, "altitude_m") for row in rows] == pytest.approx([304.8, 304.8])
+    assert [row["height_m"] for row in rows] == ["", ""]
     assert rows[0]["amplitude_dbm"] == "-60.0"
     assert [rows[0][name] for name in ("sensor", "category", "sac", "sic")] == [
         "north",

@@ -162,7 +162,6 @@ def test_errors_are_normal_and_new_each_time() -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"telemetry": {}}, "needs telemetry.geoid_undulation_m"),
         ({"cooperative": {"drones": ["nobody"]}}, "flies no drone 'nobody'"),
         ({"drone": [held("thirteen-char", 0.0, 5.0, 900.0)]}, "up to 12 characters"),
         ({"drone": [held("dróne", 0.0, 5.0, 900.0)]}, "ASCII"),

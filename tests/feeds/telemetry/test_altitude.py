@@ -1,76 +1,46 @@
 from __future__ import annotations
 
-import struct
-import subprocess
-import sys
-from dataclasses import replace
-from pathlib import Path
-
+import numpy as np
 import pytest
 
-from plotfeed.feeds.telemetry import position_report
-from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
+from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
+from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.models.state import AltitudeReference
 
-REPORT = PositionReport(
-    t_utc_ns=0,
-    latitude_deg=40.0,
-    longitude_deg=-3.0,
-    altitude_m=100.0,
-    altitude_reference=AltitudeReference.ELLIPSOID,
-)
-ABOVE_TAKEOFF = replace(REPORT, altitude_reference=AltitudeReference.ABOVE_TAKEOFF)
-ABOVE_SEA = replace(REPORT, altitude_reference=AltitudeReference.MEAN_SEA_LEVEL)
+REFERENCES = list(AltitudeReference)
+LATITUDES, LONGITUDES = [40.45, 5.0, -8.0], [-3.73, 79.0, 147.0]
 
-WITH_GRID = """
-import sys
-import pyproj
-from plotfeed.feeds.telemetry.position_report import egm96_undulation_m
-from plotfeed.feeds.telemetry.position_report import Refused
-pyproj.datadir.append_data_dir(sys.argv[1])
-print(egm96_undulation_m(20.0, 30.0), egm96_undulation_m(-20.0, -30.0))
-try:
-    egm96_undulation_m(70.0, 0.0)
-except Refused as refused:
-    print(refused.reason, refused.detail)
-assert not pyproj.network.is_network_enabled()
-"""
+
+def heights(datum: AltitudeDatum, reference: AltitudeReference) -> list[float]:
+    found: list[float] = datum.heights_m(LATITUDES, LONGITUDES, [100.0] * 3, [reference] * 3)
+    return list(found)
 
 
 def test_each_reference_gives_a_height_above_the_ellipsoid() -> None:
-    datum = AltitudeDatum(takeoff_height_m=650.0, geoid_undulation_m=51.0)
-    assert datum.height_m(REPORT) == 100.0
-    assert datum.height_m(ABOVE_TAKEOFF) == 750.0
-    assert datum.height_m(ABOVE_SEA) == 151.0
+    datum = AltitudeDatum(takeoff_height_m=650.0, sea_level=SeaLevel(51.0))
+    assert heights(datum, AltitudeReference.ELLIPSOID) == [100.0] * 3
+    assert heights(datum, AltitudeReference.ABOVE_TAKEOFF) == [750.0] * 3
+    assert heights(datum, AltitudeReference.MEAN_SEA_LEVEL) == [151.0] * 3
+
+
+def test_sea_level_is_that_of_each_place_unless_it_is_stated() -> None:
+    found = heights(AltitudeDatum(), AltitudeReference.MEAN_SEA_LEVEL)
+    assert found == list(100.0 + geoid_undulation_m(LATITUDES, LONGITUDES))
+    assert np.ptp(found) > 150.0
+
+
+def test_references_may_be_mixed() -> None:
+    datum = AltitudeDatum(650.0)
+    found = datum.heights_m(LATITUDES, LONGITUDES, [100.0] * 3, REFERENCES)
+    for i, reference in enumerate(REFERENCES):
+        assert found[i] == heights(datum, reference)[i]
 
 
 def test_without_a_takeoff_height_the_key_is_named() -> None:
+    for reference in REFERENCES:
+        AltitudeDatum(650.0).check(reference)
+    AltitudeDatum().check(AltitudeReference.MEAN_SEA_LEVEL)
     with pytest.raises(Refused, match=r"telemetry\.takeoff_height_m") as caught:
-        AltitudeDatum(None, None).height_m(ABOVE_TAKEOFF)
+        AltitudeDatum().check(AltitudeReference.ABOVE_TAKEOFF)
     assert caught.value.reason is Reason.ALTITUDE
-
-
-def test_without_undulation_or_grid_both_mends_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(position_report, "EGM96_GRIDS", ("no_such_grid.gtx",))
-    position_report._egm96.cache_clear()
-    try:
-        with pytest.raises(Refused, match=r"telemetry\.geoid_undulation_m.*plotfeed\[geoid\]") as e:
-            AltitudeDatum().height_m(ABOVE_SEA)
-        assert e.value.reason is Reason.ALTITUDE
-    finally:
-        position_report._egm96.cache_clear()
-
-
-def test_an_installed_grid_gives_the_undulation(tmp_path: Path) -> None:
-    pytest.importorskip("pyproj")
-    # Undulation = latitude + longitude / 2, every 10 degrees from 60 south to 60 north.
-    latitudes, longitudes = range(-60, 61, 10), range(-180, 181, 10)
-    header = struct.pack(">4d2i", -60, -180, 10, 10, len(latitudes), len(longitudes))
-    values = [latitude + longitude / 2 for latitude in latitudes for longitude in longitudes]
-    grid = header + struct.pack(f">{len(values)}f", *values)
-    (tmp_path / "egm96_15.gtx").write_bytes(grid)
-    command = [sys.executable, "-c", WITH_GRID, str(tmp_path)]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    first, second = run.stdout.splitlines()
-    assert [float(v) for v in first.split()] == pytest.approx([35.0, -35.0], abs=1e-6)
-    assert second.startswith("altitude the EGM96 grid has no value")

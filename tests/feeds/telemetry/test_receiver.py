@@ -14,6 +14,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.position_report import Reason
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver
+from plotfeed.models.frames import ecef_to_geodetic
+from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -122,6 +124,23 @@ def test_the_datum_of_the_scene_is_added(tmp_path: Path) -> None:
         assert receiver.take(f"plotfeed/telemetry/{drone}", payload, None, NOW) is None
     positions = trajectories.state_at(NOW).position_ecef_m
     assert abs(positions - positions[0]).max() < 1e-8
+
+
+def test_above_the_sea_is_above_the_geoid_where_the_drone_is(tmp_path: Path) -> None:
+    receiver, trajectories = make(load(scene_file(tmp_path, scene_text(telemetry="", port=1883))))
+    places = {"madrid": (40.45, -3.73), "ceylon": (5.0, 79.0), "guinea": (-8.0, 147.0)}
+    for drone, (latitude_deg, longitude_deg) in places.items():
+        payload = report(
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            altitude_m=700.0,
+            altitude_reference=pb.MEAN_SEA_LEVEL,
+        )
+        assert receiver.take(f"plotfeed/telemetry/{drone}", payload, None, NOW) is None
+    height_m = ecef_to_geodetic(trajectories.state_at(NOW).position_ecef_m)[2]
+    for i, place in enumerate(places.values()):
+        assert height_m[i] == pytest.approx(700.0 + geoid_undulation_m(*place), abs=1e-6)
+    assert height_m.max() - height_m.min() > 150.0
 
 
 def test_refusals_are_published_up_to_a_rate_and_all_are_counted(scene: Scene) -> None:

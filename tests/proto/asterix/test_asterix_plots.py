@@ -66,9 +66,11 @@ def test_a_column_that_is_measured_now_and_then_is_refused(
 
 
 def test_heights_are_above_the_geoid() -> None:
-    encoder = PlotEncoder048(1, 1, geoid_undulation_m=52.0)
-    assert one_plot(encoder, height_m=52.0 + 762.0).get("I048/110") == 2500.0
-    assert one_plot(encoder, height_m=0.0).get("I048/110") == -175.0
+    heights_m, levels_m = np.array([52.0 + 762.0, 0.0, -100.0]), np.array([52.0, 52.0, -100.0])
+    (block,) = PlotEncoder048(1, 1).blocks(plots(height_m=heights_m), levels_m)
+    assert [record.get("I048/110") for record in decode(block)] == [2500.0, -175.0, 0.0]
+    (block,) = PlotEncoder048(1, 1).blocks(plots(height_m=heights_m), 52.0)
+    assert [record.get("I048/110") for record in decode(block)] == [2500.0, -175.0, -500.0]
 
 
 @pytest.mark.parametrize(
