@@ -11,6 +11,15 @@ NM_M = 1852.0  # m, exact; BIPM, The International System of Units
 TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s, in which ASTERIX counts
 
 
+def with_rounding(sigma: Floats, lsb: float | Floats) -> Floats:
+    """Standard deviation of a value that travels as a whole number of `lsb`; same unit.
+
+    What rounding adds has the variance lsb^2/12 (Bennett, Bell System Technical Journal 27, 1948).
+    """
+    deviation: Floats = np.sqrt(sigma * sigma + lsb * lsb / 12)
+    return deviation
+
+
 def decibels(ratio: Floats) -> Floats:
     """10 lg of a ratio of powers; minus infinity for none, NaN for what has no logarithm."""
     with np.errstate(divide="ignore", invalid="ignore"):

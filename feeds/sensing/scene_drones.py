@@ -197,10 +197,10 @@ class CooperativeDrones:
         return self._accuracy_m * rng.standard_normal(3)
 
     def _radius_m(self, n: int) -> Floats | None:
-        """Accuracy as the drones state it, at least 1 m: 0 would say that it is unknown."""
+        """Accuracy as the drones state it: the radius that holds half of their positions."""
         if not self._accuracy_m:
             return None
-        return np.full(n, max(self._accuracy_m * HALF_OF_POSITIONS, 1.0))
+        return np.full(n, self._accuracy_m * HALF_OF_POSITIONS)
 
     def _message(self, number: int, drone: str, block: bytes) -> Message:
         t_utc_ns = number * self.period_ns

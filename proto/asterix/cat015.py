@@ -118,13 +118,22 @@ OPTIONAL = {
 }
 """Parts that are sent where their columns are measured."""
 
+DEVIATIONS = {
+    "I015/625/SDR": "I015/625/R",
+    "I015/626/SDDV": "I015/626/DV",
+    "I015/627/SDASZ": "I015/627/AZ",
+    "I015/628/SDEL": "I015/628/EL",
+}
+"""Standard deviations, and whose they are."""
+
 
 class PlotEncoder015:
     """Measurement plots, as I015/010, 000, 020, 145, and of the others what is measured.
 
     Those are 300 (class), 625 (R, SDR), 626 (DV, SDDV), 627 (AZ, SDASZ), 628 (EL, SDEL), 630 (RPP
-    in dBm, RPS). A multistatic sensor has 400 too: the pair of a plot's channel, and a count of
-    observations. The standard leaves the sign of DV open: here a positive one recedes.
+    in dBm, RPS). Standard deviations hold the rounding of their values, and are rounded up. A
+    multistatic sensor has 400 too: the pair of a plot's channel, and a count of observations. The
+    standard leaves the sign of DV open: here a positive one recedes.
 
     `pairs` has the pair of each channel, by default the channel itself. `classes` has the class
     of each kind of plot, by agreement with the receiver; without it no class is sent. Several
@@ -165,6 +174,7 @@ class PlotEncoder015:
                 "I015/300/0/PRB": class_probability_pct,
             },
             lsb={"I015/145": TIME_LSB_NS},
+            deviations=DEVIATIONS,
             max_octets=max_octets,
         )
 

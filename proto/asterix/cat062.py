@@ -106,6 +106,9 @@ OPTIONAL = {
 }
 """Parts that are sent where their columns hold numbers."""
 
+DEVIATIONS = {"I062/500/APC/X": "I062/100/X", "I062/500/APC/Y": "I062/100/Y"}
+"""Standard deviations, and whose they are."""
+
 STATUS_OF_OTHERS = "SPI FPC AFF STP KOS AMA MD4 ME MI MD5 SSR MDS ADS SUC AAC"
 """Parts of I062/080 that say 0: of transponders, flight plans and other sensors."""
 
@@ -141,7 +144,8 @@ class Tracks(Columns):
 class TrackEncoder062:
     """Tracks of sensors, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
 
-    That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC). Several sensors have a SAC, SIC and
+    That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC), which holds the rounding of 100 and
+    is rounded up. Several sensors have a SAC, SIC and
     limit of octets each, in sequences.
     """
 
@@ -180,6 +184,7 @@ class TrackEncoder062:
                 "I062/130": ALTITUDE_LSB_M,
                 "I062/220": CLIMB_LSB_M_S,
             },
+            deviations=DEVIATIONS,
             max_octets=max_octets,
         )
 

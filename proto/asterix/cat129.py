@@ -4,9 +4,10 @@ EUROCONTROL-SPEC-0149-29, edition 1.2; `codec.layout` explains the table. No dec
 can run reads the category: the layout is as published descriptions of edition 1.2 have it.
 
 I129/090 is above mean sea level, I129/100 above ground; I129/185 is east and north. An accuracy
-(circular error, 50 %) of 0 says unknown or above 255 m. No encoding is stated for a serial number;
-it is read as ASCII. The standard gives I129/120 one octet in a table but three in its description,
-which is followed here; it describes the first of them. Sent from the air, the source is 0/0.
+(circular error, 50 %) of 0 says unknown or above 255 m; it is rounded up. No encoding is stated for
+a serial number; it is read as ASCII. The standard gives I129/120 one octet in a table but three in
+its description, which is followed here; it describes the first of them. Sent from the air, the
+source is 0/0.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ FRN  item      octets  parts: bits, LSB and unit
 )
 
 SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
+MOST_ACCURACY_M = 255.0
 
 
 class TargetEncoder129:
@@ -106,6 +108,9 @@ class TargetEncoder129:
         }
         optional = {"I129/090": altitude_m, "I129/100": height_m, "I129/110": accuracy_m}
         columns |= {path: column for path, column in optional.items() if column is not None}
+        if accuracy_m is not None:
+            rounded_m = np.maximum(np.ceil(np.asarray(accuracy_m, np.float64)), 1.0)
+            columns["I129/110"] = np.where(rounded_m > MOST_ACCURACY_M, 0.0, rounded_m)
         if velocity_m_s is not None:
             velocity = np.asarray(velocity_m_s, dtype=np.float64).reshape(-1, 3)
             axes = ("I129/185/VX", "I129/185/VY", "I129/220")

@@ -22,6 +22,7 @@ from plotfeed.proto.sapient.envelope import (
     set_stamp,
     stamp_ns,
 )
+from plotfeed.proto.units import with_rounding
 
 MAX_RANGE_M = 1e9
 MAX_ERROR_DEG = 360.0
@@ -99,6 +100,8 @@ RANGE_RATE, BISTATIC_RANGE_RATE = "range rate", "bistatic range rate"
 
 MAX_SNR = 1e30
 MAX_RATE_M_S = 1e9
+RANGE_DECIMALS, RATE_DECIMALS = 2, 3
+"""Of metres and metres a second in texts of object_info, whose errors hold this rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,14 +191,15 @@ class DetectionEncoder:
         """The columns of object_info that have anything in them."""
         snr = measured(SNR, plots.snr, 0, MAX_SNR)
         bistatic_m = measured(BISTATIC_RANGE, plots.bistatic_range_m, 0, MAX_RANGE_M)
-        sigma_m = measured("bistatic range error", plots.sigma_bistatic_range_m, 0, MAX_RANGE_M)
+        sigma_m = with_rounding(plots.sigma_bistatic_range_m, 10.0**-RANGE_DECIMALS)
+        sigmas_m = measured("bistatic range error", sigma_m, 0, MAX_RANGE_M)
         infos = [
             _Info(SNR, [f"{10 * math.log10(ratio):.2f}" if ratio else "" for ratio in snr]),
-            _Info(BISTATIC_RANGE, ["" if m is None else f"{m:.2f}" for m in bistatic_m], sigma_m),
+            _Info(BISTATIC_RANGE, _texts(bistatic_m, RANGE_DECIMALS), sigmas_m),
         ]
         if plots.range_rate_m_s is not None:
             rates_m_s = measured(RANGE_RATE, plots.range_rate_m_s, -MAX_RATE_M_S, MAX_RATE_M_S)
-            texts = ["" if rate is None else f"{rate:.3f}" for rate in rates_m_s]
+            texts = _texts(rates_m_s, RATE_DECIMALS)
             infos.append(_Info(self._rate, texts, self._rate_errors(plots)))
         if self._manner.transmitters:
             names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
@@ -214,7 +218,8 @@ class DetectionEncoder:
     def _rate_errors(plots: Plots) -> list[float | None]:
         if plots.sigma_range_rate_m_s is None:
             return [None] * len(plots)
-        return measured("range rate error", plots.sigma_range_rate_m_s, 0, MAX_RATE_M_S)
+        sigma_m_s = with_rounding(plots.sigma_range_rate_m_s, 10.0**-RATE_DECIMALS)
+        return measured("range rate error", sigma_m_s, 0, MAX_RATE_M_S)
 
     def _fill_infos(self, infos: list[_Info], i: int) -> None:
         told = self._report.object_info
@@ -245,6 +250,10 @@ class DetectionEncoder:
             centre_frequency=(low_hz + high_hz) / 2,
             stop_frequency=high_hz,
         )
+
+
+def _texts(values: list[float | None], decimals: int) -> list[str]:
+    return ["" if value is None else f"{value:.{decimals}f}" for value in values]
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,7 +100,7 @@ def test_plots_of_015_have_their_range_in_the_column_of_its_kind(geometry: Geome
     (payload,) = PlotEncoder015(25, 14, geometry=geometry).blocks(given_plots)
     rows = table(asterix(payload, 15))
     assert [number(row, f"{bistatic}range_m") for row in rows] == pytest.approx([2000, 3000])
-    assert number(rows[0], f"sigma_{bistatic}range_m") == pytest.approx(2.5)
+    assert number(rows[0], f"sigma_{bistatic}range_m") == pytest.approx(2.6)
     assert rows[0]["range_m" if bistatic else "bistatic_range_m"] == ""
     assert number(rows[0], "elevation_deg") == pytest.approx(7.0, abs=0.003)
     assert number(rows[0], "snr_db") == 10

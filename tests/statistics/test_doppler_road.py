@@ -172,7 +172,7 @@ def test_category_015_has_the_rate_in_centimetres_a_second_and_its_error() -> No
     records = [r for b in flight.payloads("radar/asterix/015") for r in decode(b)]
     for path, column, half in (
         ("I015/626/DV", plots.range_rate_m_s, 0.005),
-        ("I015/626/SDDV", plots.sigma_range_rate_m_s, 1 / 128),
+        ("I015/626/SDDV", np.hypot(plots.sigma_range_rate_m_s, 0.01 / 12**0.5) + 1 / 128, 1 / 128),
     ):
         told = np.array([record.get(path) for record in records], dtype=float)
         assert np.abs(told - column).max() <= half * (1 + 1e-9)

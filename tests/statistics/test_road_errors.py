@@ -19,6 +19,7 @@ from support.significance import (
 )
 
 from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.proto.asterix.codec.decode import decode
 
 RANGES_M = (500.0, 2000.0, 5000.0, 8000.0, 11_000.0)
 """Mean signal-to-noise ratios from 74 dB to 20 dB."""
@@ -169,6 +170,30 @@ def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: st
         assert_mean(error / total, 0.0, f"bias of {of}")
         noise_to_quantisation = np.median(sigma) / lsb * np.sqrt(12)
         assert (noise_to_quantisation > 1) == (sensor == "coarse")
+
+
+def test_category_015_states_errors_with_their_rounding_and_none_as_zero() -> None:
+    """By an echo of 90 dB, whose own errors are far below an LSB of 0.1 m and of 0.0055 degrees."""
+    places = [(0.117 * i, 5.0 + 0.0071 * i, 400.0 + 0.737 * i) for i in range(3000)]
+    drones = [held(f"d{i}", *place, rcs_m2=10.0) for i, place in enumerate(places)]
+    sensor = FINE | {"id": "radar", "report": ["asterix-015", "plots"]}
+    flight = fly(scene([sensor], drones, seed=25), 1)
+    plots = detections(flight.plots())
+    records = [r for block in flight.payloads("radar/asterix/015") for r in decode(block)]
+    assert len(plots) == len(records) > 2900
+    for path, stated_path, of, lsb in (
+        ("I015/625/R", "I015/625/SDR", "range_m", 0.1),
+        ("I015/627/AZ", "I015/627/SDASZ", "azimuth_deg", 360 / 2**16),
+        ("I015/628/EL", "I015/628/SDEL", "elevation_deg", 180 / 2**16),
+    ):
+        told, stated = (np.array([r.get(p) for r in records], float) for p in (path, stated_path))
+        error = told - plots.columns[f"true_{of}"]
+        sigma = plots.columns[f"sigma_{of}"]
+        assert np.median(sigma) < lsb / 2
+        total = np.sqrt(sigma**2 + lsb**2 / 12)
+        assert_mean((error / total) ** 2, 1.0, path)
+        assert (stated >= total * (1 - 1e-12)).all()
+        assert (stated <= total + 0.1 + 1e-12).all()
 
 
 @pytest.mark.parametrize("sensor", ["fine", "coarse"])

@@ -11,12 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.state import Ints
+from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.asterix.codec.scalar import ScalingRule, compiled
 from plotfeed.proto.asterix.codec.vector import VectorEncoder
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.units import with_rounding
 
 CROSSOVER = 40
 """Records from which on the vector path is the faster one; tests/benchmarks/bench_asterix.py."""
@@ -30,6 +31,33 @@ Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
 """What a part is in all records, or in those of each source that records may be of."""
 
 
+class StatedDeviations:
+    """How standard deviations are stated of values that travel as multiples of an LSB.
+
+    With what the value's own rounding adds, rounded up to their own LSB, of which there are at
+    most so many: never as 0, which would say that the value is exact.
+    """
+
+    def __init__(self, columns: Sequence[tuple[int, ScalingRule, ScalingRule]]) -> None:
+        """The place of each column of deviations, its own rule, and that of its value."""
+        self._places = [place for place, _, _ in columns]
+
+        def each_of(numbers: Iterable[float]) -> Floats:
+            return np.array(list(numbers), np.float64)[:, None]
+
+        self._value_lsb = each_of(value.lsb for _, _, value in columns)
+        self._lsb = each_of(own.lsb for _, own, _ in columns)
+        self._most = each_of(own.high for _, own, _ in columns)
+
+    def put_in(self, values: list[Any]) -> None:
+        """State those among the columns, (n,) each. What is NaN stays so."""
+        sigmas = np.array([values[place] for place in self._places], np.float64)
+        rounded = with_rounding(sigmas, self._value_lsb)
+        steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
+        for place, stated in zip(self._places, steps * self._lsb, strict=True):
+            values[place] = stated
+
+
 class Encoder:
     """Encodes records of the items in `paths` (see profile()).
 
@@ -37,6 +65,8 @@ class Encoder:
     for each source that records may be of, whose numbers count from 0. All others are `columns`,
     in the order of the record. `lsb` gives the LSB in the column's unit where that is not the
     layout's: an int for a column of integers, such as nanoseconds, whose arithmetic is then exact.
+    `deviations` names the columns that are standard deviations, each with the value whose it is,
+    for all records or for none: they are stated as `StatedDeviations` says.
 
     A value is rounded half to even; outside the range it saturates, wraps or is refused as its
     quantity says. What is not a finite number is refused: EncodeError names its path.
@@ -49,6 +79,7 @@ class Encoder:
         *,
         constants: Mapping[str, Constant] | None = None,
         lsb: Mapping[str, float] | None = None,
+        deviations: Mapping[str, str] | None = None,
     ) -> None:
         constants, lsb = constants or {}, lsb or {}
         drawn = profile(category, paths)
@@ -69,6 +100,7 @@ class Encoder:
         self.category = category.number
         self.record_length = drawn.octets
         self.columns = tuple(rule.path for rule in rules)
+        self._deviations = _stated(rules, deviations or {})
         self._few, self._constants = compiled(drawn.octets, templates, rules)
         self._many = None
         if not any(rule.text for rule in rules):  # no machine word holds text
@@ -76,7 +108,10 @@ class Encoder:
 
     def record(self, *values: Any) -> bytes:
         """One record of the first source, of one value a column in the order of `columns`."""
-        return self._few(self._constants[:1], [[value] for value in values])
+        columns = [[value] for value in values]
+        if self._deviations is not None:
+            self._deviations.put_in(columns)
+        return self._few(self._constants[:1], columns)
 
     def records(self, columns: Mapping[str, ArrayLike], sources: Ints | None = None) -> bytes:
         """The records of columns by path; each (n,), or one number or text for all records.
@@ -102,6 +137,8 @@ class Encoder:
             values = [np.broadcast_to(np.asarray(c), n) if _is_one(c) else c for c in values]
         if len(lengths) > 1:
             raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
+        if self._deviations is not None:
+            self._deviations.put_in(values)
         n = lengths.pop() if lengths else 1
         if n >= CROSSOVER and self._many is not None:
             return self._many(values, n, sources)
@@ -110,6 +147,19 @@ class Encoder:
         # Python's own numbers cost less than NumPy's one by one.
         values = [c.tolist() if isinstance(c, np.ndarray) else c for c in values]
         return self._few(constants, values)
+
+
+def _stated(rules: Sequence[ScalingRule], deviations: Mapping[str, str]) -> StatedDeviations | None:
+    """What states those deviations which are among the columns, if there are any."""
+    by_path = {rule.path: rule for rule in rules}
+    found = []
+    for place, rule in enumerate(rules):
+        if rule.path in deviations:
+            value = by_path.get(deviations[rule.path])
+            if value is None:
+                raise EncodeError("a standard deviation of what is not sent", field=rule.path)
+            found.append((place, rule, value))
+    return StatedDeviations(found) if found else None
 
 
 def each(constant: Constant) -> Sequence[float | str]:

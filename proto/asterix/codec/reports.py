@@ -69,8 +69,8 @@ class Parts:
 class Reports:
     """Data blocks of the items in `always`, and of those in `optional` that have columns.
 
-    `constants` and `lsb` are as for Encoder, and may name parts of items that are not sent;
-    `max_octets` too may be one for each source.
+    `constants`, `lsb` and `deviations` are as for Encoder, and may name parts of items that are not
+    sent; `max_octets` too may be one for each source.
     """
 
     def __init__(
@@ -81,6 +81,7 @@ class Reports:
         *,
         constants: Mapping[str, Constant],
         lsb: Mapping[str, float] | None = None,
+        deviations: Mapping[str, str] | None = None,
         max_octets: int | Sequence[int] = UDP_OCTETS,
         one_a_block: bool = False,
     ) -> None:
@@ -89,6 +90,7 @@ class Reports:
         self._optional = tuple(optional)
         self._constants = constants
         self._lsb = lsb or {}
+        self._deviations = deviations
         self._max_octets = [max_octets] if isinstance(max_octets, int) else list(max_octets)
         self._one_a_block = one_a_block
         self._encoders: dict[tuple[str, ...], Encoder] = {}
@@ -144,6 +146,7 @@ class Reports:
             paths,
             constants={p: value for p, value in self._constants.items() if is_sent(p)},
             lsb={p: lsb for p, lsb in self._lsb.items() if is_sent(p)},
+            deviations=self._deviations,
         )
 
 

@@ -49,10 +49,10 @@ def test_a_plot_has_all_that_is_measured() -> None:
         "I015/020": {"MOMU": 0, "TTAX": 3, "SCD": 1},
         "I015/145": 0.0,
         "I015/300": [{"CLS": 3, "PRB": 100}],
-        "I015/625": {"R": 1000.0, "SDR": 1.0},
-        "I015/626": {"DV": -12.34, "SDDV": 0.25},
-        "I015/627": {"AZ": 0.0, "SDASZ": 1456 * 360 / 2**19},
-        "I015/628": {"EL": 364 * 360 / 2**17, "SDEL": 1456 * 360 / 2**19},
+        "I015/625": {"R": 1000.0, "SDR": 1.1},
+        "I015/626": {"DV": -12.34, "SDDV": 0.265625},
+        "I015/627": {"AZ": 0.0, "SDASZ": 1457 * 360 / 2**19},
+        "I015/628": {"EL": 364 * 360 / 2**17, "SDEL": 1457 * 360 / 2**19},
         "I015/630": {"RPP": -90.0, "RPS": 10.0},
     }
 
@@ -66,7 +66,7 @@ def test_a_passive_radar_sends_bistatic_ranges_with_pairs_and_numbers() -> None:
     measured = plots(bistatic_range_m=[-1.5, 2.5], range_m=[9.0, 9.0], sigma_bistatic_range_m=4.0)
     (block,) = MULTISTATIC.blocks(measured, first_observation=2**24 - 1)
     first, second = decode(block)
-    assert first.get("I015/625") == {"R": -1.5, "SDR": 4.0}
+    assert first.get("I015/625") == {"R": -1.5, "SDR": 41 * 0.1}
     assert first.get("I015/400") == {"PID": 7, "ON": 2**24 - 1}
     assert second.get("I015/400") == {"PID": 7, "ON": 0}
 
@@ -147,16 +147,44 @@ def test_azimuths_come_back_round_the_circle(azimuth_deg: float) -> None:
     assert abs(math.remainder(back - azimuth_deg, 360)) <= 180 / 65536 + 1e-9
 
 
-@given(st.floats(-90, 90), st.floats(0, 60))
-@example(-90.0, 45.0)
-@example(90.0, 0.0)
-def test_elevations_come_back_to_half_an_lsb(elevation_deg: float, sigma_deg: float) -> None:
-    record = one_plot(elevation_deg=elevation_deg, sigma_elevation_deg=sigma_deg)
-    back, sigma = record.get("I015/628/EL"), record.get("I015/628/SDEL")
+@given(st.floats(-90, 90))
+@example(-90.0)
+@example(90.0)
+def test_elevations_come_back_to_half_an_lsb(elevation_deg: float) -> None:
+    record = one_plot(elevation_deg=elevation_deg)
+    back = record.get("I015/628/EL")
     assert isinstance(back, float)
-    assert isinstance(sigma, float)
     assert abs(back - min(elevation_deg, 32767 * 360 / 2**17)) <= 180 / 2**17
-    assert abs(sigma - min(sigma_deg, 65535 * 360 / 2**19)) <= 180 / 2**19
+
+
+DEVIATIONS = {
+    "I015/625/SDR": ("range_m", 0.1, 0.1, 24),
+    "I015/626/SDDV": ("range_rate_m_s", 0.01, 1 / 64, 16),
+    "I015/627/SDASZ": ("azimuth_deg", 360 / 2**16, 180 / 2**18, 16),
+    "I015/628/SDEL": ("elevation_deg", 180 / 2**16, 180 / 2**18, 16),
+}
+"""Column, its LSB, that of its standard deviation, and the bits of the latter."""
+
+
+@pytest.mark.parametrize("path", DEVIATIONS)
+@pytest.mark.parametrize("n", [1, 100])
+@given(sigma=st.floats(0, 1e9))
+@example(sigma=0.0)
+@example(sigma=1e-300)
+@example(sigma=math.inf)
+def test_deviations_hold_the_rounding_of_their_value_and_are_rounded_up(
+    path: str, n: int, sigma: float
+) -> None:
+    """So none is 0, and none less than the error of what was read."""
+    name, lsb, own_lsb, bits = DEVIATIONS[path]
+    given_plots = plots(**{"range_m": [9.0] * n, name: 9.0, f"sigma_{name}": sigma})
+    (block,) = PlotEncoder015(25, 3, max_octets=65_535).blocks(given_plots)
+    most = (2**bits - 1) * own_lsb
+    exactly = min(math.hypot(sigma, lsb / math.sqrt(12)), most)
+    for back in {record.get(path) for record in decode(block)}:
+        assert isinstance(back, float)
+        assert back > 0
+        assert exactly * (1 - 1e-12) <= back <= min(exactly + own_lsb, most) * (1 + 1e-12)
 
 
 @given(st.integers(0, 2**62))
@@ -200,5 +228,6 @@ def test_asterix_decoder_reads_plots_to_half_an_lsb() -> None:
         0.5,
         0.5,
     )
-    for column, value, half in zip(columns[8:], sent.values(), halves, strict=True):
-        assert np.abs(column - value).max() <= half * (1 + 1e-4)
+    for column, (name, value), half in zip(columns[8:], sent.items(), halves, strict=True):
+        up = half if name.startswith("sigma") else 0.0  # they are rounded up
+        assert np.abs(column - up - value).max() <= 1.03 * half

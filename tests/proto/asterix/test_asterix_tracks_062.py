@@ -123,5 +123,5 @@ def test_asterix_decoder_reads_tracks() -> None:
         "I062/130": pytest.approx([100 / FOOT_M], abs=3.2),
         "I062/220": pytest.approx([60 / FOOT_M], abs=3.2),
         "I062/290": [0.5],
-        "I062/500": [1.0, 2.0],
+        "I062/500": [1.5, 2.5],
     }

@@ -60,6 +60,19 @@ def test_octets_worked_by_hand() -> None:
     ) == [BY_HAND["everything"]]
 
 
+@pytest.mark.parametrize(
+    ("accuracy_m", "read_m"),
+    [(0.0, 1), (0.2, 1), (12.0, 12), (12.01, 13), (255, 255), (255.1, None)],
+)
+def test_accuracies_are_rounded_up_and_beyond_255_m_unknown(
+    accuracy_m: float, read_m: float | None
+) -> None:
+    place = ([SN], [NOON_NS], [LATITUDE], [LONGITUDE])
+    (block,) = TargetEncoder129(country="ES").blocks(*place, accuracy_m=[accuracy_m])
+    (report,) = read_129(block)
+    assert read_m is None if math.isnan(report.accuracy_m) else report.accuracy_m == read_m
+
+
 def test_reports_read_as_they_were_written() -> None:
     plain, everything = read_129(BY_HAND["plain"] + BY_HAND["everything"])
     assert (plain.identity, plain.country, plain.t_of_day_s) == (SN, "ES", 43_200.0)

@@ -188,7 +188,7 @@ def test_a_range_rate_comes_with_its_error_and_says_of_what_it_is() -> None:
     ):
         told = {info.type: info for info in one(manner, **rate).object_info}
         assert told[name].value == "-12.346"
-        assert told[name].error == 0.5
+        assert told[name].error == pytest.approx((0.25 + 1e-6 / 12) ** 0.5, rel=1e-7)
 
 
 def test_a_signal_has_amplitude_and_frequency() -> None:

@@ -52,7 +52,17 @@ MONOSTATIC: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
             "snr": 100.0,
             "amplitude_dbm": -101.6,
         },
-        {"SDR": 3, "SDASZ": 728, "EL": 4551, "SDEL": 1456, "RPS": 20, "RPP": -102},
+        {"SDR": 3, "SDASZ": 729, "EL": 4551, "SDEL": 1457, "RPS": 20, "RPP": -102},
+    ),
+    (
+        "errors far below an LSB are those of rounding, rounded up",
+        {
+            "sigma_range_m": 1e-3,
+            "sigma_azimuth_deg": 0.0,
+            "elevation_deg": 12.5,
+            "sigma_elevation_deg": 1e-9,
+        },
+        {"SDR": 1, "SDASZ": 3, "EL": 4551, "SDEL": 2},
     ),
     ("below the horizon", {"elevation_deg": -1.0}, {"EL": -364}),
     ("straight down", {"elevation_deg": -90.0}, {"EL": -32768}),
@@ -73,7 +83,7 @@ MONOSTATIC: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ("of a class", {"kind": "multirotor"}, {"CLS": 300}),
 ]  # fmt: skip
 MULTISTATIC: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    ("passive", {"sigma_bistatic_range_m": 12.34}, {"SDR": 123}),
+    ("passive", {"sigma_bistatic_range_m": 12.34}, {"SDR": 124}),
     ("a negative difference", {"bistatic_range_m": -12.3}, {"R": -123}),
     ("saturates below", {"bistatic_range_m": -1e6}, {"R": -8_388_608}),
 ]
@@ -161,7 +171,12 @@ TRACKS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
             "sigma_east_m": 2.5,
             "sigma_north_m": 40_000.0,
         },
-        {"ALTITUDE": 400, "RATE": -100, "AGE": 6, "SDX": 5, "SDY": 65_535},
+        {"ALTITUDE": 400, "RATE": -100, "AGE": 6, "SDX": 6, "SDY": 65_535},
+    ),
+    (
+        "errors below an LSB",
+        {"sigma_east_m": 0.0, "sigma_north_m": 0.49},
+        {"SDX": 1, "SDY": 2},
     ),
     ("begins, tentative", {"first": True, "tentative": True}, {"TSB": 1, "CNF": 1}),
     ("ends, coasted", {"last": True, "coasted": True}, {"TSE": 1, "CST": 1}),
