@@ -27,6 +27,12 @@ COUNTERS = {
     "flooded": "Messages refused because too many of their topic waited",
     "late": "Telemetry messages refused because they were taken in too late",
     "controls": "Changes made by control",
+    "sapient_connections": "Connections of sensors to the SAPIENT middleware, so far",
+    "sapient_stalls": "Connections given up because the SAPIENT middleware no longer read",
+    "sapient_refusals": "Registrations that the SAPIENT middleware refused",
+    "sapient_errors": "Errors that the SAPIENT middleware sent, and what cannot be read of it",
+    "sapient_tasks": "SAPIENT tasks accepted",
+    "sapient_rejected": "SAPIENT tasks rejected",
 }
 """Of the session, by the name in its totals."""
 

@@ -243,7 +243,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -271,6 +271,7 @@ class SensorStatus(_message.Message):
     FLOODED_FIELD_NUMBER: _ClassVar[int]
     LATE_FIELD_NUMBER: _ClassVar[int]
     INTAKE_BEHIND_S_FIELD_NUMBER: _ClassVar[int]
+    SAPIENT_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -290,4 +291,23 @@ class SensorStatus(_message.Message):
     flooded: int
     late: int
     intake_behind_s: float
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ...) -> None: ...
+    sapient: SapientStatus
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ...) -> None: ...
+
+class SapientStatus(_message.Message):
+    __slots__ = ("reporting", "connections", "stalls", "refusals", "errors", "tasks", "rejected")
+    REPORTING_FIELD_NUMBER: _ClassVar[int]
+    CONNECTIONS_FIELD_NUMBER: _ClassVar[int]
+    STALLS_FIELD_NUMBER: _ClassVar[int]
+    REFUSALS_FIELD_NUMBER: _ClassVar[int]
+    ERRORS_FIELD_NUMBER: _ClassVar[int]
+    TASKS_FIELD_NUMBER: _ClassVar[int]
+    REJECTED_FIELD_NUMBER: _ClassVar[int]
+    reporting: bool
+    connections: int
+    stalls: int
+    refusals: int
+    errors: int
+    tasks: int
+    rejected: int
+    def __init__(self, reporting: _Optional[bool] = ..., connections: _Optional[int] = ..., stalls: _Optional[int] = ..., refusals: _Optional[int] = ..., errors: _Optional[int] = ..., tasks: _Optional[int] = ..., rejected: _Optional[int] = ...) -> None: ...

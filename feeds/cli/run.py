@@ -254,6 +254,7 @@ def _line(totals: SessionCounters) -> str:
         f"telemetry {totals.telemetry} refused {totals.refused}": totals.telemetry + totals.refused,
         f"lost {totals.lost} doubled {totals.duplicated}": totals.lost + totals.duplicated,
         f"too late for SAPIENT {totals.stale}": totals.stale,
+        f"SAPIENT errors {totals.sapient_errors}": totals.sapient_errors,
         f"on the way at the end {totals.ended}": totals.ended,
         f"undelivered {totals.undelivered}": totals.undelivered,
         f"missed scans {totals.missed_scans}": totals.missed_scans,

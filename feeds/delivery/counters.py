@@ -50,6 +50,18 @@ class SessionCounters:
     """How long the oldest of what came in had waited when some was last taken in."""
     controls: int = 0
     """Changes that were asked for while the session ran, and made."""
+    sapient_connections: int = 0
+    """Of sensors to the middleware, the first of each among them."""
+    sapient_stalls: int = 0
+    """Connections given up because the middleware no longer read."""
+    sapient_refusals: int = 0
+    """Registrations that it refused."""
+    sapient_errors: int = 0
+    """Errors that it sent, and what it sent that cannot be read."""
+    sapient_tasks: int = 0
+    """Accepted, wherever they came from."""
+    sapient_rejected: int = 0
+    """Tasks that were not."""
     lateness_ns: LastLateness = field(default_factory=LastLateness)
 
     def add(self, counts: SectorCounts) -> None:
@@ -80,6 +92,26 @@ class SessionCounters:
             self.undelivered += 1
 
 
+@dataclass(slots=True)
+class SapientCounters:
+    """Counts of a sensor as a node of SAPIENT, which go to the session's as `sapient_...`, too."""
+
+    totals: SessionCounters
+    reporting: bool = False
+    """To the middleware, which has not refused it."""
+    connections: int = 0
+    stalls: int = 0
+    refusals: int = 0
+    errors: int = 0
+    tasks: int = 0
+    rejected: int = 0
+
+    def count(self, what: str, number: int = 1) -> None:
+        """Count so many more of what one of its fields counts."""
+        for counts, name in ((self, what), (self.totals, f"sapient_{what}")):
+            setattr(counts, name, getattr(counts, name) + number)
+
+
 @dataclass(slots=True, eq=False)
 class ClientCounters:
     """Counts of what one client has sent, for the status of its sensor; each is who it is."""
@@ -88,6 +120,8 @@ class ClientCounters:
     duplicated: int = 0
     undelivered: int = 0
     lateness_ns: LastLateness = field(default_factory=LastLateness)
+    sapient: SapientCounters | None = None
+    """Of a sensor that reports in it."""
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a copy of a message."""

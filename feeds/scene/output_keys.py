@@ -63,6 +63,13 @@ class SapientKeys(SceneTable):
 
     middleware: Annotated[str, AfterValidator(_address)] | None = None
     """HOST:PORT of a SAPIENT middleware, to which each sensor connects over TCP."""
+    give_up_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
+    """A middleware that has read nothing for so long is left, and connected to anew."""
+    max_messages_per_s: Annotated[int, Field(ge=1, le=100_000)] = 1000
+    """That are taken from the middleware, over the connections of all sensors; with more, it has to
+    wait."""
+    max_octets_per_s: Annotated[int, Field(ge=1000, le=1_000_000_000)] = 1_000_000
+    """Likewise, of these messages."""
     status_interval_s: Annotated[float, Field(ge=0.1, le=3600)] = 5.0
     """From one StatusReport to the next."""
     location: Literal["range-bearing", "location"] = "range-bearing"

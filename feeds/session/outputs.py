@@ -7,7 +7,9 @@ import contextlib
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from plotfeed.feeds.delivery.counters import SapientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, KeptUp, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of, in_time
@@ -24,8 +26,12 @@ from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, Broker
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.feeds.transport.udp import UdpTransport
 from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
 
 NO_BROKER = "none"
 LINGER_S = 0.3
@@ -83,6 +89,7 @@ class Outputs:
         self.brokers: list[MqttTransport] = []
         """The links that a broker may hold up."""
         self._sapient: list[Transport] = []
+        self._sapient_intake: SapientIntake | None = None
         self._addresses = addresses
         self._context = context
         self._scene, self._clock = context.scene, context.clock
@@ -122,18 +129,38 @@ class Outputs:
             offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
             self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
         transports: list[Transport] = [*self.brokers]
-        middleware = self._scene.sapient.middleware
+        node: SapientCounters | None = None
         if announcer is not None:
             self._announcers.append(announcer)
-        if announcer is not None and middleware is not None:
-            from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
-
-            of_its_own = SapientTcpTransport(middleware, sensor.id, announcer, self._clock)
+            node = SapientCounters(self._context.totals)
+        if announcer is not None and node is not None and self._scene.sapient.middleware:
+            of_its_own = self._to_middleware(sensor, announcer, node)
             transports.append(of_its_own)
             self._sapient.append(of_its_own)
             self.connected.append(of_its_own)
         outbox = self._of_sensor[sensor.id] = self._outbox(sensor.id, transports, sensor.link)
+        outbox.counters.sapient = node
         return outbox, announcer
+
+    def _to_middleware(
+        self, sensor: Sensor, announcer: Announcer, node: SapientCounters
+    ) -> SapientTcpTransport:
+        """A sensor's own connection; what may be said over all of them is one limit."""
+        from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
+
+        settings = self._scene.sapient
+        if self._sapient_intake is None:
+            self._sapient_intake = SapientIntake(
+                settings.max_messages_per_s, settings.max_octets_per_s
+            )
+        return SapientTcpTransport(
+            sensor.id,
+            settings,
+            announcer,
+            clock=self._clock,
+            intake=self._sapient_intake,
+            counters=node,
+        )
 
     def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:
         """Drones that report themselves go over the session's own connections."""

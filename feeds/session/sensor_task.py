@@ -149,6 +149,10 @@ class SensorTask:
         status.on_the_way = self.outbox.on_the_way
         status.waiting = self.outbox.waiting
         status.enabled = self.sensor.enabled
+        if counts.sapient is not None:
+            node = counts.sapient
+            for told in pb.SapientStatus.DESCRIPTOR.fields:
+                setattr(status.sapient, told.name, getattr(node, told.name))
         return status
 
     def _publish_status(self, state: pb.SensorStatus.State) -> None:

@@ -1,68 +1,34 @@
-"""A node's own connection to a SAPIENT middleware: framed, registered first, kept up."""
+"""A node's own connection to a SAPIENT middleware: registered first, kept up, its answers heard."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
-from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.counters import ClientCounters, SapientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, is_registration
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.output_keys import split_address
+from plotfeed.feeds.scene.output_keys import SapientKeys, split_address
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.sapient_intake import SapientIntake
+from plotfeed.feeds.transport.sapient_wire import SapientWire
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.proto.sapient.decode_sapient import Answer, decode_answer
-
-LENGTH_OCTETS = 4
-MAX_MESSAGE_OCTETS = 1 << 20
-"""Of what is taken from a peer; the answers to a sensor are some hundred octets."""
-
-
-def framed(payload: bytes) -> bytes:
-    """A message as it goes over TCP."""
-    return len(payload).to_bytes(LENGTH_OCTETS, "little") + payload
-
-
-class Deframer:
-    """Puts messages together from octets as they come. It holds at most one that is not whole."""
-
-    def __init__(self) -> None:
-        self._octets = bytearray()
-
-    def feed(self, octets: bytes) -> Iterator[bytes]:
-        """The messages that are now whole; raises `DecodeError` at a length that is none."""
-        self._octets += octets
-        start = 0
-        while len(self._octets) - start >= LENGTH_OCTETS:
-            length = int.from_bytes(self._octets[start : start + LENGTH_OCTETS], "little")
-            if length > MAX_MESSAGE_OCTETS:
-                self._octets.clear()
-                raise DecodeError(f"a length of {length}; at most {MAX_MESSAGE_OCTETS} is taken")
-            end = start + LENGTH_OCTETS + length
-            if end > len(self._octets):
-                break
-            yield bytes(self._octets[start + LENGTH_OCTETS : end])
-            start = end
-        del self._octets[:start]
-
+from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
 
 log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 2.0
 ACK_TIMEOUT_S = 2.0
+REGISTER_AGAIN_S = 10.0
+"""Who was refused asks so often whether that has changed."""
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 STEADY_S = 5.0
 """A connection that lasted less counts as a failure: whoever hangs up at once is not hurried."""
-MAX_UNSENT_OCTETS = 8 << 20
-MAX_STALL_S = 0.5
-"""While the socket has taken nothing for so long, nothing more is taken; it would come too late."""
-GIVE_UP_S = 5.0
-"""After so long a stall the connection is made anew."""
 MAX_SAID = 200
 
 
@@ -73,20 +39,43 @@ class SapientError(PlotfeedError):
 
 
 class SapientTcpTransport:
-    """One sensor's connection: kept up while `run` runs, publishing once it is registered."""
+    """One sensor's connection: kept up while `run` runs, publishing unless it is refused."""
 
-    def __init__(self, address: str, sensor: str, announcer: Announcer, clock: Clock) -> None:
-        self.address = address
+    def __init__(
+        self,
+        sensor: str,
+        settings: SapientKeys,
+        announcer: Announcer,
+        *,
+        clock: Clock,
+        intake: SapientIntake,
+        counters: SapientCounters,
+        on_task: Callable[[bytes], object] = lambda _payload: None,
+    ) -> None:
+        """`settings` name the middleware; `on_task` is given the messages that hold a task."""
+        if settings.middleware is None:
+            raise ValueError("expected a middleware")
+        self.address = settings.middleware
         self.name = f"sapient-{sensor}"
-        self.connections = 0
+        self.counters = counters
         self.last_error = ""
+        self._give_up_after_s = settings.give_up_after_s
         self._announcer = announcer
         self._clock = clock
-        self._wire: _Wire | None = None
+        self._intake = intake
+        self._on_task = on_task
+        self._wire: SapientWire | None = None
         self._up = asyncio.Event()
+        """Set while a connection stands over which something was said to the registration."""
+        self._answered = asyncio.Event()
+        self._is_refused = False
+        self._refusal = ""
+        """The last one that was told."""
+        self._loss_told = False
+        self._has_opened = False
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it is registered; raises `SapientError` if it is not in that time."""
+        """Return once it has registered; raises `SapientError` if it has not in that time."""
         try:
             async with asyncio.timeout(timeout_s):
                 await self._up.wait()
@@ -105,26 +94,22 @@ class SapientTcpTransport:
                     await self._stay_connected()
                 except SapientError as error:
                     self.last_error = str(error)
-                    if attempt == 0 and self.connections:  # else whoever waits is told
-                        log.warning("%s: %s: %s", self.name, self.address, error)
+                    if attempt == 0 and self.counters.connections:  # else whoever waits is told
+                        log.warning("%s: lost %s (%s)", self.name, self.address, error)
+                        self._loss_told = True
                 attempt = 0 if loop.time() - began_s > STEADY_S else attempt
                 await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
                 attempt += 1
         finally:
-            self._up.clear()
+            self._ended()
             await self._hang_up()
 
     def publish(self, *deliveries: Delivery) -> None:
         """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
         for delivery in deliveries:
-            message = delivery.message
             delivered = True
-            # It registers by itself, whenever it connects.
-            if message.content_type == CONTENT_TYPE and not is_registration(message):
-                wire = self._wire if self._up.is_set() else None
-                delivered = wire is not None and wire.send(message.payload)
-                if delivered:
-                    delivery.leave()
+            if delivery.message.content_type == CONTENT_TYPE:
+                delivered = self._sent(delivery)
             delivery.settle(delivered=delivered)
 
     def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
@@ -148,27 +133,54 @@ class SapientTcpTransport:
                 return
             await asyncio.sleep(0.001)
 
+    def _sent(self, delivery: Delivery) -> bool:
+        registers = is_registration(delivery.message)
+        if registers and not self._has_opened:
+            self._has_opened = True  # what a session begins with, the connection has begun with
+            return True
+        wire = self._wire if self._up.is_set() else None
+        if wire is None or (self._is_refused and not registers):
+            return False
+        if not wire.send(delivery.message.payload):
+            return False
+        delivery.leave()
+        return True
+
     async def _stay_connected(self) -> None:
         """One connection, from its beginning to its end; raises `SapientError` if there is none."""
         self._wire = wire = await self._connected()
         try:
             await self._register(wire)
-            self.connections += 1
+            self.counters.count("connections")
             self._up.set()
-            await wire.lost
+            if self._loss_told:
+                log.info("%s: connected to %s again", self.name, self.address)
+                self._loss_told = False
+            while not wire.lost.done():
+                await asyncio.wait({wire.lost}, timeout=REGISTER_AGAIN_S)
+                if self._is_refused:
+                    self._say_registration(wire)
+            self.counters.count("stalls", wire.was_stalled)
             raise SapientError(wire.reason or "the connection was closed")
         except SapientError:
             wire.abort()
             raise
         finally:
-            self._up.clear()
+            self._ended()
 
-    async def _connected(self) -> _Wire:
+    def _ended(self) -> None:
+        self._up.clear()
+        self._is_refused = self.counters.reporting = False
+
+    async def _connected(self) -> SapientWire:
         host, port = split_address(self.address)
         loop = asyncio.get_running_loop()
+        self._answered.clear()
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                _, wire = await loop.create_connection(lambda: _Wire(self.name), host, port)
+                _, wire = await loop.create_connection(
+                    lambda: SapientWire(self._intake, self._hear, self._give_up_after_s), host, port
+                )
         except TimeoutError:
             raise SapientError("no answer") from None
         except (OSError, UnicodeError) as error:
@@ -176,21 +188,64 @@ class SapientTcpTransport:
             raise SapientError(why) from None
         return wire
 
-    async def _register(self, wire: _Wire) -> None:
-        """Register, take note of the answer, and go on whatever it is."""
-        registration, _ = self._announcer.opening(self._clock.now_ns())
-        wire.send(registration.payload)
-        either: set[asyncio.Future[Any]] = {wire.acknowledged, wire.lost}
+    async def _register(self, wire: SapientWire) -> None:
+        """Register, and wait a while for the answer; without any, report all the same."""
+        self._say_registration(wire)
+        answered = asyncio.ensure_future(self._answered.wait())
+        either: set[asyncio.Future[Any]] = {answered, wire.lost}
         await asyncio.wait(either, timeout=ACK_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
+        answered.cancel()
         if wire.lost.done():
             raise SapientError(wire.reason or "the connection was closed at the registration")
-        if not wire.acknowledged.done():
+        if not self._answered.is_set():
             log.warning("%s: %s did not acknowledge the registration", self.name, self.address)
-        elif not wire.acknowledged.result().accepted:
-            why = _said(wire.acknowledged.result())
+            self._report()
+
+    def _say_registration(self, wire: SapientWire) -> None:
+        registration, _ = self._announcer.opening(self._clock.now_ns())
+        wire.send(registration.payload)
+
+    def _report(self) -> None:
+        """Begin to report, with how the sensor is."""
+        self._is_refused, self.counters.reporting = False, True
+        if self._wire is not None:
+            _, status = self._announcer.opening(self._clock.now_ns())
+            self._wire.send(status.payload)
+
+    def _hear(self, payload: bytes) -> None:
+        """Take note of what the middleware says."""
+        try:
+            heard = decode_heard(payload)
+        except DecodeError as error:
+            heard = Heard("error", (f"it sent {error}",))
+        if heard.what == "accepted":
+            if not self.counters.reporting:
+                self._report()
+            self._refusal = ""
+            self._answered.set()
+        elif heard.what == "refused":
+            self._refused(heard)
+            self._answered.set()
+        elif heard.what == "error":
+            self._complained(heard)
+        elif heard.what == "task":
+            self._on_task(payload)
+
+    def _refused(self, heard: Heard) -> None:
+        self.counters.count("refusals")
+        self._is_refused, self.counters.reporting = True, False
+        why = _said(heard)
+        if why != self._refusal or self.counters.refusals == 1:
             log.warning("%s: %s refused the registration%s", self.name, self.address, why)
-        _, status = self._announcer.opening(self._clock.now_ns())
-        wire.send(status.payload)
+        self._refusal = why
+
+    def _complained(self, heard: Heard) -> None:
+        """Count it, and tell of the session's first, tenth, hundredth and so on."""
+        self.counters.count("errors")
+        number = str(self.counters.totals.sapient_errors)
+        if number.rstrip("0") == "1":
+            so_far = f" ({number} times so far)" if number != "1" else ""
+            log.warning("%s: the middleware complains%s%s", self.name, so_far, _said(heard))
 
     async def _hang_up(self) -> None:
         """Let what is not sent yet leave, and close."""
@@ -204,91 +259,8 @@ class SapientTcpTransport:
         wire.abort()
 
 
-class _Wire(asyncio.Protocol):
-    """Octets to and from one connection. What comes is read, whatever it is, and little is kept."""
-
-    def __init__(self, name: str) -> None:
-        loop = asyncio.get_running_loop()
-        self.lost: asyncio.Future[None] = loop.create_future()
-        self.acknowledged: asyncio.Future[Answer] = loop.create_future()
-        self.reason = ""
-        self._name = name
-        self._loop = loop
-        self._deframer = Deframer()
-        self._transport: asyncio.Transport | None = None
-        self._stalled_since_s: float | None = None
-        self._complained = False
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast("asyncio.Transport", transport)
-        self._transport.set_write_buffer_limits(high=0)  # to be told as soon as anything waits
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._transport = None
-        if exc is not None and not self.reason:
-            self.reason = str(exc)
-        if not self.lost.done():
-            self.lost.set_result(None)
-
-    def pause_writing(self) -> None:
-        self._stalled_since_s = self._loop.time()
-
-    def resume_writing(self) -> None:
-        self._stalled_since_s = None
-
-    def data_received(self, data: bytes) -> None:
-        try:
-            for message in self._deframer.feed(data):
-                self._hear(message)
-        except DecodeError as error:  # from here on there is no telling where a message begins
-            self.reason = f"it sent {error}"
-            self.abort()
-
-    @property
-    def unsent_octets(self) -> int:
-        """What the socket has not taken yet."""
-        return self._transport.get_write_buffer_size() if self._transport else 0
-
-    def send(self, payload: bytes) -> bool:
-        """Hand a message to the socket; False if it is gone or has stalled."""
-        if self._transport is None or self._transport.is_closing():
-            return False
-        if self._stalled_since_s is not None:
-            stall_s = self._loop.time() - self._stalled_since_s
-            if stall_s > GIVE_UP_S:
-                self.reason = f"it has read nothing for {GIVE_UP_S:g} s"
-                self.abort()
-            if stall_s > MAX_STALL_S or self.unsent_octets + len(payload) > MAX_UNSENT_OCTETS:
-                return False
-        self._transport.write(framed(payload))
-        return True
-
-    def close(self) -> None:
-        """Close when all is sent."""
-        if self._transport is not None:
-            self._transport.close()
-
-    def abort(self) -> None:
-        """Close at once."""
-        if self._transport is not None:
-            self._transport.abort()
-
-    def _hear(self, message: bytes) -> None:
-        """Take note of an acknowledgement, and tell of one complaint a connection."""
-        try:
-            answer = decode_answer(message)
-        except DecodeError as error:
-            answer = Answer(None, (f"it sent {error}",))
-        if answer.accepted is not None:
-            if not self.acknowledged.done():
-                self.acknowledged.set_result(answer)
-        elif answer.reasons and not self._complained:
-            self._complained = True
-            log.warning("%s: the middleware complains%s", self._name, _said(answer))
-
-
-def _said(answer: Answer) -> str:
+def _said(heard: Heard) -> str:
     """Reasons of an answer in a line, as far as a line goes."""
-    text = " ".join("; ".join(answer.reasons).split())
+    text = " ".join("; ".join(reason[:MAX_SAID] for reason in heard.reasons).split())
     text = "".join(c if c.isprintable() else "?" for c in text)
     return f": {text[:MAX_SAID]}" if text else ""

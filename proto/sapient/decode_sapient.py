@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from itertools import islice
+from typing import Any, Literal
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -16,14 +18,17 @@ from plotfeed.proto.sapient.encode_detections import AGE, BISTATIC_RANGE
 from plotfeed.proto.sapient.envelope import set_stamp, stamp_ns
 from plotfeed.proto.utc import NS
 
+MAX_REASONS = 3
+"""That are read of an answer, however many it has."""
+
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What a middleware said: `accepted` of a registration, None if it is about anything else."""
+class Heard:
+    """What a middleware said to a node: of its registration, that something is wrong, or a task."""
 
-    accepted: bool | None
-    reasons: tuple[str, ...]
-    """Reasons of a refusal, or of an error message."""
+    what: Literal["accepted", "refused", "error", "task", "other"]
+    reasons: tuple[str, ...] = ()
+    """The first of a refusal, or of an error message."""
 
 
 def decode(data: bytes) -> dict[str, Any]:
@@ -39,13 +44,20 @@ def decode(data: bytes) -> dict[str, Any]:
     return mapping
 
 
-def decode_answer(data: bytes) -> Answer:
+def decode_heard(data: bytes) -> Heard:
     """What a message says to a node that reports; raises `DecodeError`."""
     message = _parsed(data)
-    if message.HasField("registration_ack"):
+    what = message.WhichOneof("content")
+    if what == "registration_ack":
         ack = message.registration_ack
-        return Answer(ack.acceptance, tuple(ack.ack_response_reason))
-    return Answer(None, tuple(message.error.error_message))
+        return Heard("accepted" if ack.acceptance else "refused", _first(ack.ack_response_reason))
+    if what == "error":
+        return Heard("error", _first(message.error.error_message))
+    return Heard("task" if what == "task" else "other")
+
+
+def _first(reasons: Iterable[str]) -> tuple[str, ...]:
+    return tuple(islice(reasons, MAX_REASONS))
 
 
 def plots_in_sapient(data: bytes) -> MeasuredPlots:

@@ -9,8 +9,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.road import radar, scene
 from support.sapient_rules import checked
 
+from plotfeed.feeds.delivery.counters import SapientCounters, SessionCounters
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, SapientAnnouncer
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import SapientKeys
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.sapient_intake import SapientIntake
+from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
+
+SCENE = scene([radar(report=["sapient"])], seed=1)
+ANNOUNCER = SapientAnnouncer(SCENE, SCENE.sensor[0])
 Behaviour = Callable[["Peer"], Coroutine[Any, Any, None]]
 
 
@@ -83,3 +95,38 @@ async def listening(*behaviours: Behaviour) -> AsyncIterator[Middleware]:
         for peer in middleware.peers:
             peer.writer.close()
         await asyncio.sleep(0.01)
+
+
+@asynccontextmanager
+async def linked(
+    address: str, *, wait: bool = True, **settings: Any
+) -> AsyncIterator[SapientTcpTransport]:
+    keys = SapientKeys(middleware=address, **settings)
+    intake = SapientIntake(keys.max_messages_per_s, keys.max_octets_per_s)
+    counters = SapientCounters(SessionCounters())
+    link = SapientTcpTransport(
+        "radar", keys, ANNOUNCER, clock=WallClock(), intake=intake, counters=counters
+    )
+    link.publish(Delivery(ANNOUNCER.opening(WallClock().now_ns())[0], WallClock(), 1))
+    running = asyncio.create_task(link.run())
+    try:
+        if wait:
+            await link.wait_until_up(5.0)
+        yield link
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+def status_report(octets: int = 0) -> Message:
+    (message,) = ANNOUNCER.regular(WallClock().now_ns())
+    if octets:
+        big = SapientMessage.FromString(message.payload)
+        big.additional_information = "x" * octets
+        return Message(
+            topic=message.topic,
+            payload=big.SerializeToString(),
+            content_type=CONTENT_TYPE,
+            due_utc_ns=message.due_utc_ns,
+        )
+    return message

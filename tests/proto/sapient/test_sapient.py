@@ -12,7 +12,7 @@ from support.sapient_rules import ULID, UUID4, checked
 
 from plotfeed.models.state import Plots
 from plotfeed.proto.errors import DecodeError, EncodeError
-from plotfeed.proto.sapient.decode_sapient import decode, decode_answer
+from plotfeed.proto.sapient.decode_sapient import decode, decode_heard
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder, Manner, Positions
 from plotfeed.proto.sapient.encode_node import (
     FieldOfView,
@@ -328,7 +328,7 @@ def test_times_are_within_the_years_of_the_project(t_utc_ns: int) -> None:
 
 @given(st.binary(max_size=300))
 def test_any_octets_are_decoded_or_refused(data: bytes) -> None:
-    for reader in (decode, decode_answer):
+    for reader in (decode, decode_heard):
         try:
             reader(data)
         except DecodeError as error:

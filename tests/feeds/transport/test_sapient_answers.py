@@ -1,0 +1,283 @@
+"""What a middleware says to a node, and what becomes of a node whom it treats badly."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support import sapient_flood
+from support.deliveries import taken
+from support.road import held, radar, scene, staring
+from support.sapient_middleware import Peer, linked, listening, polite, status_report
+from support.waiting import PATIENCE_S, until
+
+from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.transport import sapient_tcp, sapient_wire
+from plotfeed.feeds.transport.sapient_intake import AT_ONCE_S, SapientIntake
+from plotfeed.proto import plotfeed_pb2 as pb
+
+ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
+
+
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(sapient_tcp, "BACKOFF_S", (0.01, 0.05))
+    caplog.set_level(logging.INFO)
+
+
+def told(caplog: pytest.LogCaptureFixture) -> list[str]:
+    lines = [r.getMessage() for r in caplog.records if r.name.startswith("plotfeed")]
+    assert all(line.isprintable() and len(line) < 400 for line in lines)
+    return lines
+
+
+@pytest.mark.parametrize("says", [b"", b"\xff" * 40])
+@pytest.mark.asyncio
+async def test_a_node_reports_whatever_else_is_said_to_its_registration(
+    says: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def rude(peer: Peer) -> None:
+        await peer.next()
+        peer.send(says)
+        await peer.hear_all()
+
+    async with listening(rude) as middleware, linked(middleware.address) as link:
+        assert taken(link, status_report())
+        (peer,) = middleware.peers
+        await until(lambda: len(peer.heard) == 3)
+        assert link.counters.reporting
+        assert link.counters.errors == 1
+    complaint, silence = told(caplog)
+    assert "complains: it sent" in complaint
+    assert "did not acknowledge" in silence
+
+
+@pytest.mark.asyncio
+async def test_a_node_that_is_refused_reports_nothing_and_says_so_once(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sapient_tcp, "REGISTER_AGAIN_S", 0.02)
+
+    async def refusing(peer: Peer) -> None:
+        for _ in range(5):
+            assert (await peer.next()).HasField("registration")
+            peer.acknowledge("no room\nhere", accepted=False)
+        assert (await peer.next()).HasField("registration")
+        peer.acknowledge()
+        await peer.hear_all()
+
+    async with listening(refusing) as middleware, linked(middleware.address) as link:
+        assert not taken(link, status_report())
+        assert not link.counters.reporting
+        await until(lambda: link.counters.reporting)
+        (peer,) = middleware.peers
+        assert taken(link, status_report())
+        await until(lambda: len(peer.heard) == 8)
+        assert peer.kinds() == ["registration"] * 6 + ["status_report"] * 2
+        assert link.counters.refusals == link.counters.totals.sapient_refusals == 5
+    (line,) = told(caplog)
+    assert "refused the registration: no room here" in line
+
+
+@pytest.mark.asyncio
+async def test_a_registration_can_be_refused_later_and_accepted_again() -> None:
+    async with listening() as middleware, linked(middleware.address) as link:
+        (peer,) = middleware.peers
+        peer.acknowledge("enough", accepted=False)
+        await until(lambda: not link.counters.reporting)
+        assert not taken(link, status_report())
+        peer.acknowledge()
+        await until(lambda: link.counters.reporting)
+        assert taken(link, status_report())
+        await until(lambda: len(peer.heard) == 4)
+        assert peer.kinds() == ["registration", *["status_report"] * 3]
+
+
+@pytest.mark.asyncio
+async def test_errors_are_counted_and_told_in_few_lines(caplog: pytest.LogCaptureFixture) -> None:
+    async def complaining(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        for _ in range(250):
+            peer.send(ERROR.SerializeToString())
+        await peer.hear_all()
+
+    async with (
+        listening(complaining) as middleware,
+        linked(middleware.address, max_octets_per_s=1_000_000_000) as link,
+    ):
+        await until(lambda: link.counters.errors == 250)
+        assert link.counters.totals.sapient_errors == 250
+        assert taken(link, status_report())
+    lines = told(caplog)
+    assert ["complains: " in line for line in lines] == [True, False, False]
+    assert [line.partition(" (")[2].split(" ")[0] for line in lines] == ["", "10", "100"]
+
+
+@pytest.mark.asyncio
+async def test_a_restart_of_the_middleware_is_told_when_it_is_over(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def hang_up(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        await peer.next()
+
+    async with listening(hang_up, polite) as middleware, linked(middleware.address) as link:
+        await until(lambda: link.counters.connections == 2)
+        await until(lambda: taken(link, status_report()))
+    lost, again = told(caplog)
+    assert lost.endswith("(the connection was closed)")
+    assert again == f"sapient-radar: connected to {middleware.address} again"
+
+
+@pytest.mark.asyncio
+async def test_who_no_longer_reads_is_given_up_after_the_time_that_the_scene_says(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sapient_wire, "MAX_STALL_S", 0.1)
+
+    async def deaf(peer: Peer) -> None:
+        await peer.next()
+        peer.acknowledge()
+        peer.writer.transport.pause_reading()  # type: ignore[attr-defined]
+        await asyncio.sleep(PATIENCE_S)
+
+    async with (
+        listening(deaf, polite) as middleware,
+        linked(middleware.address, give_up_after_s=0.5) as link,
+    ):
+        message, refused = status_report(50_000), 0
+        while link.counters.connections < 2:  # it is noticed even if nothing more is sent
+            if not refused:
+                refused += not taken(link, message)
+            await asyncio.sleep(0.001)
+        assert refused
+        assert link.counters.stalls == link.counters.totals.sapient_stalls == 1
+    lines = told(caplog)
+    assert sum("it has read nothing for 0.5 s" in line for line in lines) == 1
+    assert sum("again" in line for line in lines) == 1
+
+
+class Fates(Observer):
+    """Fates of messages, by sensor."""
+
+    def __init__(self) -> None:
+        self.of: dict[str, Counter[int]] = {}
+
+    def settled(self, report: SectorReport, sent: Any) -> None:
+        self.of.setdefault(report.sensor, Counter()).update(one.fate for one in sent)
+
+
+@pytest.mark.asyncio
+async def test_a_node_that_is_refused_costs_no_other_anything() -> None:
+    """Detections of the one are undelivered, as the ledger says; those of the other are sent."""
+
+    async def choosy(peer: Peer) -> None:
+        accepted = (await peer.next()).registration.name == "good"
+        peer.acknowledge("not you", accepted=accepted)
+        await peer.hear_all()
+
+    sensors = [radar(id=name, report=["sapient"], scan=staring(0.1)) for name in ("good", "bad")]
+    fates = Fates()
+    async with listening(choosy) as middleware:
+        flown = scene(
+            sensors,
+            [held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)],
+            seed=3,
+            sapient={"middleware": middleware.address},
+        )
+        totals = await run(flown, broker="none", duration_s=2.0, observers=[fates])
+    assert totals.sapient_refusals == 1
+    assert set(fates.of["good"]) == {pb.SENT}
+    assert set(fates.of["bad"]) == {pb.UNDELIVERED}
+    assert totals.undelivered == fates.of["bad"].total() > 5
+    heard = {peer.heard[0].registration.name: peer.kinds() for peer in middleware.peers}
+    assert set(heard["bad"]) == {"registration"}
+    assert heard["good"].count("detection_report") == fates.of["good"].total()
+
+
+@contextmanager
+def flooding() -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, str(Path(sapient_flood.__file__))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.asyncio
+async def test_a_middleware_that_never_stops_talking_is_made_to_wait() -> None:
+    """It says as much as it may in a second, however many connections it says it over."""
+    most_per_s, fates = 200, Fates()
+    with flooding() as flood:
+        assert flood.stdout is not None
+        port = int(flood.stdout.readline())
+        flown = scene(
+            [radar(id=name, report=["sapient"], scan=staring(0.1)) for name in ("a", "b", "c")],
+            [held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)],
+            seed=3,
+            sapient={"middleware": f"127.0.0.1:{port}", "max_messages_per_s": most_per_s},
+        )
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        totals = await run(flown, broker="none", duration_s=3.0, observers=[fates])
+        took_s = loop.time() - began_s
+        heard = [int(flood.stdout.readline()) for _ in flown.sensor]
+    assert 0.5 * most_per_s < totals.sapient_errors <= most_per_s * (took_s + AT_ONCE_S)
+    assert totals.undelivered == 0
+    assert sorted(heard) == sorted(found.total() for found in fates.of.values())
+    assert all(set(found) == {pb.SENT} for found in fates.of.values())
+
+
+class Talker:
+    """Has something to say for a long time."""
+
+    def __init__(self, octets: int) -> None:
+        self.octets = octets
+        self.said = 0
+
+    def hear_one(self) -> int:
+        self.said += 1
+        return self.octets
+
+    @property
+    def has_more(self) -> bool:
+        return True
+
+
+@pytest.mark.asyncio
+async def test_connections_speak_in_turn_within_both_limits() -> None:
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    intake = SapientIntake(max_messages_per_s=1000, max_octets_per_s=10_000)
+    long, short = Talker(500), Talker(4)
+    for talker in (long, short):
+        intake.serve(talker)
+    await until(lambda: long.said >= 5)
+    elapsed_s = loop.time() - began_s
+    assert abs(long.said - short.said) <= 2  # the first has begun alone
+    assert long.said * 504 <= 10_000 * (elapsed_s + AT_ONCE_S) + 504
+    intake.forget(long)
+    said = long.said
+    await until(lambda: short.said > said + 5)
+    assert long.said == said
+    intake.forget(short)
