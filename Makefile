@@ -69,7 +69,7 @@ pictures: pages
 	$(BIN)/python docs/commands/draw_ppi.py
 	$(BIN)/python docs/commands/draw_section_4_active.py
 	$(BIN)/python docs/commands/draw_section_4.py
-	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png
+	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png --force
 	$(BIN)/python docs/commands/write_section_4.py
 	$(BIN)/python docs/commands/draw_speed_accuracy.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi

@@ -160,7 +160,7 @@ def basemap(site: Any) -> Basemap:
     path = DOCS / ".basemap.geojson"
     try:
         path.write_text(json.dumps(collection))
-        return load_basemap(path.name, DOCS, site)
+        return load_basemap(path.name, path, site)
     finally:
         path.unlink()
 

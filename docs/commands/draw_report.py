@@ -31,7 +31,7 @@ def report() -> str:
         record = Path(folder) / "there.mcap"
         how = ("--broker", "none", "--speed", "max", "--duration", SECONDS, "--json")
         plotfeed("run", SCENE, "--record", record, *how)
-        text = plotfeed("report", record, "--chart", PICTURE)
+        text = plotfeed("report", record, "--chart", PICTURE, "--force")
         return text.replace(str(record), record.name)
 
 

@@ -26,7 +26,7 @@ from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
 from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.printed import finite
-from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.scene.scene import Scene
 
 Values = Mapping[str, Any]
@@ -39,11 +39,17 @@ def print_chart(
     picture: str,
     targets: int,
     quick: bool,
+    force: bool,
     as_json: bool,
 ) -> None:
-    """Measure and print, as a table or as JSON; with `out`, a folder, draw too."""
+    """Measure and print, as a table or as JSON; with `out`, a folder, draw too.
+
+    Raises `PlotfeedError` where figures are in that folder and nobody says to replace them.
+    """
     if out is not None:
         need_matplotlib()
+        for path in sorted(out.glob(f"*.{picture}")):
+            refuse_if_there(path, force=force)
     keep_freed()  # as a session does
     chart = charted(scene, Effort.quick(targets) if quick else Effort.usual(targets))
     values = as_values(chart)

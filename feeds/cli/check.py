@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
@@ -43,9 +44,19 @@ class TestTarget:
 
 
 def print_check(
-    scene: Scene, *, rcs_m2: float | None, as_json: bool, chart: Path | None = None
+    scene: Scene,
+    *,
+    rcs_m2: float | None,
+    as_json: bool,
+    chart: Path | None = None,
+    force: bool = False,
 ) -> None:
-    """Print what `report` finds, as tables or as JSON, and draw it if there is a place to."""
+    """Print what `report` finds, as tables or as JSON, and draw it if there is a place to.
+
+    Raises `PlotfeedError`, also where a picture is and nobody says to replace it.
+    """
+    if chart is not None:
+        refuse_if_there(chart, force=force)
     found = report(scene, rcs_m2)
     if chart is not None:
         draw_predictions(curves(scene, rcs_m2), chart)

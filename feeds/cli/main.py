@@ -17,6 +17,7 @@ from plotfeed.feeds.cli.options import (
     access_options,
     date_option,
     flight_options,
+    force_option,
     part_options,
     replay_options,
     session_options,
@@ -123,6 +124,7 @@ def inject(flight: Path, broker: str, **options: Any) -> int:
     metavar="FILE",
     help="Also draw Pd and errors against range: .png, .svg or .pdf.",
 )
+@force_option("Replace the file of --chart.")
 def check(scene: Path, **options: Any) -> int:
     """Validate SCENE; print the Pd and errors that its sensors have against range."""
     from plotfeed.feeds.cli.check import print_check
@@ -149,6 +151,7 @@ def check(scene: Path, **options: Any) -> int:
     help="Seen at once.",
 )
 @click.option("--quick", is_flag=True, help="In seconds, roughly, with 200 targets at most.")
+@force_option("Replace figures that are in DIR.")
 @click.option("--json", "as_json", is_flag=True)
 def chart(scene: Path, **options: Any) -> int:
     """Chart speed against accuracy: every stage of SCENE by other methods, measured here."""
@@ -220,7 +223,7 @@ FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
 )
 @part_options
 @date_option
-@click.option("--force", is_flag=True, help="Even if OUT is there already.")
+@force_option("Even if OUT is there already.")
 @click.option("--json", "as_json", is_flag=True, help="Totals as JSON.")
 def convert(source: Path, target: Path, **options: Any) -> int:
     """Convert the recording IN to OUT.
@@ -239,7 +242,7 @@ def convert(source: Path, target: Path, **options: Any) -> int:
 @click.option("--interface", metavar="NAME", help="Where a multicast group is joined.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many messages.")
 @click.option("--duration", type=POSITIVE, help="End after seconds.")
-@click.option("--force", is_flag=True, help="Even if FILE is there already.")
+@force_option("Even if FILE is there already.")
 @click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON.")
 @access_options
 def record(source: str, file: Path, **options: Any) -> int:
@@ -258,6 +261,7 @@ def record(source: str, file: Path, **options: Any) -> int:
 @click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Everything, as one JSON object.")
 @click.option("--chart", type=NEW_FILE, metavar="IMAGE", help="Also draw it: .png, .svg or .pdf.")
+@force_option("Replace the file of --chart.")
 def report(recording: Path, **options: Any) -> int:
     """Hold what a session delivered against what its scene asked, by the ledger in FILE.
 

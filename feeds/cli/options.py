@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from plotfeed.feeds.scene.output_keys import UdpDestination
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
@@ -31,6 +32,11 @@ def together(*options: Decorator) -> Decorator:
     return decorate
 
 
+def force_option(help_text: str) -> Decorator:
+    """The option without which no command replaces a file."""
+    return click.option("--force", is_flag=True, help=help_text)
+
+
 date_option = click.option(
     "--date",
     type=click.DateTime(["%Y-%m-%d"]),
@@ -45,6 +51,17 @@ session_options = together(
         "--broker",
         metavar="URL",
         help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
+    ),
+    click.option(
+        "--udp",
+        multiple=True,
+        metavar="ADDRESS:PORT",
+        help="Send all ASTERIX there, instead of where the scene says; may be repeated.",
+    ),
+    click.option(
+        "--middleware",
+        metavar="HOST:PORT",
+        help="Connect to that SAPIENT middleware instead of the scene's.",
     ),
     click.option("--duration", type=POSITIVE, metavar="SECONDS"),
     click.option(
@@ -65,7 +82,7 @@ session_options = together(
         metavar="FILE",
         help="Record all that comes in and goes out, and the ledger, as MCAP.",
     ),
-    click.option("--force", is_flag=True, help="Replace the file of --record."),
+    force_option("Replace the files of --record and --write."),
     click.option(
         "--metrics",
         type=click.IntRange(1, 65535),
@@ -207,3 +224,23 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
         gps_order=options.pop("gps_order"),
         utc_offset_h=options.pop("utc_offset_h"),
     )
+
+
+def udp_destination(to: str, ttl: int = 1, interface: str | None = None) -> UdpDestination:
+    """Where a command sends datagrams; raises `PlotfeedError`. Multicast leaves by `interface`."""
+    from pydantic import ValidationError
+
+    from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
+    from plotfeed.feeds.scene.problems import problems_of
+    from plotfeed.proto.errors import PlotfeedError
+
+    tree: dict[str, Any] = {"destination": to, "ttl": ttl}
+    try:
+        if interface is not None and Endpoint.parse(to).address.is_multicast:
+            tree["interface"] = interface
+        return UdpDestination.model_validate(tree)
+    except ValidationError as error:
+        _, text = next(iter(problems_of(error, tree)))
+        raise PlotfeedError(f"--udp: {text}") from None
+    except ValueError as error:
+        raise PlotfeedError(f"--udp: {error}") from None

@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.replaying.destinations import Destinations
 from plotfeed.feeds.replaying.replay_settings import (
     Choice,
@@ -22,7 +23,6 @@ from plotfeed.feeds.replaying.replay_settings import (
     TopicRule,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.utc import NS
@@ -71,7 +71,9 @@ class ReplayOptions:
         url = self.broker or (None if self.udp else default_broker)
         return Destinations(
             brokers=() if url is None else (BrokerAddress.parse(url, **access),),
-            udp=tuple(self._destination(to) for to in self.udp if to != RECORDED),
+            udp=tuple(
+                udp_destination(to, self.ttl, self.interface) for to in self.udp if to != RECORDED
+            ),
             recorded_udp=RECORDED in self.udp,
             ttl=self.ttl,
             interface=self.interface,
@@ -91,18 +93,6 @@ class ReplayOptions:
             links=self._links(),
             seed=self.seed,
         )
-
-    def _destination(self, to: str) -> UdpDestination:
-        tree = {"destination": to, "ttl": self.ttl}
-        try:
-            if self.interface is not None and Endpoint.parse(to).address.is_multicast:
-                tree["interface"] = self.interface
-            return UdpDestination.model_validate(tree)
-        except ValidationError as error:
-            _, text = next(iter(problems_of(error, tree)))
-            raise ReplayError(f"--udp: {text}") from None
-        except ValueError as error:
-            raise ReplayError(f"--udp: {error}") from None
 
     def _links(self) -> tuple[LinkRule, ...]:
         """Links of topics before those of all, whatever their order on the command line."""

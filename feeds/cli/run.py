@@ -18,6 +18,7 @@ from typing import Any
 
 import click
 
+from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.process import (
     GARBAGE_OF_SESSION,
@@ -37,13 +38,15 @@ from plotfeed.feeds.recording.recorder import (
     attachments_of,
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+from plotfeed.feeds.scene.output_keys import Outgoing, split_address
+from plotfeed.feeds.scene.problems import printable_line
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress, without_secrets
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -53,6 +56,8 @@ BEFORE_TICKS = (
     "plotfeed: {} was made before sessions went by ticks of 10 ms: what came in counts from the "
     "next tick on, so plots near it may not be the same again"
 )
+NOT_SENT = "plotfeed: {}: not sent to where its session went: {}"
+"""A recording is data: whoever wrote it does not say where anything is sent."""
 FASTEST = "max"
 """In place of a speed."""
 
@@ -65,6 +70,10 @@ class RunSettings:
     """What the options of `run` and `demo` ask for, beside the scene."""
 
     broker: str | None
+    udp: tuple[str, ...]
+    """Where ASTERIX goes instead of where the scene says."""
+    middleware: str | None
+    """Of SAPIENT, instead of the scene's."""
     duration: float | None
     """Seconds; None is as long as the scene says, or as what is run again."""
     speed: str
@@ -85,6 +94,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     """Run until it ends or is stopped; the exit code."""
     if settings.broker not in (None, NO_BROKER):
         BrokerAddress.parse(settings.broker)  # what is wrong with it is told before anything begins
+    scene = scene.sent_to(_outgoing(scene, settings))
     serves_page, note = _page(settings)
     again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
     if again is not None and not again.has_ticks:
@@ -96,7 +106,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     with contextlib.ExitStack() as files:
         raw = recorder = None
         if settings.write:
-            raw = files.enter_context(RawFile(settings.write))
+            raw = files.enter_context(RawFile(settings.write, force=settings.force))
         if settings.record:
             recorder = files.enter_context(
                 Recorder(
@@ -136,7 +146,33 @@ def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
     with TemporaryDirectory(prefix="plotfeed-") as folder:
         scene = SessionRecord.open(path).scene(Path(folder))
+        elsewhere = list(_elsewhere(scene, settings))
+        if elsewhere:
+            click.echo(printable_line(NOT_SENT.format(path, ", ".join(elsewhere))), err=True)
         return run_in_terminal(scene, replace(settings, telemetry=settings.telemetry or path))
+
+
+def _outgoing(scene: Scene, settings: RunSettings) -> Outgoing:
+    """Destinations of the scene, or those that the command line names instead."""
+    to = scene.outgoing
+    if settings.middleware is not None:
+        try:
+            split_address(settings.middleware)
+        except ValueError as error:
+            raise PlotfeedError(f"--middleware: {error}") from None
+        to = replace(to, middleware=settings.middleware)
+    udp = tuple(map(udp_destination, settings.udp))
+    return replace(to, udp=udp) if udp else to
+
+
+def _elsewhere(scene: Scene, settings: RunSettings) -> Iterator[str]:
+    """Where the scene of a recording was sent, and is not unless somebody says so."""
+    if scene.mqtt.broker not in (None, NO_BROKER) and settings.broker is None:
+        yield f"{without_secrets(scene.mqtt.broker)} (--broker)"
+    if scene.udp and not settings.udp:
+        yield f"{', '.join(udp.destination for udp in scene.udp)} (--udp)"
+    if scene.sapient.middleware is not None and settings.middleware is None:
+        yield f"the middleware {scene.sapient.middleware} (--middleware)"
 
 
 def _page(settings: RunSettings) -> tuple[bool, str]:
@@ -224,9 +260,9 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
     click.echo(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
     if scene.mqtt.truth:
         click.echo(f"  truth       {prefix}/truth, not for the tracker")
-    if scene.sapient.middleware is not None:
-        click.echo(f"  SAPIENT     tcp://{scene.sapient.middleware}, a connection each")
-    for udp in scene.udp:
+    if scene.outgoing.middleware is not None:
+        click.echo(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
+    for udp in scene.outgoing.udp:
         whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
         how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
         click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")

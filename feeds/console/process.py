@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from io import FileIO
 from pathlib import Path
 from types import FrameType
 from typing import BinaryIO
@@ -22,6 +23,8 @@ GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Of mallopt(3)."""
 KEPT_OCTETS, OF_ITS_OWN_OCTETS = 128 << 20, 32 << 20
+PRIVATE = 0o600
+"""Permissions of a file that its owner alone may read."""
 SWITCH_S = 1e-5
 """So long at most a thread that reads keeps the loop from sending; usually it is 5 ms."""
 
@@ -90,11 +93,36 @@ def already_there(path: Path) -> PlotfeedError:
     return PlotfeedError(f"{path}: is there already; --force writes another in its place")
 
 
+def refuse_if_there(path: Path, *, force: bool) -> None:
+    """Raise `PlotfeedError` where a file would be replaced unasked; a pipe is none."""
+    if path.is_file() and not force:
+        raise already_there(path)
+
+
+def new_file(path: Path, *, force: bool, is_private: bool = False) -> FileIO:
+    """Open a file for writing, which its owner alone may read if it is private.
+
+    Raises `PlotfeedError` where it would replace one that nobody said to replace, and `OSError`.
+    """
+    refuse_if_there(path, force=force)
+    is_ours = not path.exists() or path.is_file()
+    how = os.O_TRUNC if force or not is_ours else os.O_EXCL
+    mode = PRIVATE if is_private else 0o666
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_CREAT | how, mode)
+    except FileExistsError:  # it has come just now
+        raise already_there(path) from None
+    if is_private and is_ours:
+        path.chmod(mode)  # it may have been there
+    return FileIO(number, "w")
+
+
 @contextlib.contextmanager
-def part_file(target: Path) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
+def part_file(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
     """A hidden file beside `target` that takes its place if it is kept and nothing is raised.
 
-    Else it is gone, after SIGTERM too, which ends the process with 143: for the main thread only.
+    It has these permissions at most. Else it is gone, after SIGTERM too, which ends the process
+    with 143: for the main thread only.
     """
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     kept = False
@@ -105,7 +133,9 @@ def part_file(target: Path) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]
 
     with _terminated_in_order():
         try:
-            with part.open("wb") as file:
+            with os.fdopen(
+                os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb"
+            ) as file:
                 yield file, keep
             if kept:
                 part.replace(target)

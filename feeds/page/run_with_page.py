@@ -237,9 +237,11 @@ async def _pass_on(stop: asyncio.Event, ending: asyncio.Event) -> None:
 
 
 def _basemap_of(scene: Scene) -> Basemap | None:
-    if scene.page.basemap is None:
+    settings = scene.page.basemap
+    if settings is None:
         return None
-    return load_basemap(scene.page.basemap, scene.folder, scene.scene.site)
+    name = settings if isinstance(settings, str) else settings.image
+    return load_basemap(settings, scene.file(name), scene.scene.site)
 
 
 @contextlib.asynccontextmanager

@@ -125,11 +125,9 @@ class Basemap:
     """East and north of an image's top left, top right and bottom left corner."""
 
 
-def load_basemap(settings: str | BasemapImage, folder: Path, site: Site) -> Basemap:
+def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basemap:
     """Read the file that a scene names; raises `PlotfeedError`."""
     frame = site_frame(site)
-    name = settings if isinstance(settings, str) else settings.image
-    path = folder / name
     try:
         with path.open("rb") as file:
             content = file.read(MAX_OCTETS + 1)

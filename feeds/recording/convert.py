@@ -134,7 +134,7 @@ def _new_file(
         raise already_there(target)
     if target.is_dir() or not target.parent.is_dir():
         raise PlotfeedError(f"{target}: expected the name of a file in a folder that is there")
-    with part_file(target) as part:
+    with part_file(target, source.stat().st_mode & 0o666) as part:
         yield part
 
 

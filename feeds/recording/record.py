@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from plotfeed.feeds.console import FAILED, INTERRUPTED
-from plotfeed.feeds.console.process import already_there, stopped_by_signals
+from plotfeed.feeds.console.process import refuse_if_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.message import checked_topic_filter
 from plotfeed.feeds.recording.record_sources import BrokerSource, UdpSource
@@ -78,8 +78,7 @@ def record_source(url: str, target: Path, access: dict[str, Any], settings: Reco
         raise PlotfeedError(
             f"{target}: expected a name that ends in {SUFFIX}, of which plotfeed convert makes more"
         )
-    if target.exists() and not settings.force:
-        raise already_there(target)
+    refuse_if_there(target, force=settings.force)
     return asyncio.run(_Recording(source, target, settings).run())
 
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from plotfeed.feeds.formats import FORMATS
-from plotfeed.feeds.recording.recorder import SCENE_NAME
+from plotfeed.feeds.recording.session_again import recorded_scene
 from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
-from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.state import Bools, Floats, Ints
@@ -306,14 +306,6 @@ class RecordedSession:
             settings=settings,
             notes=tuple(_notes(scene, carriers, len(log.damage), has_ledger=has_ledger)),
         )
-
-
-def recorded_scene(path: Path, log: McapReader) -> Scene:
-    """The scene that a recording has with it; raises `PlotfeedError`."""
-    attachment = log.attachment(SCENE_NAME)
-    if attachment is None:
-        raise PlotfeedError("it holds no scene, which says where sensors stand: plotfeed replay")
-    return parsed(attachment.data, path)
 
 
 def _is_sent(series: ChannelKey) -> bool:

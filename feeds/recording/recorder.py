@@ -13,10 +13,11 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
+from io import BufferedWriter
 from pathlib import Path
 from typing import Self
 
-from plotfeed.feeds.console.process import already_there
+from plotfeed.feeds.console.process import new_file
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, RunningSession
@@ -45,6 +46,8 @@ class Recorder:
     ) -> None:
         """`force` replaces a file; `waits` says to wait for a slow disk rather than to drop.
 
+        Its owner alone may read it: what was recorded may have been behind a password.
+
         Raises `PlotfeedError`, and `OSError` if the file cannot be written.
         """
         self.path = path
@@ -61,10 +64,7 @@ class Recorder:
         self._closed = False
         self._given = self._done = 0
         self._room = threading.Semaphore(MAX_WAITING_CHUNKS)
-        try:
-            self._file = path.open("wb" if force else "xb", buffering=0)
-        except FileExistsError:
-            raise already_there(path) from None
+        self._file = new_file(path, force=force, is_private=True)
         self._thread = ThreadPoolExecutor(1, "record")
         try:
             self._mcap = McapWriter(
@@ -207,11 +207,12 @@ class SessionRecorder(Observer):
 class RawFile(Observer):
     """Writes the ASTERIX among the messages, raw. A full disk ends the file, not the session."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, force: bool = False) -> None:
+        """`force` replaces a file; raises `PlotfeedError` and `OSError`."""
         self.path = path
         self.failure = ""
         """Why the file is not whole; empty while it is."""
-        self._file = path.open("wb")
+        self._file = BufferedWriter(new_file(path, force=force))
 
     def after_link(self, message: Message, _sent_utc_ns: int) -> None:
         """Take what is ASTERIX."""
@@ -238,14 +239,25 @@ class RawFile(Observer):
 
 
 def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
-    """The scene's text, and the flights that it flies, by the names that it knows them by."""
+    """The scene's text, and the files that it reads, by the names that it knows them by."""
     if scene.text:
         text = scene.text.encode()
         yield Attachment(
             name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
         )
-    for name in dict.fromkeys(d.flight.file for d in scene.drone if d.flight is not None):
-        data = (scene.folder / name).read_bytes()
+    for name in files_of(scene):
+        data = scene.file(name).read_bytes()
         yield Attachment(
             name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
         )
+
+
+def files_of(scene: Scene) -> Iterable[str]:
+    """The names of a scene's flights, map and geoid: what its record has with it."""
+    names = [drone.flight.file for drone in scene.drone if drone.flight is not None]
+    basemap = scene.page.basemap
+    if basemap is not None:
+        names.append(basemap if isinstance(basemap, str) else basemap.image)
+    if scene.telemetry.geoid_grid is not None:
+        names.append(scene.telemetry.geoid_grid)
+    return dict.fromkeys(names)

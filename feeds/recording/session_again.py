@@ -6,8 +6,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from plotfeed.feeds.recording.recorder import SCENE_NAME, SUFFIX
-from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.recording.recorder import SCENE_NAME, SUFFIX, files_of
+from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -15,6 +15,8 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 SESSION_TOPIC = "/session"
 CONTROL_TOPIC = "/control"
+MAX_SUFFIX = 16
+"""Characters: by it the format of a flight is known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,19 +55,29 @@ class SessionRecord:
         )
 
     def scene(self, folder: Path) -> Scene:
-        """The scene that ran, unpacked into a folder with its flights; raises `PlotfeedError`."""
-        root = folder.resolve()
+        """The scene that ran, with its files unpacked into a folder; raises `PlotfeedError`.
+
+        Whoever wrote the recording says neither where files are nor where anything is sent.
+        """
+        files: dict[str, Path] = {}
         with McapReader(self.path) as mcap:
-            names = [entry.name for entry in mcap.attachments()]
-            if SCENE_NAME not in names:
+            if mcap.attachment(SCENE_NAME) is None:
                 raise PlotfeedError(f"{self.path}: holds no scene; give the scene and --telemetry")
-            for name in names:
-                target = (root / name).resolve()
+            scene = recorded_scene(self.path, mcap)
+            for number, name in enumerate(files_of(scene)):
                 found = mcap.attachment(name)
-                if found is not None and target.is_relative_to(root):  # whoever wrote the file
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_bytes(found.data)
-        return load(root / SCENE_NAME)
+                if found is not None:
+                    files[name] = folder / f"{number}{Path(name).suffix[:MAX_SUFFIX]}"
+                    files[name].write_bytes(found.data)
+        return scene.enclosed(files)
+
+
+def recorded_scene(path: Path, log: McapReader) -> Scene:
+    """The scene that a recording has with it, which reads no file; raises `PlotfeedError`."""
+    attachment = log.attachment(SCENE_NAME)
+    if attachment is None:
+        raise PlotfeedError("it holds no scene, which says where sensors stand: plotfeed replay")
+    return parsed(attachment.data, path).enclosed({})
 
 
 class RecordedTelemetry(Observer):

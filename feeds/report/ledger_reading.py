@@ -17,10 +17,9 @@ from plotfeed.feeds.recording.recorded_session import (
     SectorKey,
     Truth,
     plot_topics,
-    recorded_scene,
 )
 from plotfeed.feeds.recording.recorder import SCENE_NAME
-from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.feeds.recording.session_again import SessionRecord, recorded_scene
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
 from plotfeed.feeds.report.plot_tally import (
     CELL_M,

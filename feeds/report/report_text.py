@@ -11,6 +11,7 @@ from types import MappingProxyType
 import click
 
 from plotfeed.feeds.console.printed import Row, aligned, printable, widths
+from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values, report
 from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share, link_text
@@ -300,14 +301,15 @@ def _share(share: Share) -> Row:
 DAMAGED = 2
 
 
-def print_report(path: Path, *, as_json: bool, chart: Path | None) -> int:
+def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool = False) -> int:
     """Print what the ledger in a file says, and draw it if there is a place to; the exit code.
 
     That is 2 if the file is damaged: what is whole of it counts. Raises `PlotfeedError` and
     `OSError`.
     """
     if chart is not None:
-        check_picture(chart)  # before anything is read in vain
+        refuse_if_there(chart, force=force)  # before anything is read in vain
+        check_picture(chart)
     told = report(path, read(path))
     if chart is not None:
         draw(told, chart)

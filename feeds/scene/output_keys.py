@@ -1,10 +1,11 @@
-"""The keys of what messages leave by: the queue for MQTT, UDP, SAPIENT, the live page."""
+"""The keys of what messages leave by: MQTT and its queue, UDP, SAPIENT, the live page."""
 
 from __future__ import annotations
 
 import contextlib
 import ipaddress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -30,6 +31,42 @@ class MqttQueueKeys(SceneTable):
     def limit(self, qos: int) -> int:
         """How many messages of a QoS may wait."""
         return USUAL_MESSAGES[qos] if self.messages is None else self.messages
+
+
+def _prefix(value: str) -> str:
+    if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
+        raise ValueError("expected printable characters, of which the first is not $")
+    return value
+
+
+class Mqtt(SceneTable):
+    """Where messages go."""
+
+    prefix: Annotated[
+        str,
+        Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200),
+        AfterValidator(_prefix),
+    ] = "plotfeed"
+    """First level or levels of every topic."""
+    broker: str | None = None
+    """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
+    port: Annotated[int, Field(ge=1, le=65533)] = 1883
+    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
+    version: Literal["5", "3.1.1", "any"] = "any"
+    """Of MQTT, with a broker of your own; any tries 5 first."""
+    qos: Literal[0, 1] = 0
+    """Of what sensors report; status messages always have 1."""
+    ca_file: str | None = None
+    """Of who vouches for a broker at mqtts://; relative to the scene, as the files below."""
+    client_certificate_file: str | None = None
+    client_key_file: str | None = None
+    credentials_file: str | None = None
+    """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
+    PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
+    queue: MqttQueueKeys = MqttQueueKeys()
+    """What waits for the broker."""
+    truth: bool = True
+    """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
 
 
 Confidence = Annotated[float, Field(ge=0, le=1)]
@@ -189,3 +226,18 @@ class UdpDestination(SceneTable):
     def takes(self, sensor: str) -> bool:
         """Whether that sensor's messages go there."""
         return not self.sensors or sensor in self.sensors
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outgoing:
+    """Where a session sends, and what opens the doors there."""
+
+    broker: str | None = None
+    """URL; None is the embedded broker."""
+    ca_file: Path | None = None
+    certificate_file: Path | None = None
+    key_file: Path | None = None
+    credentials_file: Path | None = None
+    udp: tuple[UdpDestination, ...] = ()
+    middleware: str | None = None
+    """HOST:PORT of a SAPIENT middleware."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections import Counter
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone
@@ -23,7 +24,7 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.output_keys import MqttQueueKeys, PageKeys, SapientKeys, UdpDestination
+from plotfeed.feeds.scene.output_keys import Mqtt, Outgoing, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.problems import printable_line, problems_of
@@ -109,42 +110,6 @@ class Telemetry(SceneTable):
         return self
 
 
-def _prefix(value: str) -> str:
-    if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
-        raise ValueError("expected printable characters, of which the first is not $")
-    return value
-
-
-class Mqtt(SceneTable):
-    """Where messages go."""
-
-    prefix: Annotated[
-        str,
-        Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200),
-        AfterValidator(_prefix),
-    ] = "plotfeed"
-    """First level or levels of every topic."""
-    broker: str | None = None
-    """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
-    port: Annotated[int, Field(ge=1, le=65533)] = 1883
-    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
-    version: Literal["5", "3.1.1", "any"] = "any"
-    """Of MQTT, with a broker of your own; any tries 5 first."""
-    qos: Literal[0, 1] = 0
-    """Of what sensors report; status messages always have 1."""
-    ca_file: str | None = None
-    """Of who vouches for a broker at mqtts://; relative to the scene, as the files below."""
-    client_certificate_file: str | None = None
-    client_key_file: str | None = None
-    credentials_file: str | None = None
-    """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
-    PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
-    queue: MqttQueueKeys = MqttQueueKeys()
-    """What waits for the broker."""
-    truth: bool = True
-    """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
-
-
 class Asterix(SceneTable):
     """Where decoders of ASTERIX differ."""
 
@@ -181,6 +146,8 @@ class Scene(SceneTable):
     page: PageKeys = PageKeys()
 
     _folder: Path = PrivateAttr(default=Path())
+    _files: Mapping[str, Path] | None = PrivateAttr(default=None)
+    _outgoing: Outgoing | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
 
     @model_validator(mode="after")
@@ -235,6 +202,51 @@ class Scene(SceneTable):
     def folder(self) -> Path:
         """Where the scene's own files are."""
         return self._folder
+
+    def file(self, name: str) -> Path:
+        """Where a file is that the scene names; raises `PlotfeedError` where it may have none."""
+        if self._files is None:
+            return self._folder / name
+        if name not in self._files:
+            raise PlotfeedError(f"the recording names the file {name!r} and does not hold it")
+        return self._files[name]
+
+    @property
+    def outgoing(self) -> Outgoing:
+        """Destinations by the scene's own keys, unless somebody has named others."""
+        if self._outgoing is not None:
+            return self._outgoing
+        mqtt = self.mqtt
+        ca, certificate, key, credentials = (
+            None if name is None else self.file(name)
+            for name in (
+                mqtt.ca_file,
+                mqtt.client_certificate_file,
+                mqtt.client_key_file,
+                mqtt.credentials_file,
+            )
+        )
+        return Outgoing(
+            broker=mqtt.broker,
+            ca_file=ca,
+            certificate_file=certificate,
+            key_file=key,
+            credentials_file=credentials,
+            udp=self.udp,
+            middleware=self.sapient.middleware,
+        )
+
+    def sent_to(self, outgoing: Outgoing) -> Self:
+        """Copy it with other destinations; its text and keys do not change."""
+        other = self.model_copy()
+        other._outgoing = outgoing
+        return other
+
+    def enclosed(self, files: Mapping[str, Path]) -> Self:
+        """Copy it as data: of its files it has these, by name, and no destinations."""
+        other = self.sent_to(Outgoing())
+        other._files = dict(files)
+        return other
 
     @property
     def text(self) -> str:

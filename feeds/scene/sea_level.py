@@ -32,7 +32,7 @@ class SeaLevel:
         keys = scene.telemetry
         if stated_m is not None or keys.geoid_grid is None:
             return cls(keys.geoid_undulation_m if stated_m is None else stated_m)
-        return cls(grid=scene.folder / keys.geoid_grid)
+        return cls(grid=scene.file(keys.geoid_grid))
 
     def undulation_m(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Floats:
         """Height of sea level above the WGS-84 ellipsoid, metres, at places; (...)."""

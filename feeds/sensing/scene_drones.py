@@ -112,7 +112,7 @@ def _recorded(
         utc_offset_h=recorded.utc_offset_h,
         start_utc_ns=begin_ns,
     )
-    flight = smoothed(read(scene.folder / recorded.file, options))
+    flight = smoothed(read(scene.file(recorded.file), options))
     takeoff_height_m = recorded.takeoff_height_m
     if takeoff_height_m is None:
         takeoff_height_m = scene.telemetry.takeoff_height_m

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.delivery.counters import SapientCounters
@@ -45,7 +44,7 @@ Brokers = tuple[list[BrokerAddress], dict[str, str]]
 @contextlib.asynccontextmanager
 async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]:
     """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
-    url = broker or scene.mqtt.broker
+    url = broker or scene.outgoing.broker
     if url == NO_BROKER:
         yield [], {}
         return
@@ -65,17 +64,11 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
 
 def broker_address(scene: Scene, url: str) -> BrokerAddress:
     """A broker of the user's own, with the keys to it that the scene names."""
-    mqtt, folder = scene.mqtt, scene.folder
-
-    def beside_scene(name: str | None) -> Path | None:
-        return None if name is None else folder / name
-
+    to = scene.outgoing
     access = BrokerAccess(
-        ca_file=beside_scene(mqtt.ca_file),
-        certificate_file=beside_scene(mqtt.client_certificate_file),
-        key_file=beside_scene(mqtt.client_key_file),
-    ).with_credentials(beside_scene(mqtt.credentials_file))
-    return BrokerAddress.parse(url, versions=VERSIONS[mqtt.version], access=access)
+        ca_file=to.ca_file, certificate_file=to.certificate_file, key_file=to.key_file
+    ).with_credentials(to.credentials_file)
+    return BrokerAddress.parse(url, versions=VERSIONS[scene.mqtt.version], access=access)
 
 
 class Outputs:
@@ -83,7 +76,8 @@ class Outputs:
 
     def __init__(self, context: SessionContext, addresses: Sequence[BrokerAddress]) -> None:
         observers = context.observers
-        self.udp = [UdpTransport(to, f"udp[{i}]") for i, to in enumerate(context.scene.udp)]
+        to = context.scene.outgoing.udp
+        self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
         self.connected: list[KeptUp] = []
         """All that have to be kept up, the links to brokers first."""
         self.brokers: list[MqttTransport] = []
@@ -129,12 +123,13 @@ class Outputs:
             offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
             self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
         transports: list[Transport] = [*self.brokers]
+        middleware = self._scene.outgoing.middleware
         node: SapientCounters | None = None
         if announcer is not None:
             self._announcers.append(announcer)
             node = SapientCounters(self._context.totals)
-        if announcer is not None and node is not None and self._scene.sapient.middleware:
-            of_its_own = self._to_middleware(sensor, announcer, node)
+        if announcer is not None and node is not None and middleware is not None:
+            of_its_own = self._to_middleware(middleware, sensor, announcer, node)
             transports.append(of_its_own)
             self._sapient.append(of_its_own)
             self.connected.append(of_its_own)
@@ -143,12 +138,12 @@ class Outputs:
         return outbox, announcer
 
     def _to_middleware(
-        self, sensor: Sensor, announcer: Announcer, node: SapientCounters
+        self, middleware: str, sensor: Sensor, announcer: Announcer, node: SapientCounters
     ) -> SapientTcpTransport:
         """A sensor's own connection; what may be said over all of them is one limit."""
         from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
 
-        settings = self._scene.sapient
+        settings = self._scene.sapient.model_copy(update={"middleware": middleware})
         if self._sapient_intake is None:
             self._sapient_intake = SapientIntake(
                 settings.max_messages_per_s, settings.max_octets_per_s

@@ -251,5 +251,6 @@ def test_wrong_use_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             picture="png",
             targets=10,
             quick=True,
+            force=False,
             as_json=False,
         )

@@ -28,7 +28,7 @@ def place(east_m: float, north_m: float) -> list[float]:
 def loaded(tmp_path: Path, tree: Any) -> dict[str, Any]:
     path = tmp_path / "map.geojson"
     path.write_text(json.dumps(tree))
-    found: dict[str, Any] = json.loads(load_basemap(path.name, tmp_path, SITE).content)
+    found: dict[str, Any] = json.loads(load_basemap(path.name, path, SITE).content)
     return found
 
 
@@ -101,18 +101,18 @@ def test_depth_and_size_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         loaded(tmp_path, tree)
     (tmp_path / "deep").write_text("[" * 100_000)
     with pytest.raises(PlotfeedError, match="deep"):
-        load_basemap("deep", tmp_path, SITE)
+        load_basemap("deep", tmp_path / "deep", SITE)
     monkeypatch.setattr(scene_outline, "MAX_VERTICES", 3)
     with pytest.raises(PlotfeedError, match="vertices"):
         loaded(tmp_path, {"type": "LineString", "coordinates": [[0, 0]] * 4})
     monkeypatch.setattr(scene_outline, "MAX_OCTETS", 10)
     with pytest.raises(PlotfeedError, match="larger"):
-        load_basemap("deep", tmp_path, SITE)
+        load_basemap("deep", tmp_path / "deep", SITE)
 
 
 def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(PlotfeedError, match=r"nowhere\.geojson: No such file"):
-        load_basemap("nowhere.geojson", tmp_path, SITE)
+        load_basemap("nowhere.geojson", tmp_path / "nowhere.geojson", SITE)
 
 
 def image(
@@ -121,7 +121,7 @@ def image(
     (tmp_path / "map.png").write_bytes(content)
     latitude_first = [(latitude, longitude) for longitude, latitude in corners]
     settings = BasemapImage.model_validate({"image": "map.png", "corners": latitude_first})
-    return load_basemap(settings, tmp_path, SITE)
+    return load_basemap(settings, tmp_path / "map.png", SITE)
 
 
 def test_an_image_lies_between_its_corners(tmp_path: Path) -> None:
