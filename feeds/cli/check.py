@@ -117,6 +117,8 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
     return {
         "id": sensor.id,
         "type": sensor.type,
+        "sac": sensor.sac,
+        "sic": sensor.sic,
         "target": _described(target.signature),
         "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
@@ -187,7 +189,8 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
     furthest_m = sensor["range_at_pd_80_percent_m"]
     reach = "nowhere" if furthest_m is None else f"to {furthest_m / 1000:.2f} km"
     heading = (
-        f"{sensor['id']} ({sensor['type']}), target of {sensor['target']}: "
+        f"{sensor['id']} ({sensor['type']}, SAC {sensor['sac']} SIC {sensor['sic']}), "
+        f"target of {sensor['target']}: "
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
     named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]

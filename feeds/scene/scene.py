@@ -29,6 +29,7 @@ from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.problems import printable_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.source_codes import check_sources, numbered
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -150,6 +151,13 @@ class Scene(SceneTable):
     _outgoing: Outgoing | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _sensors_are_numbered(cls, tree: Any) -> Any:
+        if not isinstance(tree, dict) or not isinstance(tree.get("sensor"), list | tuple):
+            return tree
+        return {**tree, "sensor": numbered(tree["sensor"])}
+
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
         for kind, names in (
@@ -162,6 +170,7 @@ class Scene(SceneTable):
         taken = sorted(TOPICS_OF_SESSION & {s.id for s in self.sensor})
         if taken:
             raise ValueError(f"sensor: the id {taken[0]!r} is a topic of the session")
+        check_sources(self.sensor)
         return self
 
     @model_validator(mode="after")

@@ -90,8 +90,11 @@ class SensorKeys(SceneTable):
     """A commercial sensor whose keys stand where the scene gives none: `plotfeed sensors`."""
     sac: Annotated[int, Field(ge=0, le=255)] = 0
     """System area code of its ASTERIX."""
-    sic: Annotated[int, Field(ge=0, le=255)] = 1
-    """The sensor's name in ASTERIX: system area and identification codes."""
+    sic: Annotated[
+        int, Field(ge=0, le=255, json_schema_extra=lambda schema: schema.pop("default", None))
+    ] = 1
+    """System identification code, which with `sac` names the sensor in ASTERIX; without it, the
+    first from 1 on that no other sensor of that `sac` has."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
     """Of the antenna or microphone: east, north and up of the site."""
     enabled: bool = True

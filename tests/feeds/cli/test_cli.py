@@ -154,7 +154,7 @@ def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text())
     text = plotfeed_here("check", scene)
     assert text.returncode == 0
-    assert "radar (active_radar)" in text.stdout
+    assert "radar (active_radar, SAC 0 SIC 1)" in text.stdout
     found = json.loads(plotfeed_here("check", scene, "--json").stdout)
     assert found["scene"] == "test"
     assert found["drones"] == 1
