@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import socket
 import subprocess
@@ -14,7 +13,7 @@ from urllib.request import urlopen
 import pytest
 from support.brokers import free_port
 from support.command import plotfeed, plotfeed_here, running
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 pytest.importorskip("uvicorn")
 
@@ -30,12 +29,19 @@ QUICK = ("--speed", "20", "--duration", "5", "--broker", "none")
 
 @contextmanager
 def usual_port_is_taken() -> Iterator[None]:
-    """By this test, or by somebody else already."""
+    """By this test alone: a demo of another test that has it may end at any time."""
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        with contextlib.suppress(OSError):
-            listener.bind(("127.0.0.1", USUAL_PORT))
-            listener.listen()
+
+        def holds_it() -> bool:
+            try:
+                listener.bind(("127.0.0.1", USUAL_PORT))
+                listener.listen()
+            except OSError:
+                return False
+            return True
+
+        wait_until(holds_it, f"somebody else has port {USUAL_PORT}, and keeps it")
         yield
 
 
