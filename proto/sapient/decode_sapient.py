@@ -104,11 +104,10 @@ def _parsed(data: bytes) -> SapientMessage:
     return message
 
 
-def restamped_later(data: bytes, by_ns: int) -> bytes:
-    """A serialised SapientMessage as if sent so much later; raises `DecodeError`, `EncodeError`."""
+def restamped(data: bytes, t_utc_ns: int) -> bytes:
+    """A serialised SapientMessage as if sent at that time; raises `DecodeError`."""
     message = _parsed(data)
-    stamp = message.timestamp
-    set_stamp(message, stamp.seconds * NS + stamp.nanos + by_ns)
+    set_stamp(message, t_utc_ns)
     return message.SerializeToString()
 
 
