@@ -127,13 +127,13 @@ class _Tracker:
 
     def take(self, seen: SeenSector) -> tuple[TrackStates, bool]:
         """The tracks at the end of a sector, and whether they have heights."""
-        sector = seen.sector
+        sector, ahead_ns = seen.sector, seen.clock_ahead_ns
         looks = self._looks(seen.looks, seen.plots)
         states = self._tracks.take(
             looks,
             self._truth(seen, np.union1d(looks.drone, self._tracks.drones)),
-            start_ns=sector.start_ns,
-            end_ns=sector.end_ns,
+            start_ns=sector.start_ns - ahead_ns,
+            end_ns=sector.end_ns - ahead_ns,
             rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
         )
         return states, self._has_height

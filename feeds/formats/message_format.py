@@ -41,10 +41,13 @@ class MessageFormat(Protocol):
 
 
 class Announcer(Protocol):
-    """Makes what a sensor says of itself in a format, stamped when it is asked for."""
+    """Makes what a sensor says of itself in a format, stamped by its clock when it is asked for."""
 
     every_ns: int
     """How often it says that nothing has changed."""
+
+    def change(self, sensor: Sensor) -> None:
+        """Be of the sensor with those keys from now on."""
 
     def opening(self, now_utc_ns: int) -> list[Message]:
         """What comes before anything else, on every connection."""
@@ -184,7 +187,7 @@ def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int
         address.topic,
         payload,
         address.content_type,
-        stamp.end_ns,
+        stamp.due_ns,
         properties,
         False,
         address.qos,

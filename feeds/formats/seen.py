@@ -25,7 +25,7 @@ def _no_truth(_row: int, t_utc_ns: int, _drones: Ints, /) -> TruthState:
 
 @dataclass(frozen=True, slots=True)
 class SeenSector:
-    """What came of one sector of one sensor, by its index in the scene."""
+    """What came of one sector of one sensor, by its index in the scene; times as in `Seen`."""
 
     sensor: int
     sector: Sector
@@ -35,6 +35,7 @@ class SeenSector:
     looks: Looks
     truth_at: Callable[[int, Ints], TruthState]
     """Where drones, by index, truly are at a time, as far as the sensor can tell."""
+    clock_ahead_ns: int
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,9 @@ class Seen:
 
     Those of sector i are the rows from `plots_by[i]` up to `plots_by[i + 1]`, (m+1,), and so are
     looks. `truth_at` tells where drones, by index, truly are at a time: first it is given i.
+
+    All times are by the sensors' clock, which is ahead by `clock_ahead_ns`, but for those of looks:
+    what a sensor sends knows of no other clock, what the ledger says only of the true one.
     """
 
     sectors: Sectors
@@ -52,6 +56,7 @@ class Seen:
     looks_by: Ints | None = None
     """None where nobody asks for looks."""
     truth_at: Callable[[int, int, Ints], TruthState] = _no_truth
+    clock_ahead_ns: int = 0
 
     @classmethod
     def of_one(
@@ -83,7 +88,10 @@ class Seen:
         of = self.sectors
         keys = zip(of.scan.tolist(), of.index.tolist(), of.end_ns.tolist(), strict=True)
         known: dict[tuple[int, int, int], SectorStamp] = {}
-        return [known.get(key) or known.setdefault(key, SectorStamp(*key)) for key in keys]
+        ahead_ns = self.clock_ahead_ns
+        return [
+            known.get(key) or known.setdefault(key, SectorStamp(*key, ahead_ns)) for key in keys
+        ]
 
     def parts(self, sources: Ints) -> Parts:
         """The plots by sector, for encoders; `sources` are their sensors, (m,)."""
@@ -99,6 +107,7 @@ class Seen:
             plots=self.plots.between(int(self.plots_by[i]), int(self.plots_by[i + 1])),
             looks=self.looks.between(a, b),
             truth_at=lambda t_utc_ns, drones: self.truth_at(i, t_utc_ns, drones),
+            clock_ahead_ns=self.clock_ahead_ns,
         )
 
     def rows(self, which: Ints) -> Seen:
@@ -115,6 +124,7 @@ class Seen:
             looks=looks,
             looks_by=looks_by,
             truth_at=lambda i, t_utc_ns, drones: truth_at(numbers[i], t_utc_ns, drones),
+            clock_ahead_ns=self.clock_ahead_ns,
         )
 
     def in_groups(self, groups: Ints, make: Callable[[int, Seen], list[T]]) -> list[T]:

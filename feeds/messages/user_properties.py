@@ -44,12 +44,16 @@ def packed_text(text: str) -> bytes:
 
 
 class SectorStamp:
-    """A sector as its messages tell of it: the numbers of scan and sector, and its end, UTC."""
+    """A sector as its messages tell of it: the numbers of scan and sector, and its end.
 
-    __slots__ = ("_octets", "end_ns", "index", "scan")
+    That is by the sensor's clock; messages are due when it truly is.
+    """
 
-    def __init__(self, scan: int, index: int, end_ns: int) -> None:
+    __slots__ = ("_octets", "due_ns", "end_ns", "index", "scan")
+
+    def __init__(self, scan: int, index: int, end_ns: int, clock_ahead_ns: int = 0) -> None:
         self.scan, self.index, self.end_ns = scan, index, end_ns
+        self.due_ns = end_ns - clock_ahead_ns
         self._octets: tuple[bytes, bytes, bytes, int] | None = None
 
     def octets(self) -> tuple[bytes, bytes, bytes, int]:

@@ -179,18 +179,22 @@ class EmulatedSensors:
 
     def _reports_of(self, found: Sighting) -> list[SectorReport]:
         """Sectors with their messages, in the order of sensors and time."""
-        site, plots = self._sites[found.sectors.sensor[0]], found.plots
-        truth_at = self._trajectories.state_at
+        site = self._sites[found.sectors.sensor[0]]
+        sectors, plots, truth_at = found.sectors, found.plots, self._trajectories.state_at
         if site.errs:  # it is alone, and its clock and axes are its own
-            plots = plots.but(t_utc_ns=plots.t_utc_ns + site.clock_ahead_ns)
             truth_at = site.apparent_at
+        if ahead_ns := site.clock_ahead_ns:
+            plots = plots.but(t_utc_ns=plots.t_utc_ns + ahead_ns)
+            start_ns, end_ns = sectors.start_ns + ahead_ns, sectors.end_ns + ahead_ns
+            sectors = sectors.but(start_ns=start_ns, end_ns=end_ns)
         seen = Seen(
-            sectors=found.sectors,
+            sectors=sectors,
             plots=plots,
             plots_by=found.plots_by,
             looks=found.looks,
             looks_by=found.looks_by,
             truth_at=lambda _row, t_utc_ns, drones: truth_at(t_utc_ns, drones),
+            clock_ahead_ns=site.clock_ahead_ns,
         )
         return list(found.reports(self._names, self._formats.messages(seen)))
 

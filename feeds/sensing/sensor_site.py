@@ -17,7 +17,6 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Ints, Looks, PlaceState, TruthState
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class SensorSite:
             axes=frame if sensor.bias is None else sensor.bias.axes(frame),
             readings=readings_of(sensor.bias, sensor.drift, chance, sensor.scan.period_ns),
             reads_bistatic_ranges=sensor.geometry is SensorGeometry.BISTATIC,
-            clock_ahead_ns=0 if sensor.bias is None else round(sensor.bias.time_offset_s * NS),
+            clock_ahead_ns=sensor.clock_ahead_ns,
             errs=sensor.bias is not None or sensor.drift is not None,
             tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),
             trajectories=trajectories,

@@ -72,6 +72,7 @@ class SensorTask:
         self._plan_status(start_utc_ns + later_ns + STATUS_EVERY_NS)
         self.outbox.send_past_link(self.settings)
         if self._announcer is not None:
+            self._announcer.change(self.sensor)
             self.outbox.send_past_link(*self._announcer.opening(start_utc_ns))
             self._plan_announcement(start_utc_ns + self._announcer.every_ns, self._announcer)
 
@@ -111,6 +112,8 @@ class SensorTask:
             self.outbox.change(sensor.link or LinkSettings(), at_utc_ns)
             self.link = json_of(sensor.link)
         self.sensor = sensor
+        if self._announcer is not None:
+            self._announcer.change(sensor)
         self._status.enabled = sensor.enabled
         for observer in self._context.observers:
             observer.settings(sensor)

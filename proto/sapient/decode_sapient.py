@@ -104,10 +104,11 @@ def _parsed(data: bytes) -> SapientMessage:
     return message
 
 
-def restamped(data: bytes, t_utc_ns: int) -> bytes:
-    """A serialised SapientMessage as if sent at that time; raises `DecodeError`."""
+def restamped_later(data: bytes, by_ns: int) -> bytes:
+    """A serialised SapientMessage as if sent so much later; raises `DecodeError`, `EncodeError`."""
     message = _parsed(data)
-    set_stamp(message, t_utc_ns)
+    stamp = message.timestamp
+    set_stamp(message, stamp.seconds * NS + stamp.nanos + by_ns)
     return message.SerializeToString()
 
 

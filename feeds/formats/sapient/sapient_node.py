@@ -17,8 +17,8 @@ from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Signature
-from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.sapient.decode_sapient import restamped
+from plotfeed.proto.errors import DecodeError, EncodeError
+from plotfeed.proto.sapient.decode_sapient import restamped_later
 from plotfeed.proto.sapient.encode_detections import (
     AGE,
     BISTATIC_RANGE,
@@ -229,28 +229,39 @@ def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
 
 
 class SapientAnnouncer:
-    """Makes the messages of a node besides its detections, stamped when they are asked for."""
+    """Makes the messages of a node besides its detections, stamped when they are asked for.
+
+    Stamps are by the sensor's clock, as those of its detections are.
+    """
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
         self.sensor = sensor.id
+        self._clock_ahead_ns = sensor.clock_ahead_ns
         self.every_ns = round(scene.sapient.status_interval_s * NS)
         self._root = f"{scene.mqtt.prefix}/{sensor.id}"
         self._node = node_of(scene, sensor)
 
+    def change(self, sensor: Sensor) -> None:
+        """Go by the clock that the sensor has now."""
+        self._clock_ahead_ns = sensor.clock_ahead_ns
+
     def opening(self, now_utc_ns: int) -> list[Message]:
         """Registration and a first status; on every connection before anything else."""
+        stamp_ns = now_utc_ns + self._clock_ahead_ns
         return [
-            self._message(registration(self._node, now_utc_ns), now_utc_ns, REGISTRATION),
-            self._message(status(self._node, now_utc_ns, new=True), now_utc_ns, STATUS),
+            self._message(registration(self._node, stamp_ns), now_utc_ns, REGISTRATION),
+            self._message(status(self._node, stamp_ns, new=True), now_utc_ns, STATUS),
         ]
 
     def regular(self, now_utc_ns: int) -> list[Message]:
         """News that nothing has changed."""
-        return [self._message(status(self._node, now_utc_ns), now_utc_ns, STATUS)]
+        unchanged = status(self._node, now_utc_ns + self._clock_ahead_ns)
+        return [self._message(unchanged, now_utc_ns, STATUS)]
 
     def closing(self, now_utc_ns: int) -> list[Message]:
         """Goodbye: news, for a status that is unchanged would have to be the last one."""
-        farewell = status(self._node, now_utc_ns, system="GOODBYE", new=True)
+        stamp_ns = now_utc_ns + self._clock_ahead_ns
+        farewell = status(self._node, stamp_ns, system="GOODBYE", new=True)
         return [self._message(farewell, now_utc_ns, STATUS)]
 
     def _message(self, payload: bytes, now_utc_ns: int, kind: tuple[str, str]) -> Message:
@@ -265,7 +276,7 @@ class SapientAnnouncer:
                 ("id", f"{kind[1].rpartition('.')[2]}-{now_utc_ns}"),
                 ("source", self._root),
                 kind,
-                ("time", iso_utc(now_utc_ns)),
+                ("time", iso_utc(now_utc_ns + self._clock_ahead_ns)),
                 ("sensor", self.sensor),
             ),
         )
@@ -278,10 +289,11 @@ def is_registration(message: Message) -> bool:
 
 def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:
     """The message as it leaves at that time, or None if it is dropped."""
-    if t_utc_ns - message.due_utc_ns <= MAX_LATE_NS or rule == "send":
+    late_ns = t_utc_ns - message.due_utc_ns
+    if late_ns <= MAX_LATE_NS or rule == "send":
         return message
     if rule == "drop":
         return None
-    with contextlib.suppress(DecodeError):  # of a message that the link has corrupted
-        return replace(message, payload=restamped(message.payload, t_utc_ns))
+    with contextlib.suppress(DecodeError, EncodeError):  # of a message that the link has corrupted
+        return replace(message, payload=restamped_later(message.payload, late_ns))
     return message

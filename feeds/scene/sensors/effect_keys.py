@@ -42,7 +42,7 @@ class BiasKeys(SceneTable):
     tilt_azimuth_deg: Azimuth = 0.0
     """Where it leans to; what is there reads too high by the tilt, what is opposite too low."""
     time_offset_s: Annotated[float, Field(ge=-60, le=60)] = 0.0
-    """By which the sensor's clock is ahead when it puts times on plots and tracks."""
+    """By which the sensor's clock is ahead: all times in all that it sends are by that clock."""
 
     def axes(self, frame: LocalFrame) -> LocalFrame:
         """The sensor's own, at the place of that frame; the frame itself if it stands right."""

@@ -35,6 +35,7 @@ from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.proto.utc import NS
 
 
 class SensorGeometry(Enum):
@@ -203,6 +204,11 @@ class SensorKeys(SceneTable):
     def false_alarm_probability(self) -> float | None:
         """Probability of a false alarm in a cell, if the sensor decides by that."""
         return getattr(self, "pfa", None)
+
+    @property
+    def clock_ahead_ns(self) -> int:
+        """Nanoseconds by which the clock is ahead that stamps all that it sends."""
+        return 0 if self.bias is None else round(self.bias.time_offset_s * NS)
 
     def warnings(self, _site: Site, /) -> list[str]:
         """What is legal and still looks wrong; for `check`."""
