@@ -15,7 +15,9 @@ from plotfeed.models.state import Floats, Plots
 
 RANGE_CONSTANT = 1.63
 ANGLE_CONSTANT = 1.6
-"""Constant of the angles, for that of eqs 14 and 15, 14 % above the Cramer-Rao bound (Barton)."""
+"""Of the angles, for that of eqs 14 and 15 (Barton); by a 3 dB width the bound is 1.607."""
+RATE_CONSTANT = float(np.pi / np.sqrt(3))
+"""Of a steady tone over the whole time, by the cell 1/T: the Cramer-Rao bound, 1.814."""
 
 
 @nan_without_warnings
@@ -35,11 +37,29 @@ def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
 
 
 def sigma_rate_m_s(snr: ArrayLike, resolution_m_s: ArrayLike) -> Floats:
-    """Standard deviation of a range rate, m/s, by Doppler cells of that width.
+    """Standard deviation of a range rate, m/s, by Doppler cells of that width: wavelength/2T.
 
-    With the constant of the angles; the Cramer-Rao bound of a steady tone has pi/sqrt 3, 1.81.
+    Their 3 dB width is 0.886 of that, and by it the constant is that of the angles.
     """
-    return noise_share(snr) * (as_floats(resolution_m_s) / ANGLE_CONSTANT)
+    return noise_share(snr) * (as_floats(resolution_m_s) / RATE_CONSTANT)
+
+
+@nan_without_warnings
+def paired_snr(snr: ArrayLike) -> Floats:
+    """Ratio of the product of two channels, each of that ratio a sample: 2 S^2/(1 + 2 S).
+
+    The phase between them, over M samples, errs by 1/sqrt(M times that): 1/sqrt(S M) where signals
+    are strong, for both channels have noise, and more where noise meets noise. NaN below zero.
+    """
+    ratio = as_floats(snr)
+    return np.where(ratio >= 0, ratio / (1 + 0.5 / ratio), np.nan)
+
+
+@nan_without_warnings
+def snr_of_pair(paired: ArrayLike) -> Floats:
+    """The ratio of either channel of which `paired_snr` is that one."""
+    half = as_floats(paired) / 2
+    return np.asarray(half + np.sqrt(half * (half + 1)))
 
 
 @nan_without_warnings

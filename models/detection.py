@@ -32,6 +32,7 @@ from scipy.special import (
 )
 
 from plotfeed.models import looks_chain
+from plotfeed.models.accuracy import paired_snr
 from plotfeed.models.gamma_tail import gamma_exceeded_with
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats
@@ -262,16 +263,17 @@ def estimated_snr(energy: ArrayLike, n_samples: ArrayLike) -> Floats:
 
 
 @nan_without_warnings
-def inverse_estimated_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Floats:
-    """Mean, over the detections, of one over the estimated SNR; (...) in, (...) out.
+def inverse_paired_snr(snr: ArrayLike, pfa: float, n_samples: float) -> Floats:
+    """Mean, over the detections, of one over the `paired_snr` of the estimated SNR.
 
-    Error variances go as that. Gauss and Legendre average over the tail, whose dense end, just
-    above the threshold, gets most of the points.
+    (...) in, (...) out. Variances of phases between two channels go as that. Gauss and Legendre
+    average over the tail, whose dense end, just above the threshold, gets most of the points.
     """
     root, weights = unit_interval()
     mean_snr = as_floats(snr)[..., None]
     energy = _energy_exceeded_by(1 - root**3, mean_snr, pfa, n_samples)
-    return as_floats(1 / estimated_snr(energy, n_samples) @ (3 * root**2 * weights))
+    paired = paired_snr(estimated_snr(energy, n_samples))
+    return as_floats(1 / paired @ (3 * root**2 * weights))
 
 
 def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ from section_4 import scene_with
 
 from plotfeed.feeds.scene.scene import example
 from plotfeed.models import detection, propagation
-from plotfeed.models.accuracy import sigma_rate_m_s
+from plotfeed.models.accuracy import paired_snr, sigma_rate_m_s
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.passive_radar import flat_solution
@@ -99,6 +99,9 @@ def active() -> None:
     beams = round(360 / radar["azimuth_beamwidth_deg"])
     print(f"eqs 4, 9: {beams} azimuth cells, not {radar['receive_beams']}: "
           f"{beams / radar['receive_beams']:.3g} times the false alarms")  # fmt: skip
+    near = models()["active"].predict(approaching(1000.0))
+    print(f"eqs 13 to 15: at 1 km rms {near.sigma_range_m[0]:.3f} m, "
+          f"{near.sigma_azimuth_deg[0]:.4f} degrees without floors")  # fmt: skip
     rng = np.random.default_rng(1)
     for range_max_m in (1000, 10_000):
         range_m, height_m = rng.uniform(0, range_max_m, 10**6), rng.uniform(20, 120, 10**6)
@@ -248,6 +251,14 @@ def microphones() -> None:
           f"floor is {array.azimuth_floor_deg:g}")  # fmt: skip
 
 
+def phase_errors_deg(samples: float, pfa: float) -> tuple[float, float, float]:
+    """Of the weakest detection: by one channel's noise, by both of strong signals, by both."""
+    snr = float(detection.threshold_noncoherent(pfa, samples)) / samples - 1
+    shares = (2 * snr, snr, float(paired_snr(snr)))
+    one, strong, ours = (float(np.degrees(1 / np.sqrt(share * samples))) for share in shares)
+    return one, strong, ours
+
+
 def beyond() -> None:
     """What scenes may name besides."""
     (radar,) = scene_with("active")["sensor"]
@@ -257,6 +268,11 @@ def beyond() -> None:
     print(f"multipath: two ways at -0.9: {two_ways_db.min():.1f} to {two_ways_db.max():.1f} dB")
     wavelength_m = C_M_S / radar["frequency_hz"]
     print(f"multipath: lobes {np.degrees(wavelength_m / (2 * 5.0)):.2f} degrees apart at 5 m")
+    phases_deg = phase_errors_deg(1e4, 1e-6)
+    print(
+        "rf: weakest detection of 1e4 samples at Pfa 1e-6, phase between two channels: "
+        "{:.2f} degrees by 1/sqrt(2 S M), {:.2f} by 1/sqrt(S M), {:.2f} ours".format(*phases_deg)
+    )
     cell_m_s = wavelength_m / (2 * radar["integration_s"])
     print(f"doppler: cell {cell_m_s:.2f} m/s, sigma at 13 dB "
           f"{float(sigma_rate_m_s(10**1.3, cell_m_s)):.3f} m/s")  # fmt: skip

@@ -19,7 +19,9 @@ from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.frames import wrap_180
 
 CHANNEL = np.zeros(1, np.int64)
-DOPPLER = Doppler(cells_m_s=(0.25,), spans_m_s=(60.0,), folds=True, notch_m_s=1.0, floor_m_s=0.0)
+DOPPLER = Doppler(
+    cells_m_s=(0.25,), spans_m_s=(60.0,), folds=True, notch_m_s=1.0, floors_m_s=(0.0,)
+)
 TIME_CONSTANT_STEPS = 600.0
 NS = 1_000_000_000
 TEST_OF_CHAINS = (

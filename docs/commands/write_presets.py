@@ -28,6 +28,9 @@ sensor out, so each key below says where its value comes from:
   preset and model always agree.
 - **assumed**: the model needs it and the source is silent. Defaults are assumptions too.
 
+Where no accuracy is published, the errors that no echo removes are the defaults, whose source
+[equations](equations.md#errors-that-no-echo-removes) names.
+
 A quoted range is taken as the slant range at which one look detects the target with probability
 0.8. Only table 6 says so itself (of Doruk); and where a table names no target, it is taken to be
 the paper's small drone, of 0.01 m2 and 80 dB of sound power, 50 m above the sensor.

@@ -176,8 +176,8 @@ def _own_sigmas(model: SensorModel, targets: Targets) -> dict[str, float]:
 class ErrorLaw:
     """How the errors of a sensor's plots of targets are distributed.
 
-    `draw` gives ratios of detections, None where they do not fluctuate; `inverse` is the mean of
-    one over them. `printed` has the paper's own constants.
+    `draw` gives ratios of detections, None where they do not fluctuate; one over `inverse` is the
+    ratio whose errors are the rms of theirs. `printed` has the paper's own constants.
     """
 
     mean_snr: Floats
@@ -217,11 +217,12 @@ def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
 @error_law.register
 def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
     snrs = passive_snrs(model, targets)
-    snr, resolution_m = snrs.max(axis=1), model.range_resolution_m[snrs.argmax(axis=1)]
+    snr, best = snrs.max(axis=1), snrs.argmax(axis=1)
+    resolution_m, floor_m = model.range_resolution_m[best], model.range_floors_m[best]
 
     def sigmas(ratio: Floats) -> dict[str, Floats]:
         names = ("bistatic_range_m", "azimuth_deg")
-        return dict(zip(names, model.sigmas(ratio, resolution_m), strict=True))
+        return dict(zip(names, model.sigmas(ratio, resolution_m, floor_m), strict=True))
 
     beams = {"azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg)}
     look = (snr, model.pfa, model.n_reference)
@@ -269,7 +270,7 @@ def _(model: RfDirectionFinder, targets: Targets) -> ErrorLaw | None:
         sigmas=sigmas,
         printed=None,
         draw=draw,
-        inverse=detection.inverse_estimated_snr(snr, model.pfa, model.samples),
+        inverse=1 / model.effective_snr(snr),
     )
 
 

@@ -16,10 +16,11 @@ from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch, signature_of, trajectories_of
+from plotfeed.feeds.sensing.scene_drones import launch, signature_of
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Floats, Signature
+from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
 
@@ -29,6 +30,8 @@ DEFAULT_SPEED_M_S = 15.0
 EFFECTS = ("bias", "drift", "multipath", "doppler", "merging")
 """Keys of what a sensor models only if its scene names it."""
 RANGES_SEARCHED = 2000
+LOUDEST_SNR_DB = 100.0
+"""Between the noise of receivers and their overload: an ideal converter of 16 bits has 98 dB."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +74,7 @@ def print_check(
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     """Tables and warnings of every sensor; raises `PlotfeedError` for a file without use."""
     SeaLevel.of(scene)
-    launch(scene, trajectories_of(scene), 0)
+    launch(scene, Trajectories(stale_after_s=scene.telemetry.stale_after_s), 0)
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
@@ -123,8 +126,21 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "effects": _effects(sensor),
         "table": _rows(ranges_m, predicted),
-        "warnings": sensor.warnings(site),
+        "warnings": sensor.warnings(site) + _loud(ranges_m, predicted),
     }
+
+
+def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:
+    """A warning of signals that no receiver has."""
+    snr_db = decibels(predicted.snr)
+    if not (snr_db > LOUDEST_SNR_DB).any():
+        return []
+    worst = int(np.nanargmax(snr_db))
+    return [
+        f"the SNR is {snr_db[worst]:.0f} dB at {ranges_m[worst] / 1000:.3g} km, where receivers "
+        f"have some {LOUDEST_SNR_DB:g} dB from noise to overload: is a power, gain, time or "
+        "frequency in another unit?"
+    ]
 
 
 def _effects(sensor: Sensor) -> dict[str, dict[str, Any]]:
@@ -193,7 +209,7 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
     named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]
-    return ["", heading, *named, *row_lines(sensor)]
+    return ["", heading, *named, *row_lines(sensor, sensor["id"])]
 
 
 def _effect_line(name: str, keys: dict[str, Any]) -> str:
@@ -201,8 +217,8 @@ def _effect_line(name: str, keys: dict[str, Any]) -> str:
     return f"  with {name}: {told or 'by its cells and beams'}"
 
 
-def row_lines(sensor: dict[str, Any]) -> list[str]:
-    """The table of a sensor's report, and its warnings, as text."""
+def row_lines(sensor: dict[str, Any], name: str) -> list[str]:
+    """The table of a report of the sensor of that name, and its warnings, as text."""
     heading = "  range km   SNR dB      Pd   rms range m   azimuth deg   elevation deg"
     measures_rates = "sigma_range_rate_m_s" in sensor["table"][0]
     lines = [heading + "   range rate m/s" * measures_rates]
@@ -217,7 +233,7 @@ def row_lines(sensor: dict[str, Any]) -> list[str]:
             _cell(row["sigma_range_rate_m_s"], 17, 3) if measures_rates else "",
         ]
         lines.append("".join(cells))
-    return lines + [f"  warning: {text}" for text in sensor["warnings"]]
+    return lines + [f"  warning: {name}: {text}" for text in sensor["warnings"]]
 
 
 def _cell(value: float | None, width: int, digits: int) -> str:

@@ -131,7 +131,7 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
         lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
     reach = shown_reach(found["range_at_pd_80_percent_m"])
     alarms = f"{found['false_alarms_per_scan']:.3g} false alarms a scan"
-    return [*lines, "", f"Pd 0.8 to {reach}, {alarms}", *row_lines(found)]
+    return [*lines, "", f"Pd 0.8 to {reach}, {alarms}", *row_lines(found, found["name"])]
 
 
 def why(key: dict[str, Any]) -> str:

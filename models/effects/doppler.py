@@ -33,14 +33,15 @@ class Doppler:
 
     The cell is the wavelength over twice the time of coherent integration, for a bistatic range
     over that time itself. The interval is centred on zero; a rate beyond it folds into it, or else
-    is not seen. `notch_m_s` is the width of the clutter filter's notch, 0 for none.
+    is not seen. `floors_m_s` are errors that no echo is too strong for, by channel, and `notch_m_s`
+    is the width of the clutter filter's notch, 0 for none.
     """
 
     cells_m_s: tuple[float, ...]
     spans_m_s: tuple[float, ...]
     folds: bool
     notch_m_s: float
-    floor_m_s: float
+    floors_m_s: tuple[float, ...]
 
     def folded(self, rate_m_s: Floats, channel: Ints) -> Floats:
         """Rates as they appear: the nearest to zero of those that look alike; (n,)."""
@@ -62,7 +63,7 @@ class Doppler:
     def sigma_m_s(self, snr: Floats, channel: Ints) -> Floats:
         """Standard deviation of a rate at a detection's own signal-to-noise ratio; (n,)."""
         sigma_m_s = accuracy.sigma_rate_m_s(snr, self._cells_m_s[channel])
-        return accuracy.with_floor(sigma_m_s, self.floor_m_s)
+        return accuracy.with_floor(sigma_m_s, self._floors_m_s[channel])
 
     def measured(
         self, rate_m_s: Floats, snr: Floats, channel: Ints, rng: np.random.Generator
@@ -87,6 +88,10 @@ class Doppler:
     @cached_property
     def _cells_m_s(self) -> Floats:
         return np.array(self.cells_m_s)
+
+    @cached_property
+    def _floors_m_s(self) -> Floats:
+        return np.array(self.floors_m_s)
 
     @cached_property
     def _spans_m_s(self) -> Floats:

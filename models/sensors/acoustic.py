@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
+from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
@@ -57,9 +58,12 @@ class MicrophoneArray(CellSensor):
         return self.sound_speed_m_s
 
     @cached_property
-    def resolution_cells(self) -> int:
-        """Beams side by side in azimuth: there are no cells of range (eq 9)."""
-        return max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
+    def resolution_cells(self) -> float:
+        """Beams in azimuth x beams from horizon to zenith, if any: no cells of range (eq 9)."""
+        azimuth_beams = cells_across(self.azimuth_cover.span_deg, self.azimuth_beamwidth_deg)
+        if self.elevation_beamwidth_deg is None:
+            return azimuth_beams
+        return azimuth_beams * cells_across(MAX_ELEVATION_DEG, self.elevation_beamwidth_deg)
 
     @nan_without_warnings
     def level_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:

@@ -165,7 +165,11 @@ class PassiveRadar(PassiveSignals):
         """Noise on the measured pair by the SNR of each very detection, then the inversion."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
         snr, _ = detection.draw_detected_snr_swerling1(echoes.snr, self.pfa, self.n_reference, rng)
-        sigmas = self.sigmas(snr, self.of_channel("range_resolution_m", echoes.channel))
+        sigmas = self.sigmas(
+            snr,
+            self.of_channel("range_resolution_m", echoes.channel),
+            self.of_channel("range_floors_m", echoes.channel),
+        )
         excess_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         columns["bistatic_range_m"] = excess_m + sigmas[0] * rng.standard_normal(sigmas[0].shape)
@@ -195,7 +199,9 @@ class PassiveRadar(PassiveSignals):
         snr = self.mean_snr(target_w)
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
-        sigma_excess_m, sigma_azimuth_deg = self.sigmas(effective_snr, self.range_resolution_m)
+        sigma_excess_m, sigma_azimuth_deg = self.sigmas(
+            effective_snr, self.range_resolution_m, self.range_floors_m
+        )
         excess_m = propagation.bistatic_range(position_enu_m[:, None], self.positions_enu_m)
         azimuth_deg = enu_to_aer(targets.position_enu_m)[0][:, None]
         flat = flat_solution(excess_m, azimuth_deg, self.positions_enu_m)
@@ -252,7 +258,7 @@ class PassiveRadar(PassiveSignals):
             columns = self.doppler.of_false_alarms(snr, channel, rng)
         return self._plots(
             snr,
-            self.sigmas(snr, self.range_resolution_m[channel]),
+            self.sigmas(snr, self.range_resolution_m[channel], self.range_floors_m[channel]),
             np.zeros(n),
             t_utc_ns=beam_times_ns(sector, azimuth_deg),
             channel=channel,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
+from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import aer_to_enu, distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
@@ -69,7 +70,8 @@ def external_noise_db(environment: str, frequency_hz: ArrayLike) -> Floats:
 class Illuminator:
     """A transmitter of opportunity, east, north and up of the receiver.
 
-    `external_noise_db` is what the receiver's antenna collects at its frequency, over k T0 B.
+    `external_noise_db` is what the receiver's antenna collects at its frequency, over k T0 B, and
+    `range_floor_m` the error of bistatic ranges that no echo of its signal is too strong for.
     """
 
     erp_w: float
@@ -77,6 +79,7 @@ class Illuminator:
     bandwidth_hz: float
     position_enu_m: tuple[float, float, float]
     external_noise_db: float
+    range_floor_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +99,6 @@ class PassiveSignals(Volume, EchoRadar, ABC):
     pfa: float
     n_reference: int
     doppler_cells: int
-    bistatic_range_floor_m: float
     azimuth_floor_deg: float
 
     @sensor_property
@@ -114,11 +116,16 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         """Resolution in bistatic range: c/B, not c/2B, for it sums two ways; (channels,)."""
         return C_M_S / self._each("bandwidth_hz")
 
+    @sensor_property
+    def range_floors_m(self) -> Floats:
+        """Errors of bistatic range that remain; (channels,)."""
+        return self._each("range_floor_m")
+
     @cached_property
-    def resolution_cells(self) -> tuple[int, ...]:
+    def resolution_cells(self) -> tuple[float, ...]:
         """Bistatic range cells x azimuth beams x Doppler cells, by channel (eq 9, right form)."""
-        beams = max(round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg), 1)
-        range_cells = [max(round(self.range_max_m / m), 1) for m in self.range_resolution_m]
+        beams = cells_across(self.azimuth_cover.span_deg, self.azimuth_beamwidth_deg)
+        range_cells = [cells_across(self.range_max_m, m) for m in self.range_resolution_m.tolist()]
         return tuple(n * beams * self.doppler_cells for n in range_cells)
 
     @property
@@ -192,12 +199,12 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         """Probability of detection (eqs 6, 7)."""
         return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
 
-    def sigmas(self, snr: Floats, range_resolution_m: Floats) -> tuple[Floats, Floats]:
+    def sigmas(
+        self, snr: Floats, range_resolution_m: Floats, range_floor_m: Floats
+    ) -> tuple[Floats, Floats]:
         """Standard deviations of bistatic range and azimuth at a detection's own SNR."""
         return (
-            accuracy.with_floor(
-                accuracy.sigma_range_m(snr, range_resolution_m), self.bistatic_range_floor_m
-            ),
+            accuracy.with_floor(accuracy.sigma_range_m(snr, range_resolution_m), range_floor_m),
             accuracy.with_floor(
                 accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
             ),

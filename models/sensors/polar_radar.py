@@ -19,6 +19,7 @@ from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
@@ -89,15 +90,15 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """K."""
 
     @cached_property
-    def resolution_cells(self) -> int:
+    def resolution_cells(self) -> float:
         """Range cells x azimuth beams x elevation beams x Doppler cells (eq 9, right form)."""
-        range_cells = round((self.range_max_m - self.range_min_m) / self.range_resolution_m)
-        azimuth_beams = round(self.azimuth_cover.span_deg / self.azimuth_beamwidth_deg)
         elevation_span_deg = self.elevation_max_deg - self.elevation_min_deg
-        elevation_beams = round(elevation_span_deg / self.elevation_beamwidth_deg)
         return (
-            max(range_cells, 1) * max(azimuth_beams, 1) * max(elevation_beams, 1)
-        ) * self.doppler_cells
+            cells_across(self.range_max_m - self.range_min_m, self.range_resolution_m)
+            * cells_across(self.azimuth_cover.span_deg, self.azimuth_beamwidth_deg)
+            * cells_across(elevation_span_deg, self.elevation_beamwidth_deg)
+            * self.doppler_cells
+        )
 
     @sensor_property
     def noise_dbm(self) -> float:

@@ -17,6 +17,7 @@ from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.emitters import Emissions, EmitterTable
+from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
@@ -36,8 +37,9 @@ class RfDirectionFinder(CellSensor):
 
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
     `instantaneous_bandwidth_hz` how much of the band is received at once. A `path_loss_exponent`
-    of 2 is free space. `azimuth_beams` are cells for false alarms, side by side. An emission whose
-    kind is among `decodes` gives its identity. Without `multipath` there is no ground.
+    of 2 is free space. `azimuth_beams` are cells for false alarms: the cover over a beam. An
+    emission whose kind is among `decodes` gives its identity. Without `multipath` there is no
+    ground.
     """
 
     frequency_min_hz: float
@@ -52,7 +54,7 @@ class RfDirectionFinder(CellSensor):
     path_loss_reference_m: float
     duty_cycle: float
     bursts_per_dwell: int
-    azimuth_beams: int
+    azimuth_beams: float
     measures_azimuth: bool
     baseline_m: float
     azimuth_floor_deg: float
@@ -76,12 +78,10 @@ class RfDirectionFinder(CellSensor):
         return float(10 * np.log10(density_w_hz * self.channel_bandwidth_hz) + 30)
 
     @cached_property
-    def resolution_cells(self) -> int:
+    def resolution_cells(self) -> float:
         """Channels that are received at once, each in every beam."""
-        return (
-            max(round(self.instantaneous_bandwidth_hz / self.channel_bandwidth_hz), 1)
-            * self.azimuth_beams
-        )
+        channels = cells_across(self.instantaneous_bandwidth_hz, self.channel_bandwidth_hz)
+        return channels * self.azimuth_beams
 
     @nan_without_warnings
     def width_in_band_hz(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
@@ -145,11 +145,16 @@ class RfDirectionFinder(CellSensor):
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
         """Standard deviation of an interferometer's azimuth, with the floor.
 
-        Phase noise 1/sqrt(2 S M) over the electrical length of the baseline.
+        Noise of the phase between two channels over the electrical length of the baseline.
         """
-        phase_rad = 1 / np.sqrt(2 * snr * self.samples)
+        phase_rad = 1 / np.sqrt(accuracy.paired_snr(snr) * self.samples)
         radians = C_M_S / frequency_hz * phase_rad / (2 * np.pi * self.baseline_m)
         return accuracy.with_floor(np.degrees(radians), self.azimuth_floor_deg)
+
+    def effective_snr(self, snr: Floats) -> Floats:
+        """The ratio by which azimuths err as much as those of all detections do, rms; (n,)."""
+        inverse = detection.inverse_paired_snr(snr, self.pfa, self.samples)
+        return accuracy.snr_of_pair(1 / inverse)
 
     def in_cover(self, range_m: Floats, azimuth_deg: Floats) -> Bools:
         """Near enough and within cover; straight above only if no direction is sought."""
@@ -223,8 +228,7 @@ class RfDirectionFinder(CellSensor):
         """Rms over the reports of each target, by the emitters' shares of them; (n_targets,)."""
         if not self.measures_azimuth:
             return np.full(n_targets, np.nan)
-        effective_snr = 1 / detection.inverse_estimated_snr(snr, self.pfa, self.samples)
-        sigma_deg = self.sigma_azimuth_deg(emissions.frequency_hz, effective_snr)
+        sigma_deg = self.sigma_azimuth_deg(emissions.frequency_hz, self.effective_snr(snr))
         reported = pd > 0
         rows, weights = emissions.target[reported], pd[reported]
         squares_deg2 = np.bincount(rows, weights * sigma_deg[reported] ** 2, n_targets)

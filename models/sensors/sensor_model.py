@@ -202,8 +202,8 @@ class CellSensor(SensorModel, ABC):
 
     @property
     @abstractmethod
-    def resolution_cells(self) -> int:
-        """How many there are in a scan."""
+    def resolution_cells(self) -> float:
+        """How many there are in a scan; not whole where cover is no multiple of beams."""
 
     @property
     def false_alarms_per_scan(self) -> float:

@@ -20,6 +20,7 @@ from plotfeed.replay.mcap.records import (
     McapSource,
     TimeSpan,
     attachment_of,
+    unpacked,
 )
 from plotfeed.replay.recorded import LATEST_NS, AttachmentEntry, Damages
 
@@ -122,7 +123,7 @@ class _Scan:
             raise DecodeError("a record that is longer than its fields")
 
     def _take_chunk(self, at: int, end: int) -> None:
-        data = self._source.chunk(at)
+        data = unpacked(self._source.body(at)[1])
         first_ns, last_ns = self._take_records(at, data)
         if first_ns <= last_ns:
             self.contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))

@@ -19,6 +19,10 @@ def test_angle_error_is_bartons():
     assert accuracy.sigma_angle_deg(50.0, 2.0) == pytest.approx(2 / 16, rel=1e-15)
 
 
+def test_rate_error_is_the_bound_of_a_steady_tone():
+    assert accuracy.sigma_rate_m_s(50.0, 0.25) == pytest.approx(0.25 / 18.1380, rel=1e-5)
+
+
 @pytest.mark.parametrize("sigma", [accuracy.sigma_range_m, accuracy.sigma_angle_deg])
 def test_error_falls_with_the_square_root_of_the_signal(sigma):
     snr = 10 ** (np.arange(-60, 61, 20) / 10)

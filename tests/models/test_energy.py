@@ -99,13 +99,16 @@ def test_energies_of_detections_are_those_of_samples_that_were_detected(
 
 @pytest.mark.parametrize("n_samples", [1, 3, 200, 10**5, 10**7])
 @pytest.mark.parametrize("strength", [0.0, 3.0, 30.0, 1000.0])
-def test_mean_inverse_of_the_estimate_is_that_of_draws(n_samples: int, strength: float) -> None:
+def test_mean_inverse_of_the_estimate_of_a_pair_is_that_of_draws(
+    n_samples: int, strength: float
+) -> None:
     """Seed 54."""
     snr, pfa = strength / np.sqrt(n_samples), 1e-4
     rng = np.random.default_rng(54)
     drawn = detection.draw_detected_energy(np.full(40_000, snr), pfa, n_samples, rng)
-    inverse = 1 / detection.estimated_snr(drawn, n_samples)
-    assert_mean(inverse, float(detection.inverse_estimated_snr(snr, pfa, n_samples)), "seed 54")
+    estimate = detection.estimated_snr(drawn, n_samples)
+    inverse = 1 / estimate + 1 / (2 * estimate**2)
+    assert_mean(inverse, float(detection.inverse_paired_snr(snr, pfa, n_samples)), "seed 54")
 
 
 @pytest.mark.parametrize("snr_db", [10.0, 30.0, 60.0])
@@ -115,10 +118,12 @@ def test_mean_inverse_of_one_strong_sample_by_quadrature(snr_db: float) -> None:
 
     def integrand(log_excess: float) -> float:
         excess = np.exp(log_excess)
-        return float(excess * np.exp(-excess / mean) / mean / (bound + excess - 1))
+        estimate = bound + excess - 1
+        inverse = 1 / estimate + 1 / (2 * estimate**2)
+        return float(excess * np.exp(-excess / mean) / mean * inverse)
 
     expected = integrate.quad(integrand, -30, np.log(60 * mean), limit=400)[0]
-    found = detection.inverse_estimated_snr(mean - 1, 1e-6, 1)
+    found = detection.inverse_paired_snr(mean - 1, 1e-6, 1)
     assert float(found) == pytest.approx(expected, rel=2e-3)
 
 
@@ -136,5 +141,5 @@ def test_detections_always_show_some_signal(
     estimate = detection.estimated_snr(drawn, n_samples)
     assert np.isfinite(estimate).all()
     assert (estimate > 0).all()
-    inverse = float(detection.inverse_estimated_snr(snr, pfa, n_samples))
+    inverse = float(detection.inverse_paired_snr(snr, pfa, n_samples))
     assert 0 < inverse < np.inf

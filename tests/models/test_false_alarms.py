@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.shared_files import reference
+from support.significance import assert_counts, assert_sum
 
 from plotfeed.models import false_alarms
+from plotfeed.models.beam import AzimuthCover, Timetable
 
 
 def test_binomial_agrees_with_the_reference():
@@ -67,6 +69,48 @@ def test_counts_where_there_are_no_cells_or_all_alarm():
     assert false_alarms.draw_count(100, 0.0, rng) == 0
     assert false_alarms.draw_count(100, 1.0, rng) == 100
     assert isinstance(false_alarms.draw_count(100, 0.1, rng), int)
+
+
+@given(st.floats(1e-6, 1e12), st.floats(1e-15, 0.1))
+def test_whole_cells_alarm_as_often_on_average(cells, pfa):
+    whole, each = false_alarms.whole_cells(cells, pfa)
+    assert isinstance(whole, int)
+    assert whole * each == pytest.approx(cells * pfa, rel=1e-12)
+    assert whole >= cells * (1 - 1e-11)
+    assert each <= pfa
+
+
+def test_cells_that_are_whole_stay_as_they_are():
+    assert false_alarms.whole_cells(8.0, 0.1) == (8, 0.1)
+    assert false_alarms.whole_cells(0.0, 0.1) == (0, 0.1)
+    for width in np.arange(1, 361) / 10:  # 360 / 0.1 is a hair above 3600
+        whole, each = false_alarms.whole_cells(round(3600 / width) * width / width, 0.1)
+        assert (whole, each) == (round(3600 / width), pytest.approx(0.1, rel=1e-14))
+
+
+def test_a_beam_wider_than_the_cover_is_one_cell():
+    assert false_alarms.cells_across(10.0, 30.0) == 1
+    assert false_alarms.cells_across(110.0, 30.0) == pytest.approx(11 / 3, rel=1e-15)
+
+
+@pytest.mark.parametrize("sectors", [1, 32])
+def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_them(sectors):
+    """110 degrees of 30: 3.67 beams, which as 4 would alarm 9 % too often; seed 8."""
+    rng, cover = np.random.default_rng(8), AzimuthCover(-40.0, 70.0)
+    turn = Timetable(1_000_000_000, sectors)
+    cells = false_alarms.cells_across(110.0, 30.0)
+    counts = np.array(
+        [
+            sum(
+                len(false_alarms.draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
+                for k in range(sectors)
+            )
+            for scan in range(20_000 if sectors == 1 else 6000)
+        ]
+    )
+    assert_counts(counts, stats.binom(4, 0.1 * 11 / 12), f"seed 8, {sectors} sectors")
+    mean = len(counts) * 0.1 * 11 / 3
+    assert_sum(counts.sum(), mean, mean * (1 - 0.1 * 11 / 12), f"seed 8, {sectors} sectors")
 
 
 @given(st.integers(0, 10**12), st.lists(st.floats(0, 1), max_size=40))

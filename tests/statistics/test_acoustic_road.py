@@ -276,7 +276,11 @@ def test_absorption_follows_from_the_air_unless_it_is_given() -> None:
 
 def test_warnings_are_of_hurried_scans_and_of_gains_given_twice() -> None:
     parts = scene(
-        [microphones(), microphones(id="b", scan=staring(0.05), array_gain_db=9.03)], seed=1
+        [
+            microphones(azimuth_floor_deg=2.0),
+            microphones(id="b", azimuth_floor_deg=1.0, scan=staring(0.05), array_gain_db=9.03),
+        ],
+        seed=1,
     )
     good, bad = (sensor.warnings(parts.scene.site) for sensor in parts.sensor)
     assert not good

@@ -82,7 +82,8 @@ def test_errors_of_range_rates_are_normal_and_as_stated() -> None:
     plots = detections(road(9000.0).plots())
     error = plots.range_rate_m_s - plots.true_range_rate_m_s
     power = 10 ** (plots.snr_db / 10)
-    stated = CELL_M_S / (1.6 * np.sqrt(2 * power))
+    noise = CELL_M_S / (np.pi / np.sqrt(3) * np.sqrt(2 * power))
+    stated = np.hypot(noise, CELL_M_S / 20)  # with the floor of a scene that states none
     np.testing.assert_allclose(plots.sigma_range_rate_m_s, stated, rtol=1e-12)
     assert_standard_normal(error / stated)
     range_error = (plots.range_m - plots.true_range_m) / plots.sigma_range_m
@@ -92,7 +93,7 @@ def test_errors_of_range_rates_are_normal_and_as_stated() -> None:
 def test_a_floor_adds_in_quadrature() -> None:
     plots = detections(road(9000.0, floor_m_s=0.3).plots())
     power = 10 ** (plots.snr_db / 10)
-    stated = np.hypot(CELL_M_S / (1.6 * np.sqrt(2 * power)), 0.3)
+    stated = np.hypot(CELL_M_S / (np.pi / np.sqrt(3) * np.sqrt(2 * power)), 0.3)
     np.testing.assert_allclose(plots.sigma_range_rate_m_s, stated, rtol=1e-12)
     assert_standard_normal((plots.range_rate_m_s - plots.true_range_rate_m_s) / stated)
 

@@ -56,6 +56,8 @@ def passive(**changes: Any) -> dict[str, Any]:
         "transmitters": [EAST],
         "gain_rx_dbi": 2.0,
         "azimuth_beamwidth_deg": 2.0,
+        "bistatic_range_floor_m": 0.0,
+        "azimuth_floor_deg": 0.0,
         "integration_s": 0.3,
         "external_noise_db": -4.45,
         "azimuth_min_deg": 15.0,
@@ -298,8 +300,9 @@ def test_in_a_noise_environment_the_scene_flies_or_is_refused_with_a_reason() ->
 
 
 def test_check_warns_of_directions_along_a_baseline_and_of_a_long_integration() -> None:
-    wide = passive(azimuth_min_deg=100.0, azimuth_max_deg=170.0, integration_s=2.0)
-    flown = scene([wide, passive(id="narrow")], seed=65)
+    floors = {"bistatic_range_floor_m": 2.0, "azimuth_floor_deg": 0.2}
+    wide = passive(azimuth_min_deg=100.0, azimuth_max_deg=170.0, integration_s=2.0, **floors)
+    flown = scene([wide, passive(id="narrow", **floors)], seed=65)
     site = flown.scene.site
     found = flown.sensor[0].warnings(site)
     assert len(found) == 2

@@ -158,11 +158,12 @@ STRENGTHS = pytest.mark.parametrize("k", range(len(EIRPS_DBM)))
 
 @STRENGTHS
 def test_bearing_errors_are_normal_with_the_sigma_of_their_detection(k: int) -> None:
-    """Phase noise 1/sqrt(2 S M) over 2 pi d / lambda, S as the plot itself has it."""
+    """Noise of a phase difference over 2 pi d / lambda, S as the plot itself has it."""
     everything = strengths().plots("rf")
     plots = everything.rows(np.char.startswith(everything.drone, f"{k}-"))
     assert len(plots) > 1000
-    phase_rad = 1 / np.sqrt(2 * 10 ** (plots.snr_db / 10) * SAMPLES)
+    snr = 10 ** (plots.snr_db / 10)
+    phase_rad = np.sqrt((1 + 1 / (2 * snr)) / (snr * SAMPLES))
     sigma_deg = np.degrees(phase_rad * C_M_S / 2.44e9 / (2 * np.pi * 0.06))
     np.testing.assert_allclose(plots.sigma_azimuth_deg, sigma_deg, rtol=1e-9)
     error_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
@@ -323,7 +324,7 @@ def test_friis_is_the_default() -> None:
 
 def test_warnings_are_of_long_integration_and_of_unused_keys() -> None:
     sensors = [
-        finder(),
+        finder(azimuth_floor_deg=2.0),
         detector(integration_s=1.5),
         detector(id="c", baseline_m=0.3),
     ]

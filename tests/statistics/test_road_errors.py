@@ -242,6 +242,18 @@ def test_time_of_day_is_the_plots_time_to_half_an_lsb_and_starts_again_at_midnig
     assert 86_399 < plots.time_of_day_s.max() < 86_400
 
 
+def test_of_a_scene_that_states_no_floors_a_twentieth_and_a_tenth_remain() -> None:
+    """Of the range cell and of the beams, 1 km away, where noise would leave millimetres."""
+    sensor = {
+        key: value for key, value in RADAR.items() if not key.endswith(("_floor_m", "_floor_deg"))
+    }
+    drones = [held(f"{i}", 18 * i + 0.5, 8.0, 1000.0, rcs_m2=10.0) for i in range(20)]
+    plots = detections(fly(scene([sensor], drones, seed=25), 100).plots())
+    for (of, (error, sigma)), floor in zip(errors(plots).items(), (0.5, 0.2, 0.6), strict=True):
+        np.testing.assert_allclose(sigma, floor, rtol=0.05)
+        assert_standard_normal(error / sigma, of)
+
+
 def test_floors_remain_where_the_echo_is_strong_and_add_in_quadrature() -> None:
     floors = {"range_floor_m": 2.0, "azimuth_floor_deg": 0.05, "elevation_floor_deg": 0.1}
     drones = [held(f"n{i}", 7 * i + 1, 8.0, 300.0, rcs_m2=10.0) for i in range(50)]

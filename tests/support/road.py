@@ -40,7 +40,10 @@ def rotating(period_s: float = 1.0, sectors: int = 8) -> dict[str, Any]:
 
 
 def radar(**changes: Any) -> dict[str, Any]:
-    """A sensor of a scene: the paper's active radar, staring at the whole sky, without alarms."""
+    """A sensor of a scene: the paper's active radar, staring at the whole sky, without alarms.
+
+    Like the paper's it has no errors but those of noise.
+    """
     paper = {
         "id": "radar",
         "type": "active_radar",
@@ -61,6 +64,9 @@ def radar(**changes: Any) -> dict[str, Any]:
         "elevation_beamwidth_deg": 6.0,
         "elevation_min_deg": -10.0,
         "elevation_max_deg": 80.0,
+        "range_floor_m": 0.0,
+        "azimuth_floor_deg": 0.0,
+        "elevation_floor_deg": 0.0,
     }
     return paper | changes
 

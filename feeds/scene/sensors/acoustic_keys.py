@@ -10,6 +10,7 @@ from pydantic import Field
 from plotfeed.feeds.scene.fields import Beamwidth, Decibels, Loss, NotNegative, Probability, Site
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
+from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 
@@ -60,17 +61,18 @@ class AcousticKeys(AzimuthCoverKeys):
     height_above_ground_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
     """Of the array. The ground is taken as flat for as far as the array hears."""
     pfa: Probability = 1e-6
-    """Probability of a false alarm in one beam, in one scan."""
+    """Probability of a false alarm in one beam, in one scan. Beams are as many as cover holds of
+    them in azimuth and, if there is a beam in elevation, from horizon to zenith."""
     range_max_m: Annotated[float, Field(gt=0, le=10_000)]
     """Further away nothing is heard, however loud."""
     azimuth_beamwidth_deg: Beamwidth
     """Of the array, at 3 dB."""
     elevation_beamwidth_deg: Beamwidth | None = None
     """Without it, the array measures no elevation."""
-    azimuth_floor_deg: NotNegative = 1.0
-    """Error that remains however loud the drone; added in quadrature."""
-    elevation_floor_deg: NotNegative = 1.0
-    """Errors that remain however loud the drone: wind, and places of microphones."""
+    azimuth_floor_deg: NotNegative = SOUND_BEARING_DEG
+    """Error that remains however loud the drone: wind, ground, and places of microphones."""
+    elevation_floor_deg: NotNegative = SOUND_BEARING_DEG
+    """The same in elevation; both are added in quadrature."""
     kind: str = ""
     """What the array calls everything that it hears, such as drone; "" if it does not classify."""
 
@@ -107,8 +109,10 @@ class AcousticKeys(AzimuthCoverKeys):
         )
 
     def warnings(self, _site: Site, /) -> list[str]:
-        """Scans too short to hear anything in, and a gain given twice."""
-        found = []
+        """Odd accuracies, scans too short to hear anything in, and a gain given twice."""
+        found = odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, SOUND_BEARING_DEG)
+        if self.elevation_beamwidth_deg is not None:
+            found += odd_floor("elevation_floor_deg", self.elevation_floor_deg, SOUND_BEARING_DEG)
         if self.scan.period_s < SHORTEST_LISTENING_S:
             found.append(
                 f"scan.period_s is {self.scan.period_s:g}: an array listens for at least "

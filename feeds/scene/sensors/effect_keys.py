@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.fields import (
     Resolution,
     SceneTable,
 )
+from plotfeed.feeds.scene.sensors.usual_accuracy import RATE_SHARE, odd_floor, stated_or
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.multipath import Multipath
@@ -87,18 +88,24 @@ class DopplerKeys(SceneTable):
     """Width of the clutter filter's notch: Pd is less by exp(-(rate/notch)^2) of itself."""
     rate_max_m_s: Positive = 100.0
     """Rates are told apart up to this, either way; what is faster is not detected."""
-    floor_m_s: NotNegative = 0.0
-    """Error that remains however strong the echo; added in quadrature."""
+    floor_m_s: NotNegative | None = None
+    """Error that remains however strong the echo, added in quadrature; without it, a twentieth of
+    the Doppler cell."""
 
     def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
         """Cells of range rate for a model, a channel a wavelength; an echo's `legs` are 1 or 2."""
+        cells_m_s = tuple(w / (legs * integration_s) for w in wavelengths_m)
         return Doppler(
-            cells_m_s=tuple(w / (legs * integration_s) for w in wavelengths_m),
+            cells_m_s=cells_m_s,
             spans_m_s=tuple(2 * self.rate_max_m_s for _ in wavelengths_m),
             folds=False,
             notch_m_s=self.notch_m_s,
-            floor_m_s=self.floor_m_s,
+            floors_m_s=tuple(stated_or(self.floor_m_s, RATE_SHARE * cell) for cell in cells_m_s),
         )
+
+    def odd_floor(self, cell_m_s: float) -> list[str]:
+        """A warning of a floor that no radar with that Doppler cell has."""
+        return odd_floor("doppler.floor_m_s", self.floor_m_s, RATE_SHARE * cell_m_s)
 
 
 class PulsedDopplerKeys(DopplerKeys):

@@ -32,6 +32,13 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     gain_or_of_beam,
     long_integration,
 )
+from plotfeed.feeds.scene.sensors.usual_accuracy import (
+    ANGLE_SHARE,
+    RANGE_SHARE,
+    odd_floor,
+    odd_frequency,
+    stated_or,
+)
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
@@ -100,10 +107,11 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
     """Where cover ends."""
     doppler_cells: Annotated[int, Field(ge=1)] = 1
     """Cells of velocity for each of range: each can give a false alarm."""
-    bistatic_range_floor_m: NotNegative = 0.0
-    """Error that remains however strong the echo; added in quadrature."""
-    azimuth_floor_deg: NotNegative = 0.0
-    """Errors that remain however strong the echo; added in quadrature."""
+    bistatic_range_floor_m: NotNegative | None = None
+    """Error that remains however strong the echo; without it, a twentieth of each channel's cell
+    of bistatic range, c over the bandwidth."""
+    azimuth_floor_deg: NotNegative | None = None
+    """The same in azimuth; without it, a tenth of the beam. Both are added in quadrature."""
     multipath: MultipathKeys | None = None
     """The ground's reflection, of echoes and of the transmitters themselves; without it, none."""
     doppler: DopplerKeys | None = None
@@ -166,11 +174,15 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
                 self.antenna_efficiency,
             ),
             "azimuth_cover": self.azimuth_cover,
+            "azimuth_floor_deg": stated_or(self.azimuth_floor_deg, self._usual_azimuth_deg()),
             "multipath": self.multipath and self.multipath.model(),
             "doppler": self._doppler(),
             "merging": self._merging(),
         }
         return PassiveRadar(**self.by_name(PassiveRadar) | converted)
+
+    def _usual_azimuth_deg(self) -> float:
+        return ANGLE_SHARE * self.azimuth_beamwidth_deg
 
     def _doppler(self) -> Doppler | None:
         if self.doppler is None:
@@ -197,17 +209,34 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
             bandwidth_hz=part.bandwidth_hz,
             position_enu_m=(float(east_m), float(north_m), float(up_m)),
             external_noise_db=self._noise_db(part),
+            range_floor_m=stated_or(
+                self.bistatic_range_floor_m, RANGE_SHARE * C_M_S / part.bandwidth_hz
+            ),
         )
 
     def warnings(self, site: Site, /) -> list[str]:
-        """An integration longer than a scan, and what lies near a baseline."""
+        """An integration longer than a scan, odd accuracies, and what lies near a baseline."""
         model = self.model(site)
         azimuths_deg, _, baselines_m = enu_to_aer(model.positions_enu_m)
-        found = long_integration(self.integration_s, self.scan)
+        found = long_integration(self.integration_s, self.scan) + self._odd_values()
         for part, azimuth_deg, baseline_m in zip(
             self.transmitters, azimuths_deg, baselines_m, strict=True
         ):
             found += self._blurred(model, part.id, float(azimuth_deg), float(baseline_m))
+        return found
+
+    def _odd_values(self) -> list[str]:
+        """Floors that no such radar has by its finest channel, and carriers that none has."""
+        found = []
+        for part in self.transmitters:
+            found += odd_frequency(f"frequency_hz of {part.id}", part.frequency_hz)
+        finest_m = C_M_S / max(part.bandwidth_hz for part in self.transmitters)
+        usual_m = RANGE_SHARE * finest_m
+        found += odd_floor("bistatic_range_floor_m", self.bistatic_range_floor_m, usual_m)
+        found += odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, self._usual_azimuth_deg())
+        if self.doppler is not None:
+            highest_hz = max(part.frequency_hz for part in self.transmitters)
+            found += self.doppler.odd_floor(C_M_S / highest_hz / self.integration_s)
         return found
 
     @staticmethod

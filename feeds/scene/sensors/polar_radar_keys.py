@@ -36,6 +36,13 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     gain_or_of_beam,
     long_integration,
 )
+from plotfeed.feeds.scene.sensors.usual_accuracy import (
+    ANGLE_SHARE,
+    RANGE_SHARE,
+    odd_floor,
+    odd_frequency,
+    stated_or,
+)
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
@@ -83,12 +90,12 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
     """Of the receive beam, at 3 dB."""
     doppler_cells: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Cells of velocity for each of range: each can give a false alarm."""
-    range_floor_m: NotNegative = 0.0
-    """Error that remains however strong the echo; added in quadrature."""
-    azimuth_floor_deg: NotNegative = 0.0
-    """Error that remains however strong the echo; added in quadrature."""
-    elevation_floor_deg: NotNegative = 0.0
-    """Errors that remain however strong the echo; added in quadrature."""
+    range_floor_m: NotNegative | None = None
+    """Error that remains however strong the echo; without it, a twentieth of the range cell."""
+    azimuth_floor_deg: NotNegative | None = None
+    """The same in azimuth; without it, a tenth of the beam."""
+    elevation_floor_deg: NotNegative | None = None
+    """The same in elevation; without it, a tenth of the beam. All are added in quadrature."""
     measures_elevation: bool = True
     """False for a two-dimensional radar, whose plots have neither elevation nor height."""
     multipath: MultipathKeys | None = None
@@ -110,8 +117,26 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
         raise NotImplementedError
 
     def warnings(self, site: Site, /) -> list[str]:
-        """Cells without false alarms, and a format coarser than the radar."""
-        return [*self._few_cells(), *self._coarse_format(site)]
+        """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
+        return [*self._odd_values(), *self._few_cells(), *self._coarse_format(site)]
+
+    def _usual_floors(self) -> dict[str, float]:
+        """Error floors of such a radar, by their keys."""
+        return {
+            "range_floor_m": RANGE_SHARE * self.range_resolution_m,
+            "azimuth_floor_deg": ANGLE_SHARE * self.azimuth_beamwidth_deg,
+            "elevation_floor_deg": ANGLE_SHARE * self.elevation_beamwidth_deg,
+        }
+
+    def _odd_values(self) -> list[str]:
+        """Floors that no radar has, and a carrier that none has."""
+        found = odd_frequency("frequency_hz", self.frequency_hz)
+        for key, usual in self._usual_floors().items():
+            if self.measures_elevation or key != "elevation_floor_deg":
+                found += odd_floor(key, getattr(self, key), usual)
+        if self.doppler is not None:
+            found += self.doppler.odd_floor(C_M_S / self.frequency_hz / (2 * self.integration_s))
+        return found
 
     def _few_cells(self) -> list[str]:
         """Fewer Doppler cells for false alarms than rates are told apart in."""
@@ -139,22 +164,29 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
         ]
 
     def _polar(self) -> dict[str, Any]:
-        """What the model calls by the same names, its cover and its receive gain."""
-        return self.by_name(PolarRadar) | {
-            "azimuth_cover": self.azimuth_cover,
-            "gain_rx_dbi": gain_or_of_beam(
-                self.gain_rx_dbi,
-                self.azimuth_beamwidth_deg,
-                self.elevation_beamwidth_deg,
-                self.antenna_efficiency,
-            ),
-            "measures_run_length": any(
-                REPORT_FORMATS[name].tells_run_lengths for name in self.report
-            ),
-            "multipath": self.multipath and self.multipath.model(),
-            "doppler": self._doppler(),
-            "merging": self._merging(),
+        """What the model calls by the same names, its floors, cover and receive gain."""
+        floors = {
+            k: stated_or(getattr(self, k), usual) for k, usual in self._usual_floors().items()
         }
+        return (
+            self.by_name(PolarRadar)
+            | floors
+            | {
+                "azimuth_cover": self.azimuth_cover,
+                "gain_rx_dbi": gain_or_of_beam(
+                    self.gain_rx_dbi,
+                    self.azimuth_beamwidth_deg,
+                    self.elevation_beamwidth_deg,
+                    self.antenna_efficiency,
+                ),
+                "measures_run_length": any(
+                    REPORT_FORMATS[name].tells_run_lengths for name in self.report
+                ),
+                "multipath": self.multipath and self.multipath.model(),
+                "doppler": self._doppler(),
+                "merging": self._merging(),
+            }
+        )
 
     def _doppler(self) -> Doppler | None:
         if self.doppler is None:

@@ -9,6 +9,9 @@ from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, TrackingSensorKeys
 from plotfeed.models.sensors.range_gate import RangeGate
 
+LEAST_SIGMA_M = 0.05
+"""A twentieth of the cell of a radar that sweeps 150 MHz: nothing that finds drones does better."""
+
 
 class RangeGateKeys(TrackingSensorKeys):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
@@ -32,3 +35,11 @@ class RangeGateKeys(TrackingSensorKeys):
     def model(self, _site: Site, /) -> RangeGate:
         """The model."""
         return RangeGate(range_max_m=self.range_max_m, sigma_m=self.sigma_m)
+
+    def warnings(self, _site: Site, /) -> list[str]:
+        """Noise that is none."""
+        if self.sigma_m >= LEAST_SIGMA_M:
+            return []
+        return [
+            f"sigma_m is {self.sigma_m:g} m, more accurate than sensors are: some metres are usual"
+        ]

@@ -21,6 +21,12 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
+from plotfeed.feeds.scene.sensors.usual_accuracy import (
+    RF_BEARING_DEG,
+    odd_floor,
+    odd_frequency,
+)
+from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.sensors.rf import RfDirectionFinder
 
 MAX_SAMPLES = 1e8
@@ -93,7 +99,7 @@ class RfKeys(AzimuthCoverKeys):
     """False for a detector that finds no direction: its plots say that something emits."""
     baseline_m: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
     """Between the antennas of the interferometer that finds the direction."""
-    azimuth_floor_deg: NotNegative = 2.0
+    azimuth_floor_deg: NotNegative = RF_BEARING_DEG
     """The error that remains however strong the signal: multipath."""
     classifies: bool = False
     """Whether plots carry the kind of emission."""
@@ -140,11 +146,6 @@ class RfKeys(AzimuthCoverKeys):
         """Kinds of emission that it reads."""
         return tuple(name for name in self.decodes if name)
 
-    @property
-    def tells_kinds(self) -> bool:
-        """What the keys say."""
-        return self.classifies
-
     def _received_at_once_hz(self) -> float:
         if self.instantaneous_bandwidth_hz is not None:
             return self.instantaneous_bandwidth_hz
@@ -156,13 +157,13 @@ class RfKeys(AzimuthCoverKeys):
         if isinstance(path_loss, Friis):
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
         cover = self.azimuth_cover
-        beams = round(cover.span_deg / (self.azimuth_beamwidth_deg or cover.span_deg))
+        beams = cells_across(cover.span_deg, self.azimuth_beamwidth_deg or cover.span_deg)
         converted = {
             "instantaneous_bandwidth_hz": self._received_at_once_hz(),
             "path_loss_exponent": path_loss.exponent,
             "path_loss_reference_m": path_loss.reference_m,
             "azimuth_cover": cover,
-            "azimuth_beams": max(beams, 1) if self.measures_azimuth else 1,
+            "azimuth_beams": beams if self.measures_azimuth else 1.0,
             "baseline_m": self.baseline_m or 1.0,
             "decodes": frozenset(self.decodes),
             "multipath": self.multipath and self.multipath.model(),
@@ -170,8 +171,13 @@ class RfKeys(AzimuthCoverKeys):
         return RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
 
     def warnings(self, _site: Site, /) -> list[str]:
-        """Energy summed for longer than a scan, and directions that are never measured."""
-        found = []
+        """Energy summed for longer than a scan, odd values, and directions never measured."""
+        found = [
+            *odd_frequency("frequency_min_hz", self.frequency_min_hz),
+            *odd_frequency("frequency_max_hz", self.frequency_max_hz),
+        ]
+        if self.measures_azimuth:
+            found += odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, RF_BEARING_DEG)
         if self.integration_s > self.scan.period_s:
             found.append(
                 f"integration_s is {self.integration_s:g}, longer than a scan of "

@@ -84,7 +84,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     done = plotfeed("demo", "--duration", "1.5")
     assert done.returncode == 0
     assert done.stderr == ""
-    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "plotfeed/active/plots"):
+    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "WebSocket", "plotfeed/active/plots"):
         assert word in done.stdout
     counts = done.stdout.splitlines()[-1].split()
     assert counts[0] == "drones"
@@ -163,6 +163,16 @@ def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
     assert all(0 <= pd <= 1 for pd in pds)
     bigger = json.loads(plotfeed_here("check", scene, "--json", "--rcs-m2", "1.0").stdout)
     assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
+
+
+def test_check_tells_of_a_beam_too_fast_for_its_integration(tmp_path: Path) -> None:
+    """Eight beams of 2 degrees, a turn in half a second: 22.2 ms on a target."""
+    for beams, told in ((8, None), (7, "for 0.0194 s of a turn"), (1, "for 0.00278 s of a turn")):
+        more = f"receive_beams = {beams}"
+        sensor = radar(more=more).replace("integration_s = 0.01", "integration_s = 0.022")
+        done = plotfeed_here("check", scene_file(tmp_path, scene_text(sensors=sensor)))
+        assert ("integration_s is 0.022, but the beam is on a target" in done.stdout) == bool(told)
+        assert told is None or told in done.stdout
 
 
 def test_the_schemas_are_printed() -> None:

@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.page.strips import BINS, LOSSES_KEPT, LinkRecord
+from plotfeed.feeds.page.strips import (
+    BINS,
+    LOSSES_KEPT,
+    RANGE_BINS,
+    LinkRecord,
+    looks_summary,
+    new_looks,
+)
 
 PROBABILITIES = np.linspace(0, 1, 1001)
 
@@ -29,6 +36,24 @@ def test_bursts_are_counted_in_whatever_order_messages_are_heard_of(
     expected = sum(lost) / bursts if bursts else None
     assert link.summary()["mean_burst"] == expected
     assert link.summary()["lost"] == sum(lost)
+
+
+def test_what_is_expected_of_looks_are_their_odds_not_what_was_detected() -> None:
+    """Looks at 100 and 1100 m by their own Pd; nothing near was detected, all of the far were."""
+    looks = new_looks(2500.0)
+    looks.add([100.0] * 8, [0.9, 0.5] * 4, [False] * 8)
+    looks.add([1100.0] * 4, [0.25] * 4, [True] * 4)
+    found = looks_summary(looks)
+    assert found["width_m"] == 100.0
+    shown = {name: (found[name][1], found[name][11]) for name in found if name != "width_m"}
+    assert shown == {
+        "looks": (8, 4),
+        "detected": (0, 4),
+        "expected": (5.6, 1.0),
+        "variance": (1.36, 0.75),
+    }
+    assert all(len(column) == RANGE_BINS for name, column in found.items() if name in shown)
+    assert sum(found["looks"]) == 12
 
 
 def test_memory_of_losses_is_bounded_and_bursts_stay_right() -> None:

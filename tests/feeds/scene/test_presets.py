@@ -165,6 +165,18 @@ def test_a_rule_that_nothing_meets_says_so() -> None:
         derive("active_radar", given, rules, PresetTarget(range_m=6000.0, rcs_m2=0.01, note="x"))
 
 
+@pytest.mark.parametrize("beams", [1, 2, 9])
+def test_beams_side_by_side_lengthen_the_time_on_target(beams: int) -> None:
+    """A turn of 3 s, a beam of 4 degrees: 1/30 s a beam, of which a share is integrated."""
+    given = {"azimuth_beamwidth_deg": 4.0, "scan": {"kind": "rotating", "period_s": 3.0}}
+    if beams > 1:  # 1 is the default
+        given["receive_beams"] = beams
+    rule = PresetRule.model_validate({"note": "x", "share_of_time_on_target": 0.75})
+    target = PresetTarget(range_m=1000.0, rcs_m2=1.0, note="x")
+    found = derive("active_radar", given, {"integration_s": rule}, target)
+    assert found["integration_s"] == pytest.approx(0.75 * beams / 30, rel=1e-15)
+
+
 def test_the_list_names_them_all_and_says_what_they_are() -> None:
     text = run()
     for name in names():

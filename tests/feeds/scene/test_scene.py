@@ -143,7 +143,7 @@ MISTAKES = {
     ),
     "more false alarms than can be sent": (
         ("range_resolution_m = 30.0", "range_resolution_m = 0.01\ndoppler_cells = 100"),
-        "sensor: 'radar' has 7.2e+05 false alarms a scan; at most 100000 are taken",
+        "sensor: 'radar' has 8.1e+05 false alarms a scan; at most 100000 are taken",
     ),
     "a key of two lines": (
         ("seed = 3", 'seed = 3\n"a\\nb" = 1'),

@@ -23,7 +23,7 @@ def doppler(**changes) -> Doppler:
         "spans_m_s": (40.0,),
         "folds": True,
         "notch_m_s": 1.0,
-        "floor_m_s": 0.0,
+        "floors_m_s": (0.0,),
     }
     return Doppler(**(keys | changes))
 
@@ -78,8 +78,9 @@ def test_a_rate_a_millionth_of_the_notch_passes_a_trillionth():
 
 
 def test_channels_have_cells_of_their_own():
-    case = doppler(cells_m_s=(0.25, 1.0), spans_m_s=(10.0, 40.0))
+    case = doppler(cells_m_s=(0.25, 1.0), spans_m_s=(10.0, 40.0), floors_m_s=(0.0, 0.5))
     channel = np.array([0, 1])
     sigma = case.sigma_m_s(np.full(2, 50.0), channel)
-    np.testing.assert_allclose(sigma, [0.25 / 16, 1.0 / 16])
+    bound = np.pi / np.sqrt(3) * 10  # of a steady tone, at 2 S = 100
+    np.testing.assert_allclose(sigma, [0.25 / bound, np.hypot(1.0 / bound, 0.5)])
     assert case.folded(np.array([6.0, 6.0]), channel).tolist() == [-4.0, 6.0]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.optimize import brentq
-from support.significance import assert_chance, assert_law, assert_standard_normal
+from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
@@ -187,11 +187,11 @@ def test_odds_of_a_look_are_those_predicted() -> None:
 
 def test_false_alarms_are_binomial_over_the_beams_and_uniform() -> None:
     model = array(pfa=0.05, azimuth_cover=AzimuthCover(300.0, 400.0 - 10), kind="drone")
-    assert model.resolution_cells == 8  # 90 degrees by 11
+    assert model.resolution_cells == pytest.approx(90 / 11)
     rng = np.random.default_rng(9)
     scans = [model.draw_false_alarms(SCAN, rng) for _ in range(5000)]
     counts = np.array([len(plots) for plots in scans])
-    expected = 5000 * stats.binom(8, 0.05).pmf(range(4))
+    expected = 5000 * stats.binom(9, 0.05 * 90 / 99).pmf(range(4))
     seen = [(counts == k).sum() for k in range(3)] + [(counts >= 3).sum()]
     expected[3] = 5000 - expected[:3].sum()
     assert_chance(float(stats.chisquare(seen, expected).pvalue), "seed 9")
@@ -205,6 +205,18 @@ def test_false_alarms_are_binomial_over_the_beams_and_uniform() -> None:
     assert one.t_utc_ns[0] == SCAN.end_ns
     assert np.isnan(one.elevation_deg[0])
     assert np.isnan(one.range_m[0])
+
+
+def test_beams_in_elevation_alarm_too() -> None:
+    """From horizon to zenith, where false alarms are; seed 15."""
+    model = array(pfa=0.05, elevation_beamwidth_deg=40.0)
+    assert model.resolution_cells == pytest.approx(360 / 11 * 90 / 40)
+    rng = np.random.default_rng(15)
+    plots = [model.draw_false_alarms(SCAN, rng) for _ in range(1000)]
+    mean = 1000 * 0.05 * 360 / 11 * 90 / 40
+    assert_sum(sum(map(len, plots)), mean, mean * 0.95, "seed 15")
+    elevation_deg = np.concatenate([found.elevation_deg for found in plots])
+    assert_law(elevation_deg / 90, "uniform", "seed 15")
 
 
 def test_speed_of_sound() -> None:

@@ -194,6 +194,16 @@ def test_resolution_cells_do_not_depend_on_the_transmitters(n_transmitters):
     assert model.false_alarms_per_scan == pytest.approx(0.36)
 
 
+def test_resolution_cells_are_the_cover_over_cells_and_beams_not_rounded():
+    """Near half a cell a rounded count is a third off: 15 degrees of 10 are a beam and a half."""
+    model = radar(
+        azimuth_min_deg=-40.0, azimuth_max_deg=70.0, azimuth_beamwidth_deg=30.0,
+        elevation_min_deg=0.0, elevation_max_deg=15.0, elevation_beamwidth_deg=10.0,
+        range_min_m=0.0, range_max_m=50.0, range_resolution_m=20.0, doppler_cells=7,
+    )  # fmt: skip
+    assert model.resolution_cells == pytest.approx(110 / 30 * 1.5 * 2.5 * 7)
+
+
 def test_cover():
     model = radar(azimuth_min_deg=-30.0, azimuth_max_deg=60.0, range_min_m=100.0)
     aer = [

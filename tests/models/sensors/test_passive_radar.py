@@ -37,6 +37,7 @@ def transmitter(azimuth_deg, baseline_m=BASELINE_M, up_m=0.0, **changes):
         "bandwidth_hz": 7.61e6,
         "position_enu_m": (float(east_m), float(north_m), up_m),
         "external_noise_db": -4.45,
+        "range_floor_m": 0.0,
     }
     return Illuminator(**(case | changes))
 
@@ -62,7 +63,6 @@ def section_4(*transmitters, **changes):
         "elevation_min_deg": -90.0,
         "elevation_max_deg": 90.0,
         "doppler_cells": 1,
-        "bistatic_range_floor_m": 0.0,
         "azimuth_floor_deg": 0.0,
     }
     return PassiveRadar(**(case | changes))
@@ -303,15 +303,16 @@ def test_amplitude_is_the_echo_that_such_a_detection_is_of():
 
 
 def test_false_alarms_are_binomial_and_have_the_share_that_has_a_place():
-    """Seed 11; 0.76 alarms a scan at 1e-4 in the paper's 7620 cells, of which 0.74 have a place."""
+    """Seed 11; 0.76 alarms a scan at 1e-4 in the paper's 7615 cells; 0.74 have a place."""
     radar = section_4(pfa=1e-4)
-    assert radar.resolution_cells == (7620,)
+    cells = 10e3 / (C_M_S / 7.61e6) * 30
+    assert radar.resolution_cells == pytest.approx((cells,), rel=1e-12)
     assert radar.resolution_cells[0] * 1e-4 == pytest.approx(0.76, abs=0.005)
     assert radar.false_alarms_per_scan == pytest.approx(0.736, abs=0.002)
     rng = np.random.default_rng(11)
     counts = np.array([len(radar.draw_false_alarms(SCAN, rng)) for _ in range(8000)])
     p = 1e-4 * radar.placed_shares[0]
-    assert_counts(counts, stats.binom(7620, p), "alarms of a scan")
+    assert_counts(counts, stats.binom(7616, p * cells / 7616), "alarms of a scan")
 
 
 def test_false_alarms_are_uniform_in_what_is_measured_and_solved():
@@ -324,7 +325,8 @@ def test_false_alarms_are_uniform_in_what_is_measured_and_solved():
         range_min_m=100.0,
         doppler_cells=3,
     )
-    assert radar.resolution_cells == (254 * 180 * 3, 67 * 180 * 3)
+    cells = [10e3 / (C_M_S / bandwidth_hz) * 180 * 3 for bandwidth_hz in (7.61e6, 2e6)]
+    assert radar.resolution_cells == pytest.approx(cells, rel=1e-12)
     rng = np.random.default_rng(12)
     scans = [radar.draw_false_alarms(SCAN, rng) for _ in range(8)]
     for channel, cells in enumerate(radar.resolution_cells):
@@ -406,7 +408,6 @@ def radars(draw):
         range_min_m=draw(st.floats(0, 0.5)) * range_max_m,
         range_max_m=range_max_m,
         azimuth_cover=AzimuthCover(0.0, draw(st.floats(0.1, 360))),
-        bistatic_range_floor_m=draw(st.floats(0, 100)),
         azimuth_floor_deg=draw(st.floats(0, 10)),
     )
 

@@ -179,11 +179,12 @@ def test_detections_come_as_often_as_their_pd_says() -> None:
 
 
 def test_bearing_errors_follow_the_very_detection() -> None:
-    """Phase noise 1/sqrt(2 S M) over 2 pi d / lambda; seed 4."""
+    """Noise of a phase difference, sqrt((1 + 1/2S)/(S M)), over 2 pi d / lambda; seed 4."""
     sensor = finder(azimuth_floor_deg=0.2, loss_db=25.0)
     _, plots = sensor.observe(many(CONTROL, 5000, 5000.0, 0.1), np.random.default_rng(4))
     wavelength_m = C_M_S / 2.44e9
-    noise_deg = np.degrees(wavelength_m / (2 * np.pi * 0.3) / np.sqrt(2 * plots.snr * 1000))
+    phase_rad = np.sqrt((1 + 1 / (2 * plots.snr)) / (plots.snr * 1000))
+    noise_deg = np.degrees(wavelength_m / (2 * np.pi * 0.3) * phase_rad)
     np.testing.assert_allclose(plots.sigma_azimuth_deg, np.hypot(noise_deg, 0.2), rtol=1e-12)
     assert_standard_normal(wrap_180(plots.azimuth_deg - 0.1) / plots.sigma_azimuth_deg, "seed 4")
     assert plots.azimuth_deg.min() >= 0

@@ -39,9 +39,9 @@ TRANSMITTERS = tuple(
 )
 ILLUMINATORS = tuple(
     Illuminator(erp_w=erp_w, frequency_hz=frequency_hz, bandwidth_hz=7.6e6,
-                position_enu_m=place, external_noise_db=2.0)
-    for erp_w, frequency_hz, place in (
-        (1e5, 600e6, (-17e3, 9e3, 200.0)), (3e4, 200e6, (6e3, -8e3, 90.0)),
+                position_enu_m=place, external_noise_db=2.0, range_floor_m=floor_m)
+    for erp_w, frequency_hz, place, floor_m in (
+        (1e5, 600e6, (-17e3, 9e3, 200.0), 1.0), (3e4, 200e6, (6e3, -8e3, 90.0), 2.0),
     )
 )  # fmt: skip
 ACTIVE = ActiveRadar(**POLAR, power_w=50.0, gain_tx_dbi=25.0)
@@ -51,7 +51,7 @@ PASSIVE = PassiveRadar(
     loss_db=4.0, sidelobe_db=-22.0, cancellation_db=-60.0, line_loss_db=0.5, antenna_loss_db=0.5,
     receiver_noise_figure_db=4.0, pfa=1e-5, n_reference=16, doppler_cells=1, range_min_m=10.0,
     range_max_m=9000.0, azimuth_cover=AzimuthCover(-150.0, 100.0), elevation_min_deg=-5.0,
-    elevation_max_deg=60.0, bistatic_range_floor_m=1.0, azimuth_floor_deg=0.2,
+    elevation_max_deg=60.0, azimuth_floor_deg=0.2,
 )  # fmt: skip
 MICROPHONES = MicrophoneArray(
     directivity_db=3.0, absorption_db_per_m=0.005, barrier_db=3.0, misc_db=1.0, array_gain_db=20.0,
@@ -75,7 +75,7 @@ GROUND = Multipath(reflection=-0.9, antenna_height_m=12.0)
 def doppler(channels: int = 1, **changes: Any) -> Doppler:
     case = {
         "cells_m_s": (0.2, 0.4)[:channels], "spans_m_s": (80.0, 70.0)[:channels], "folds": False,
-        "notch_m_s": 1.0, "floor_m_s": 0.1,
+        "notch_m_s": 1.0, "floors_m_s": (0.1, 0.2)[:channels],
     }  # fmt: skip
     return Doppler(**(case | changes))
 

@@ -1,0 +1,146 @@
+"""Error floors of sensors whose scene states none, and warnings of what no sensor reaches."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.command import plotfeed_here
+from support.road import radar, scene, staring, waypoint
+from support.scene_files import radar as radar_text
+from support.scene_files import scene_file, scene_text
+
+from plotfeed.feeds.cli.check import report
+from plotfeed.models.propagation import C_M_S
+
+RADAR = {k: v for k, v in radar().items() if "floor" not in k}
+MIMO = {k: RADAR[k] for k in RADAR if k != "power_w"} | {
+    "type": "mimo_radar", "report": ["plots"],
+    "transmitters": [{"power_w": 2000.0, "east_m": 0.0, "north_m": 100.0, "above_site_m": 0.0}],
+}  # fmt: skip
+PASSIVE = {
+    "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
+    "azimuth_beamwidth_deg": 4.0, "integration_s": 0.3, "external_noise_db": 0.0,
+    "range_max_m": 8000.0, "azimuth_min_deg": 90.0, "azimuth_max_deg": 270.0,
+    "transmitters": [
+        {"id": name, "erp_w": 1e5, "frequency_hz": 1e8 * n, "bandwidth_hz": 1e6 * n,
+         "place": waypoint(10.0 * n, 0.2, 20_000.0)} for n, name in ((2, "dab"), (6, "tv"))
+    ],
+}  # fmt: skip
+MICROPHONES = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
+    "range_max_m": 500.0, "azimuth_beamwidth_deg": 20.0, "elevation_beamwidth_deg": 20.0,
+}  # fmt: skip
+RF = {
+    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2,
+}  # fmt: skip
+GATE = {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9e3, "sigma_m": 3.0}
+FLOORS = ("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")
+
+
+def model_of(sensor: dict[str, Any]) -> Any:
+    made = scene([sensor], seed=1)
+    return made.sensor[0].model(made.scene.site)
+
+
+def warnings(sensor: dict[str, Any]) -> list[str]:
+    made = scene([sensor | {"report": ["plots"]}], [], seed=1)
+    found: list[str] = report(made)["sensors"][0]["warnings"]
+    return found
+
+
+@pytest.mark.parametrize("sensor", [RADAR, MIMO], ids=["active", "mimo"])
+def test_radars_err_by_shares_of_their_cells_and_beams(sensor: dict[str, Any]) -> None:
+    """A twentieth of 10 m, a tenth of 2 and of 6 degrees; and a twentieth of a Doppler cell."""
+    model = model_of(sensor | {"doppler": {}})
+    assert [getattr(model, key) for key in FLOORS] == pytest.approx([0.5, 0.2, 0.6])
+    cell_m_s = C_M_S / 10e9 / (2 * 0.06)
+    assert model.doppler.floors_m_s == pytest.approx((cell_m_s / 20,))
+    assert warnings(sensor) == []
+
+
+def test_a_passive_radar_errs_by_shares_of_each_channels_cells() -> None:
+    model = model_of(PASSIVE | {"doppler": {}})
+    assert model.range_floors_m == pytest.approx([C_M_S / 2e6 / 20, C_M_S / 6e6 / 20])
+    assert model.azimuth_floor_deg == pytest.approx(0.4)
+    cells_m_s = [C_M_S / 2e8 / 0.3, C_M_S / 6e8 / 0.3]
+    assert model.doppler.floors_m_s == pytest.approx([cell / 20 for cell in cells_m_s])
+    assert warnings(PASSIVE) == []
+    sigma_m, _ = model.sigmas(np.full(2, np.inf), model.range_resolution_m, model.range_floors_m)
+    np.testing.assert_array_equal(sigma_m, model.range_floors_m)
+
+
+def test_what_a_scene_states_stands_zero_too() -> None:
+    model = model_of(RADAR | dict.fromkeys(FLOORS, 0.0) | {"doppler": {"floor_m_s": 0.0}})
+    assert [getattr(model, key) for key in FLOORS] == [0, 0, 0]
+    assert model.doppler.floors_m_s == (0,)
+    model = model_of(PASSIVE | {"bistatic_range_floor_m": 3.0, "azimuth_floor_deg": 0.0})
+    assert model.range_floors_m.tolist() == [3, 3]
+    assert model.azimuth_floor_deg == 0
+
+
+@pytest.mark.parametrize(
+    ("sensor", "keys", "told"),
+    [
+        (RADAR, {"range_floor_m": 0.0}, "range_floor_m is 0 m, more accurate .* some 0.5 m"),
+        (RADAR, {"azimuth_floor_deg": 0.0}, "azimuth_floor_deg is 0 degrees, more .* 0.2 degrees"),
+        (RADAR, {"elevation_floor_deg": 40.0}, "elevation_floor_deg is 40 degrees, more inacc"),
+        (RADAR, {"doppler": {"floor_m_s": 0.0}, "doppler_cells": 900}, "doppler.floor_m_s is 0 m"),
+        (MIMO, {"range_floor_m": 0.0}, "range_floor_m is 0 m"),
+        (PASSIVE, {"bistatic_range_floor_m": 0.0}, "bistatic_range_floor_m is 0 m, .* some 2.5 m"),
+        (PASSIVE, {"azimuth_floor_deg": 0.0}, "azimuth_floor_deg is 0 degrees, .* some 0.4 deg"),
+        (PASSIVE, {"doppler": {"floor_m_s": 90.0}}, "doppler.floor_m_s is 90 m/s, more inaccurate"),
+        (MICROPHONES, {"azimuth_floor_deg": 0.01}, "azimuth_floor_deg is 0.01 .* some 2 degrees"),
+        (MICROPHONES, {"elevation_floor_deg": 0.0}, "elevation_floor_deg is 0 .* some 2 degrees"),
+        (RF, {"azimuth_floor_deg": 0.0}, "azimuth_floor_deg is 0 degrees, .* some 2 degrees"),
+        (GATE, {"sigma_m": 0.0}, "sigma_m is 0 m, more accurate than sensors are"),
+    ],
+)  # fmt: skip
+def test_a_floor_that_is_no_sensors_is_told(
+    sensor: dict[str, Any], keys: dict[str, Any], told: str
+) -> None:
+    assert warnings(sensor) == []
+    (text,) = warnings(sensor | keys)
+    assert re.match(told, text), text
+
+
+def test_nothing_is_told_of_elevations_that_are_not_measured() -> None:
+    assert not warnings(RADAR | {"elevation_floor_deg": 0.0, "measures_elevation": False})
+
+
+@pytest.mark.parametrize(
+    ("sensor", "key", "value"),
+    [
+        (RADAR, "frequency_hz", 10.0),
+        (MIMO, "frequency_hz", 1e12),
+        (RF, "frequency_min_hz", 2.4e3),
+    ],
+)
+def test_a_carrier_in_another_unit_is_told(sensor: dict[str, Any], key: str, value: float) -> None:
+    found = warnings(sensor | {key: value})
+    assert f"{key} is {value:g}: such sensors work from 3e+06 to 3e+11 Hz" in found[0]
+
+
+def test_a_transmitter_in_another_unit_is_told() -> None:
+    one = PASSIVE["transmitters"][0] | {"frequency_hz": 200.0}  # type: ignore[index]
+    assert "frequency_hz of dab is 200" in warnings(PASSIVE | {"transmitters": [one]})[0]
+
+
+def test_a_signal_that_no_receiver_has_is_told(tmp_path: Path) -> None:
+    """10 Hz for 10 GHz is 180 dB; a megawatt for a watt is told by the signal alone."""
+    for wrong, tells in (("frequency_hz = 10.0", 2), ("power_w = 5e8", 1)):
+        right = "frequency_hz = 10e9" if tells == 2 else "power_w = 500.0"
+        text = scene_text(sensors=radar_text().replace(right, wrong))
+        scene_path = scene_file(tmp_path, text)
+        done = plotfeed_here("check", scene_path)
+        lines = [line for line in done.stdout.splitlines() if "warning: radar: " in line]
+        assert sum("the SNR is " in line and " dB at 1 km" in line for line in lines) == 1, lines
+        (sensor,) = json.loads(plotfeed_here("check", scene_path, "--json").stdout)["sensors"]
+        assert [f"  warning: radar: {text}" for text in sensor["warnings"]] == lines
+        assert sum("another unit" in text for text in sensor["warnings"]) == tells
