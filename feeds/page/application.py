@@ -9,9 +9,10 @@ import json
 import logging
 from collections.abc import Callable, Generator
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 from urllib.parse import parse_qs
 
+import h11
 import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
@@ -19,6 +20,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from plotfeed.feeds.page.page_access import PageAccess
 from plotfeed.feeds.page.updates import (
@@ -113,6 +115,8 @@ STALLED_S = 5.0
 """A viewer that takes nothing for so long is dropped."""
 MAX_VIEWERS = 50
 MAX_CONNECTIONS = 200
+MAX_HALF_ASKED, HALF_ASKED_S = 50, 5.0
+"""Connections on which a request has not been sent to its end, and for how long it may not be."""
 MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "css": "text/css; charset=utf-8",
@@ -145,7 +149,7 @@ class Application:
         """What serves it to those who may see it; loaded to the last library."""
         config = uvicorn.Config(
             Guard(self._routes(), access),
-            http="h11",
+            http=_Impatient,
             ws="websockets-sansio",
             ws_max_size=MAX_COMMAND_OCTETS,
             ws_per_message_deflate=False,
@@ -157,6 +161,7 @@ class Application:
             access_log=False,
             server_header=False,
             limit_concurrency=MAX_CONNECTIONS,
+            timeout_keep_alive=2,
             timeout_graceful_shutdown=1,
         )
         config.load()
@@ -231,6 +236,45 @@ class Application:
 
     def _watch(self) -> None:
         self._view.watch(sensor for viewer in self._viewers for sensor in viewer.watched)
+
+
+class _Impatient(H11Protocol):
+    """A connection that is closed when its request does not come; the oldest when many are so."""
+
+    half_asked: ClassVar[dict[_Impatient, asyncio.TimerHandle]] = {}
+    """The oldest first, with when they are closed."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Give it some time."""
+        super().connection_made(transport)
+        self._wait()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what comes; a request that has begun anew has as much time as the first."""
+        super().data_received(data)
+        if self.conn.their_state is not h11.IDLE:
+            self._wait_no_more()
+        elif self not in self.half_asked:
+            self._wait()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Nothing comes any more."""
+        self._wait_no_more()
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        if len(self.half_asked) >= MAX_HALF_ASKED:
+            next(iter(self.half_asked))._give_up()
+        self.half_asked[self] = self.loop.call_later(HALF_ASKED_S, self._give_up)
+
+    def _wait_no_more(self) -> None:
+        timer = self.half_asked.pop(self, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _give_up(self) -> None:
+        self._wait_no_more()
+        self.transport.abort()
 
 
 class _Server(uvicorn.Server):
