@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from socketserver import ThreadingMixIn
 from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.errors import PlotfeedError
 
-LOOPBACK = "127.0.0.1"
 COUNTERS = {
     "looks": "Looks at drones within cover",
     "plots": "Plots reported, false alarms among them",
@@ -101,6 +104,31 @@ class SessionCollector(Observer):
             yield gauge
 
 
+Application = Callable[..., Iterable[bytes]]
+"""Of WSGI, PEP 3333."""
+
+
+def _for_this_machine(application: Application) -> Application:
+    """Answer nobody who asked for another host: a web site whose name stands for loopback."""
+
+    def answer(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
+        if name_in_host(environ.get("HTTP_HOST", "")) in LOOPBACK_NAMES:
+            return application(environ, start_response)
+        start_response("403 Forbidden", [("Content-Type", "text/plain")])
+        return [b"This is not the host that was asked for.\n"]
+
+    return answer
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    daemon_threads = True
+
+
+class _Quiet(WSGIRequestHandler):
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name
+        """Say nothing of requests."""
+
+
 @contextlib.contextmanager
 def served(port: int) -> Iterator[Observer]:
     """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`.
@@ -108,7 +136,7 @@ def served(port: int) -> Iterator[Observer]:
     They are those of the session that is observed.
     """
     try:
-        from prometheus_client import CollectorRegistry, start_http_server
+        from prometheus_client import CollectorRegistry, make_wsgi_app
     except ImportError:
         raise MetricsError(
             "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
@@ -116,10 +144,13 @@ def served(port: int) -> Iterator[Observer]:
     registry = CollectorRegistry(auto_describe=False)
     collector = SessionCollector()
     registry.register(collector)
+    application = _for_this_machine(make_wsgi_app(registry))
     try:
-        server, thread = start_http_server(port, addr=LOOPBACK, registry=registry)
+        server = make_server(LOOPBACK, port, application, _Server, _Quiet)
     except OSError as error:
         raise MetricsError(f"metrics: port {port} on {LOOPBACK}: {error.strerror}") from None
+    thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
+    thread.start()
     try:
         yield collector
     finally:

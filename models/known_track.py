@@ -37,6 +37,8 @@ class KnownTrack:
     t_utc_ns: list[int] = field(default_factory=list)
     position_ecef_m: list[Floats] = field(default_factory=list)
     velocity_ecef_m_s: list[Floats] = field(default_factory=list)
+    starts: frozenset[int] = frozenset()
+    """Indices of samples to which no path leads from the one before."""
 
     def append(self, t_utc_ns: int, position_ecef_m: Floats, velocity_ecef_m_s: Floats) -> None:
         """Add a sample, later than all others."""
@@ -58,7 +60,8 @@ class KnownTrack:
         if k < 0:
             return Segment(-FOREVER_NS, times[0], False, _NOWHERE)
         start_ns, last = times[k], k == len(times) - 1
-        if not last and times[k + 1] - start_ns <= self.max_gap_ns:
+        goes_on = not last and k + 1 not in self.starts
+        if goes_on and times[k + 1] - start_ns <= self.max_gap_ns:
             return Segment(start_ns + shift_ns, times[k + 1] + shift_ns, True, self._hermite(k))
         next_ns = FOREVER_NS if last else times[k + 1]
         gone_ns = min(start_ns + self.tail_ns, next_ns)

@@ -55,8 +55,14 @@ class Stretches:
 class LiveSamples:
     """A log of samples, by the rows of their drones; what is too old for anybody is forgotten."""
 
-    def __init__(self, *, stale_after_ns: int, history_ns: int) -> None:
-        """A drone is gone so long after its last sample; so long a time before it is asked for."""
+    def __init__(
+        self, *, stale_after_ns: int, history_ns: int, max_speed_m_s: float = np.inf
+    ) -> None:
+        """A drone is gone so long after its last sample; so long a time before it is asked for.
+
+        No velocity is fitted that is faster than `max_speed_m_s`.
+        """
+        self._max_speed_m_s = max_speed_m_s
         self._stale_after_ns = stale_after_ns
         self._history_ns = history_ns
         self._number = 0
@@ -65,6 +71,9 @@ class LiveSamples:
         self._position_ecef_m: Floats = np.zeros((0, 3))
         self._velocity_ecef_m_s: Floats = np.zeros((0, 3))
         self._before: Ints = np.zeros(0, np.int64)
+        self._starts: Bools = np.zeros(0, np.bool_)
+        """Samples to which no path leads from the one before."""
+        self._any_starts = False
         self._latest: Ints = np.zeros(0, np.int64)
         """Number of the latest sample of each drone, and one more: 0 for none."""
 
@@ -79,16 +88,22 @@ class LiveSamples:
             first = int(self._before[first])
         return int(self._t_utc_ns[first]), int(self._t_utc_ns[last])
 
-    def add(self, drones: Ints, t_utc_ns: Ints, position_ecef_m: Floats) -> Ints:
+    def add(
+        self,
+        drones: Ints,
+        t_utc_ns: Ints,
+        position_ecef_m: Floats,
+        starts: Sequence[int] = (),
+    ) -> Ints:
         """Add samples of drones, of each in the order of time; their numbers, (n,).
 
-        They have no velocities yet.
+        They have no velocities yet. To those at indices `starts` no path leads from before.
         """
         n = len(drones)
         if self._number + n > len(self._t_utc_ns):
             self._forget()
         self._latest = with_room(self._latest, int(drones.max()) + 1)
-        for name in ("_drone", "_t_utc_ns", "_position_ecef_m", "_velocity_ecef_m_s", "_before"):
+        for name in _COLUMNS:
             setattr(self, name, with_room(getattr(self, name), self._number + n))
         numbers: Ints = np.arange(self._number, self._number + n)
         new = slice(self._number, self._number + n)
@@ -100,6 +115,9 @@ class LiveSamples:
         before = self._latest[drones] - 1
         before[order[again + 1]] = numbers[order[again]]
         self._before[new] = before
+        self._starts[new] = False
+        if len(starts):
+            self._starts[numbers[list(starts)]] = self._any_starts = True
         last = np.ones(n, np.bool_)
         last[again] = False
         self._latest[sorted_drones[last]] = numbers[order[last]] + 1
@@ -118,12 +136,15 @@ class LiveSamples:
         chain[:, -1] = numbers
         for i in range(MAX_FIT_SAMPLES - 1, 0, -1):
             before = np.where(chain[:, i] >= 0, self._before[chain[:, i]], NONE)
+            if self._any_starts:
+                before[self._starts[chain[:, i]]] = NONE
             if (before < 0).all():
                 break
             chain[:, i - 1] = before
         counts = (chain >= 0).sum(axis=1)
         t_s = (self._t_utc_ns[chain] - self._t_utc_ns[numbers][:, None]) / NS
-        return fit_velocities(t_s, self._position_ecef_m[chain], counts, sigma_m)
+        fitted = fit_velocities(t_s, self._position_ecef_m[chain], counts, sigma_m)
+        return within_speed(fitted, self._max_speed_m_s)
 
     def stretches_at(self, drones: Ints, t_utc_ns: Ints) -> Stretches:
         """The stretches of drones (m,), each with a sample at least, that hold times (m,)."""
@@ -138,6 +159,8 @@ class LiveSamples:
         start_ns = self._t_utc_ns[at]
         next_ns = np.where(after >= 0, self._t_utc_ns[after], FOREVER_NS)
         bridged = known & (after >= 0) & (next_ns - start_ns <= self._stale_after_ns)
+        if self._any_starts:
+            bridged &= ~self._starts[after]
         tail_ns = np.minimum(FOREVER_NS - start_ns, self._stale_after_ns)
         gone_ns = np.minimum(start_ns + tail_ns, next_ns)
         alive = known & (bridged | (t_utc_ns < gone_ns))
@@ -184,13 +207,26 @@ class LiveSamples:
         self._latest[has_any] = renumbered[self._latest[has_any] - 1] + 1
         self._number = len(kept)
         self._before[: len(kept)] = renumbered[before[kept]]
-        for column in (
-            self._drone,
-            self._t_utc_ns,
-            self._position_ecef_m,
-            self._velocity_ecef_m_s,
-        ):
-            column[: len(kept)] = column[kept]
+        for name in _COLUMNS:
+            if name != "_before":
+                column = getattr(self, name)
+                column[: len(kept)] = column[kept]
+        self._any_starts = bool(self._starts[: len(kept)].any())
+
+
+_COLUMNS = (
+    "_drone", "_t_utc_ns", "_position_ecef_m", "_velocity_ecef_m_s", "_before", "_starts"
+)  # fmt: skip
+
+
+def within_speed(velocity_m_s: Floats, max_speed_m_s: float) -> Floats:
+    """Velocities (n, 3), those that are faster than that slowed down to it."""
+    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
+    if not (speed_m_s > max_speed_m_s).any():
+        return velocity_m_s
+    share = max_speed_m_s / np.maximum(speed_m_s, max_speed_m_s)
+    slowed: Floats = velocity_m_s * share[:, None]
+    return slowed
 
 
 def fit_velocity(

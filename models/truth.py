@@ -23,6 +23,7 @@ from plotfeed.models.live_samples import (
     LiveSamples,
     Stretches,
     fit_velocity,
+    within_speed,
 )
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
@@ -46,14 +47,20 @@ DEFAULT_SIGMA_M = 0.5
 class Trajectories:
     """Every drone's samples. Drones are numbered in the order in which they first appeared."""
 
-    def __init__(self, *, stale_after_s: float, history_s: float = 60.0) -> None:
+    def __init__(
+        self, *, stale_after_s: float, history_s: float = 60.0, max_speed_m_s: float = np.inf
+    ) -> None:
+        """No velocity is fitted that is faster than `max_speed_m_s`."""
         self.stale_after_ns = round(stale_after_s * NS)
+        self._max_speed_m_s = max_speed_m_s
         self.names: list[str] = []
         self.version = 0
         """Changes with every sample: states computed under another version may be out of date."""
         self._index: dict[str, int] = {}
         self._live = LiveSamples(
-            stale_after_ns=self.stale_after_ns, history_ns=round(history_s * NS)
+            stale_after_ns=self.stale_after_ns,
+            history_ns=round(history_s * NS),
+            max_speed_m_s=max_speed_m_s,
         )
         self._tracks: dict[int, KnownTrack] = {}
         """By row, of drones that are not live."""
@@ -99,17 +106,19 @@ class Trajectories:
         velocity_enu_m_s: Floats,
         sigma_m: Floats,
         signatures: Signatures,
+        starts: Sequence[int] = (),
     ) -> None:
         """Add samples (n,), each later than the last of its drone; heights above the ellipsoid.
 
         Velocity components (n, 3) that are NaN are fitted to the latest positions; `sigma_m`, the
         positions' standard deviation, says over how many, NaN where it is not known. Samples that
         no sensor can ask for any more are forgotten. It is the same whether samples are added
-        together or one after the other.
+        together or one after the other. To samples at indices `starts` no path leads from before,
+        and no velocity is fitted across.
         """
         rows = np.array([self._row(drone) for drone in drones], np.int64)
         position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
-        numbers = self._live.add(rows, t_utc_ns, position_ecef_m)
+        numbers = self._live.add(rows, t_utc_ns, position_ecef_m, starts)
         to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
         fitted = self._live.fitted_velocity(numbers[to_fit], _or_default(sigma_m[to_fit]))
         axes = axes_enu(latitude_deg, longitude_deg)
@@ -127,17 +136,20 @@ class Trajectories:
         velocity_enu_m_s: Floats,
         sigma_m: Floats,
         signature: Signature,
+        starts: Sequence[int] = (),
     ) -> None:
         """All samples (n,) of a drone that has none yet, as `add_samples`; none is forgotten."""
         position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
         to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
         fitted = np.zeros((len(to_fit), 3))
         for i, (last, sigma) in enumerate(zip(to_fit, _or_default(sigma_m[to_fit]), strict=True)):
-            near = slice(max(0, last + 1 - MAX_FIT_SAMPLES), last + 1)
+            start = max((k for k in starts if k <= last), default=0)
+            near = slice(max(start, last + 1 - MAX_FIT_SAMPLES), last + 1)
             fitted[i] = fit_velocity(t_utc_ns[near], position_ecef_m[near], float(sigma))
+        fitted = within_speed(fitted, self._max_speed_m_s)
         axes = axes_enu(latitude_deg, longitude_deg)
         velocity_ecef_m_s = _velocity_ecef(axes, velocity_enu_m_s, to_fit, fitted)
-        track = KnownTrack(self.stale_after_ns, self.stale_after_ns)
+        track = KnownTrack(self.stale_after_ns, self.stale_after_ns, starts=frozenset(starts))
         for sample in zip(t_utc_ns.tolist(), position_ecef_m, velocity_ecef_m_s, strict=True):
             track.append(*sample)
         self._changed(np.array([self._row(drone, track)]), _alone(signature))

@@ -14,12 +14,11 @@ import numpy as np
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Columns, Floats, Ints, Signatures, TruthState
-from plotfeed.models.truth import Trajectories
 
 USUAL_SPEED_M_S = 20.0
 """Of drones in a scene that flies none."""
@@ -65,7 +64,7 @@ class Flown:
 
 def flown(scene: Scene, n: int, rng: np.random.Generator) -> Flown:
     """Some `n` states of the scene's drones, at random times of their flights."""
-    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+    trajectories = trajectories_of(scene)
     launch(scene, trajectories, 0)
     spans_ns, all_drones = trajectories.spans_ns, np.arange(len(trajectories.names))
     found = [trajectories.state_at(all_drones[:0], all_drones[:0])]

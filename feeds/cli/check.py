@@ -16,11 +16,10 @@ from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch, signature_of
+from plotfeed.feeds.sensing.scene_drones import launch, signature_of, trajectories_of
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Floats, Signature
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
 
@@ -74,7 +73,7 @@ def print_check(
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     """Tables and warnings of every sensor; raises `PlotfeedError` for a file without use."""
     SeaLevel.of(scene)
-    launch(scene, Trajectories(stale_after_s=scene.telemetry.stale_after_s), 0)
+    launch(scene, trajectories_of(scene), 0)
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,

@@ -128,6 +128,13 @@ flight_options = together(
         default=0.0,
         help="Of the file's local time.",
     ),
+    click.option(
+        "--max-speed-m-s",
+        type=click.FloatRange(min=0, min_open=True, max=1000),
+        default=150.0,
+        show_default=True,
+        help="What cannot have been flown to at this speed is skipped.",
+    ),
 )
 replay_options = together(
     click.option(
@@ -223,6 +230,7 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
         altitude_reference=reference and AltitudeReference(reference),
         gps_order=options.pop("gps_order"),
         utc_offset_h=options.pop("utc_offset_h"),
+        max_speed_m_s=options.pop("max_speed_m_s"),
     )
 
 

@@ -267,7 +267,7 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
         how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
         click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
     looks = [f"in a browser {urls['page']}"] if "page" in urls else []
-    looks += [f"plotfeed show {url}" for name, url in urls.items() if name != "page"][:1]
+    looks += [f"plotfeed show {url.split()[0]}" for name, url in urls.items() if name != "page"][:1]
     if looks:
         click.echo(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
     sys.stdout.flush()

@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Self
 
+from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORT = 8590
 TOKEN_OCTETS = 18
-LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
     """Host and port at which the page is served."""
 
-    host: str = "127.0.0.1"
+    host: str = LOOPBACK
     port: int = DEFAULT_PORT
 
     @classmethod
@@ -38,7 +38,7 @@ class PageAddress:
             raise PlotfeedError(
                 f"--page: expected HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, not {text!r}"
             )
-        return cls(host or "127.0.0.1", int(port))
+        return cls(host or LOOPBACK, int(port))
 
     @property
     def is_loopback(self) -> bool:
@@ -64,7 +64,7 @@ class PageAccess:
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
         """Says whether a request was made to a name of this machine."""
-        name = _name_in(headers.get("host", ""))
+        name = name_in_host(headers.get("host", ""))
         if self._address.is_loopback:
             return name in LOOPBACK_NAMES or name == self._address.host.lower()
         return (
@@ -91,13 +91,6 @@ class PageAccess:
         except CookieError:
             morsel = None
         return self.is_token(None if morsel is None else morsel.value)
-
-
-def _name_in(host: str) -> str:
-    """Name without the port, in lower case."""
-    if host.startswith("["):
-        return host[1:].partition("]")[0].lower()
-    return host.partition(":")[0].lower()
 
 
 def _is_address(name: str) -> bool:

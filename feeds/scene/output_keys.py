@@ -7,6 +7,7 @@ import ipaddress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -33,6 +34,30 @@ class MqttQueueKeys(SceneTable):
         return USUAL_MESSAGES[qos] if self.messages is None else self.messages
 
 
+def _origin(text: str) -> str:
+    parts = urlsplit(text)
+    if parts.scheme not in ("http", "https") or f"{parts.scheme}://{parts.netloc}" != text:
+        raise ValueError(f"expected http://HOST:PORT, or https://, not {text!r}")
+    return text
+
+
+class EmbeddedBrokerKeys(SceneTable):
+    """The broker that a session brings, a process for each version of MQTT, and what it bears."""
+
+    websocket_origins: (
+        Annotated[tuple[Annotated[str, AfterValidator(_origin)], ...], Field(strict=False)] | None
+    ) = None
+    """Web pages that may use MQTT over WebSocket, each as its browser names it, such as
+    http://localhost:5173; without this key there is no WebSocket."""
+    max_memory_mib: Annotated[int, Field(ge=64, le=1_048_576)] = 512
+    """Of each process, on Linux: one that takes more, such as for messages that a client had
+    retained, is ended and started anew, without them."""
+    max_connections: Annotated[int, Field(ge=10, le=100_000)] = 1000
+    """Of each version of MQTT at a time."""
+    max_payload_octets: Annotated[int, Field(ge=65_536, le=256 << 20)] = 1 << 20
+    """Of a message; who sends a larger one is cut off."""
+
+
 def _prefix(value: str) -> str:
     if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
         raise ValueError("expected printable characters, of which the first is not $")
@@ -51,7 +76,8 @@ class Mqtt(SceneTable):
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
     port: Annotated[int, Field(ge=1, le=65533)] = 1883
-    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket on the one after."""
+    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket, if any, on the one
+    after. One that is taken is an error; without this key, another one stands in for it."""
     version: Literal["5", "3.1.1", "any"] = "any"
     """Of MQTT, with a broker of your own; any tries 5 first."""
     qos: Literal[0, 1] = 0
@@ -65,6 +91,8 @@ class Mqtt(SceneTable):
     PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
     queue: MqttQueueKeys = MqttQueueKeys()
     """What waits for the broker."""
+    embedded: EmbeddedBrokerKeys = EmbeddedBrokerKeys()
+    """What the embedded broker bears."""
     truth: bool = True
     """Whether the ledger is published on {prefix}/truth. A tracker under test must not read it."""
 

@@ -98,6 +98,11 @@ class Telemetry(SceneTable):
     """Telemetry from further in the future is refused."""
     max_age_s: Positive = 60.0
     """Telemetry older than this is refused."""
+    max_speed_m_s: Annotated[float, Field(gt=0, le=1000)] = 150.0
+    """Of a drone: what it cannot have flown to at this speed, with 30 m of grace, is refused.
+
+    Multicopters reach 60 m/s, those with jets 150 m/s. No faster velocity is fitted either.
+    """
     max_drones: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
     rcs_m2: Positive = 0.01
     """Radar cross-section of a drone that states none."""

@@ -122,7 +122,8 @@ def _servers() -> dict[str, Any]:
         "browsers": {
             "host": "127.0.0.1:1885",
             "protocol": "ws",
-            "description": f"MQTT 3.1.1 over WebSocket, subprotocol mqtt. {embedded}",
+            "description": "MQTT 3.1.1 over WebSocket, subprotocol mqtt, for the pages that "
+            f"mqtt.embedded.websocket_origins names. {embedded}",
         },
         "yours": {
             **_server("{host}:{port}", "secure-mqtt", "5.0", "A broker of your own: mqtts://."),

@@ -31,6 +31,12 @@ HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
 """Radius that holds half of a circular normal distribution, in standard deviations."""
 
 
+def trajectories_of(scene: Scene) -> Trajectories:
+    """Trajectories as the scene wants its telemetry to be taken, of no drone yet."""
+    settings = scene.telemetry
+    return Trajectories(stale_after_s=settings.stale_after_s, max_speed_m_s=settings.max_speed_m_s)
+
+
 def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
     """Put the scene's own drones on their way; raises `PlotfeedError` for a flight without use."""
     for drone in scene.drone:
@@ -54,7 +60,7 @@ def _fly(
     trajectories: Trajectories, scene: Scene, drone: Drone, flight: FlightFile, begin_ns: int
 ) -> None:
     """Put a recorded flight on its way."""
-    reports, heights_m = _recorded(scene, flight, begin_ns)
+    reports, heights_m, starts = _recorded(scene, flight, begin_ns)
     accuracies = [(r.horizontal_accuracy_m, r.vertical_accuracy_m) for r in reports]
     trajectories.add_flight(
         drone.id,
@@ -67,6 +73,7 @@ def _fly(
             [max((a for a in pair if a is not None), default=np.nan) for pair in accuracies]
         ),
         signature=signature_of(scene, drone),
+        starts=starts,
     )
 
 
@@ -100,8 +107,11 @@ def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
 
 def _recorded(
     scene: Scene, recorded: FlightFile, begin_ns: int
-) -> tuple[list[PositionReport], Floats]:
-    """The reports of a flight that begins then, and their heights above the ellipsoid."""
+) -> tuple[list[PositionReport], Floats, Sequence[int]]:
+    """The reports of a flight that begins then, and their heights above the ellipsoid.
+
+    And to which of them no flight leads from before.
+    """
     from plotfeed.feeds.telemetry.flights import read, smoothed
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
@@ -111,6 +121,7 @@ def _recorded(
         gps_order=recorded.gps_order,
         utc_offset_h=recorded.utc_offset_h,
         start_utc_ns=begin_ns,
+        max_speed_m_s=scene.telemetry.max_speed_m_s,
     )
     flight = smoothed(read(scene.file(recorded.file), options))
     takeoff_height_m = recorded.takeoff_height_m
@@ -129,7 +140,7 @@ def _recorded(
     )
     shift_ns = begin_ns - flight.reports[0].t_utc_ns
     shifted = [replace(report, t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
-    return shifted, heights_m
+    return shifted, heights_m, flight.starts
 
 
 def signature_of(scene: Scene, drone: Drone) -> Signature:

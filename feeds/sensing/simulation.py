@@ -15,11 +15,10 @@ from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.beam import Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Columns, Ints, Looks, Plots
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 STRETCH_NS = NS
@@ -107,7 +106,7 @@ def simulate(
         scene = scene.model_copy(update={"scene": general})
     if start_utc_ns is None:
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
-    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+    trajectories = trajectories_of(scene)
     launch(scene, trajectories, start_utc_ns)
     emulated = EmulatedSensors(scene, trajectories)
     emulated.start(start_utc_ns)

@@ -20,7 +20,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import status_message
-from plotfeed.feeds.transport.embedded_broker import LOOPBACK, EmbeddedBroker
+from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
+from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
@@ -52,13 +53,18 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
         address = broker_address(scene, url)
         yield [address], {"MQTT": str(address)}
         return
-    embedded = await EmbeddedBroker.start(scene.mqtt.port)
+    may_be_others = "port" not in scene.mqtt.model_fields_set
+    embedded = await EmbeddedBroker.start(
+        scene.mqtt.port, scene.mqtt.embedded, may_be_others=may_be_others
+    )
+    keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
     try:
         mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,), ends_with_us=True)
         mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,), ends_with_us=True)
         yield [mqtt5, mqtt3], embedded.ports.urls()
         await asyncio.sleep(LINGER_S)
     finally:
+        keeping_up.cancel()
         embedded.stop()
 
 
@@ -89,6 +95,8 @@ class Outputs:
         self._scene, self._clock = context.scene, context.clock
         self._before_link = [o.before_link for o in observers if cares(o, "before_link")]
         self._after_link = [o.after_link for o in observers if cares(o, "after_link")]
+        self._of_session: Outbox
+        """There is one as soon as it is asked for."""
         self._of_sensor: dict[str, Outbox] = {}
         self._announcers: list[Announcer] = []
         self._wills: dict[str, Message] = {}
@@ -110,7 +118,8 @@ class Outputs:
         for link in self.brokers:
             if not link.address.ends_with_us:
                 self.connected.append(LastWills(link, self._wills, partial(self._is_back, link)))
-        return Outbox(self._clock, self.brokers, after_link=self._after_link)
+        self._of_session = Outbox(self._clock, self.brokers, after_link=self._after_link)
+        return self._of_session
 
     def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
         """A sensor goes over the session's links; that it is offline is a last will of its own.
@@ -187,11 +196,18 @@ class Outputs:
         )
 
     def _announce_again(self, link: MqttTransport) -> None:
-        """A new connection is told who the sensors are; the first one is told anyway."""
-        if link.connections > 1:
-            for announcer in self._announcers:
-                for message in announcer.opening(self._clock.now_ns()):
-                    link.publish(Delivery(message, self._clock, 1))
+        """Tell on a new connection what a broker that was started anew does not know any more.
+
+        The first connection is told anyway.
+        """
+        if link.connections <= 1:
+            return
+        for outbox in (self._of_session, *self._of_sensor.values()):
+            for message in outbox.retained.values():
+                link.publish(Delivery(message, self._clock, 1, client=outbox.counters))
+        for announcer in self._announcers:
+            for message in announcer.opening(self._clock.now_ns()):
+                link.publish(Delivery(message, self._clock, 1))
 
     def _is_back(self, link: MqttTransport, sensor: str) -> None:
         """Say again how a sensor is: its will was lost, and the broker has published that."""

@@ -16,7 +16,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch
+from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch, trajectories_of
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
@@ -26,7 +26,6 @@ from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 FIRST_CONNECTION_S = 5.0
@@ -116,7 +115,7 @@ class Session:
         self.clock = clock
         self.totals = totals
         self.start_ns = clock.now_ns()
-        self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+        self.trajectories = trajectories_of(scene)
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
         ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)

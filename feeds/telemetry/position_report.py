@@ -46,6 +46,8 @@ class Reason(StrEnum):
     FUTURE = "future"
     STALE = "stale"
     LATE = "late"
+    IMPLAUSIBLE_MOTION = "implausible_motion"
+    SECOND_SOURCE = "second_source"
     TOO_MANY_DRONES = "too_many_drones"
     NAME = "name"
     FLOOD = "flood"
@@ -53,9 +55,13 @@ class Reason(StrEnum):
 
 
 class Refused(PlotfeedError):  # noqa: N818 - what happened to a report, not what broke
-    """A report that was not taken. `detail` is one line: what was wrong and what was expected."""
+    """A report that was not taken. `detail` is one line: what was wrong and what was expected.
 
-    def __init__(self, reason: Reason, detail: str) -> None:
+    `is_told` says that it was told of another report already, and need only be counted.
+    """
+
+    def __init__(self, reason: Reason, detail: str, *, is_told: bool = False) -> None:
+        self.is_told = is_told
         line = " ".join(detail.split())
         self.reason = reason
         self.detail = line if len(line) <= MAX_DETAIL else line[: MAX_DETAIL - 1] + "…"

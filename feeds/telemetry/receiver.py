@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from math import isnan
@@ -12,6 +13,7 @@ from google.protobuf import json_format
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
@@ -22,81 +24,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
 
-MAX_DRONE_NAME = 64
-NAME_SEPARATORS = frozenset("/+#")
-"""Characters that MQTT gives a meaning in topics."""
-
-
-class Admission:
-    """Which reports are taken: those of few enough drones, near now, in the order of time."""
-
-    def __init__(
-        self,
-        *,
-        max_ahead_s: float = 2.0,
-        max_age_s: float | None = None,
-        max_late_s: float | None = None,
-        max_drones: int = 10_000,
-    ) -> None:
-        """`max_late_s` is the age from which a report shows nobody anything any more."""
-        self._max_ahead_ns = round(max_ahead_s * NS)
-        self._max_age_ns = None if max_age_s is None else round(max_age_s * NS)
-        self._max_late_ns = None if max_late_s is None else round(max_late_s * NS)
-        self._max_drones = max_drones
-        self._last_utc_ns: dict[str, int] = {}
-
-    def knows(self, drone: str) -> bool:
-        """Whether a report of that drone was taken."""
-        return drone in self._last_utc_ns
-
-    def admit(self, drone: str, t_utc_ns: int, now_utc_ns: int) -> None:
-        """Take a report of that time as the drone's latest; raises `Refused`."""
-        last_utc_ns = self._last_utc_ns.get(drone)
-        if last_utc_ns is None:
-            self._check_name(drone)
-        self._check_now(t_utc_ns, now_utc_ns)
-        if last_utc_ns is not None and t_utc_ns <= last_utc_ns:
-            self._check_order(drone, t_utc_ns, last_utc_ns)
-        self._check_late(now_utc_ns - t_utc_ns)
-        self._last_utc_ns[drone] = t_utc_ns
-
-    def _check_name(self, drone: str) -> None:
-        shown = ascii(drone[: MAX_DRONE_NAME + 1])
-        good = 0 < len(drone) <= MAX_DRONE_NAME and drone.isprintable()
-        if not good or NAME_SEPARATORS.intersection(drone):
-            expected = f"1 to {MAX_DRONE_NAME} printable characters without / + #"
-            raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
-        if len(self._last_utc_ns) >= self._max_drones:
-            detail = f"drone {shown} is new, and {self._max_drones} drones are the most taken"
-            raise Refused(Reason.TOO_MANY_DRONES, detail)
-
-    def _check_now(self, t_utc_ns: int, now_utc_ns: int) -> None:
-        ahead_ns = t_utc_ns - now_utc_ns
-        if ahead_ns > self._max_ahead_ns:
-            limit_s = self._max_ahead_ns / NS
-            detail = f"time_utc is {ahead_ns / NS:.3f} s ahead of now; at most {limit_s:g} s"
-            raise Refused(Reason.FUTURE, detail)
-        if self._max_age_ns is not None and -ahead_ns > self._max_age_ns:
-            limit_s = self._max_age_ns / NS
-            detail = f"time_utc is {-ahead_ns / NS:.3f} s old; at most {limit_s:g} s"
-            raise Refused(Reason.STALE, detail)
-
-    def _check_order(self, drone: str, t_utc_ns: int, last_utc_ns: int) -> None:
-        if t_utc_ns == last_utc_ns:
-            raise Refused(Reason.DUPLICATE, f"drone {drone!r} has reported for this time before")
-        behind_s = (last_utc_ns - t_utc_ns) / NS
-        detail = f"time_utc is {behind_s:.3f} s before the last report of drone {drone!r}"
-        raise Refused(Reason.BACKWARDS, detail)
-
-    def _check_late(self, age_ns: int) -> None:
-        if self._max_late_ns is not None and age_ns > self._max_late_ns:
-            limit_s = self._max_late_ns / NS
-            detail = (
-                f"time_utc is {age_ns / NS:.3f} s old; after {limit_s:g} s no sensor can still see "
-                "the drone there"
-            )
-            raise Refused(Reason.LATE, detail)
-
+log = logging.getLogger(__name__)
 
 LOOK_BACK_S = 1.0
 """Further back than its own sectors and signals no sensor looks by more than this."""
@@ -150,6 +78,7 @@ class TelemetryReceiver:
             max_age_s=settings.max_age_s,
             max_late_s=settings.stale_after_s + look_back,
             max_drones=settings.max_drones,
+            max_speed_m_s=settings.max_speed_m_s,
         )
         self._prefix = scene.mqtt.prefix
         self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
@@ -181,6 +110,7 @@ class TelemetryReceiver:
         refusals: list[Message] = []
         names: list[str] = []
         rows: list[ReportRow] = []
+        starts: list[int] = []
         for topic, messages in waited:
             drone, first = topic.rpartition("/")[2], len(rows)
             is_known = self._admission.knows(drone)
@@ -191,7 +121,8 @@ class TelemetryReceiver:
                         detail = f"drone {drone!r} is flown by the scene itself"
                         raise Refused(Reason.NAME, detail)
                     self._datum.check(row.altitude_reference)
-                    self._admission.admit(drone, row.t_utc_ns, now_utc_ns)
+                    if self._admission.admit(drone, row, now_utc_ns):
+                        starts.append(len(rows))
                 except Refused as refused:
                     refusal = self.refuse(topic, refused, now_utc_ns)
                     if refusal is not None:
@@ -202,11 +133,12 @@ class TelemetryReceiver:
                 if not is_known:
                     self._welcome(topic)
                 if len(rows) > first + 1:
-                    unneeded = self._unneeded(rows[first:], now_utc_ns)
-                    del rows[first : first + unneeded]
+                    n = self._unneeded(rows[first:], now_utc_ns)
+                    del rows[first : first + n]
+                    starts = [max(at - n, first) if at >= first else at for at in starts]
                 names += [drone] * (len(rows) - first)
         if rows:
-            self._add(names, rows)
+            self._add(names, rows, starts)
         return refusals
 
     @staticmethod
@@ -229,7 +161,7 @@ class TelemetryReceiver:
         self.conflated += needed
         return needed
 
-    def _add(self, names: Sequence[str], rows: Sequence[ReportRow]) -> None:
+    def _add(self, names: Sequence[str], rows: Sequence[ReportRow], starts: Sequence[int]) -> None:
         t, latitude, longitude, altitude, references, *velocity, sigma, rcs, sound, emitters = zip(
             *rows, strict=True
         )
@@ -249,6 +181,7 @@ class TelemetryReceiver:
                 ),
                 emitters=emitters,
             ),
+            starts=starts,
         )
         self.taken += len(rows)
 
@@ -257,6 +190,10 @@ class TelemetryReceiver:
     ) -> Message | None:
         """Count messages that are not taken; the one refusal to publish if there is room."""
         self.refusals[refused.reason] += number
+        if refused.is_told:
+            return None
+        if refused.reason is Reason.SECOND_SOURCE:
+            log.warning("%s: %s", topic, refused.detail)
         self.last_refusal = f"{topic}: {refused.detail}"
         # What is taken in late, as of a time before, counts with what is refused now.
         second, published = max(now_utc_ns // NS, self._published_in_second[0]), 0

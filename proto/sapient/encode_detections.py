@@ -125,6 +125,7 @@ class DetectionEncoder:
 
     def __init__(self, node: Node, manner: Manner) -> None:
         self._node = node
+        self._classes = frozenset(node.classes)
         self._manner = manner
         self._message = envelope(node.node_id, 0)
         self._report = self._message.detection_report
@@ -175,7 +176,9 @@ class DetectionEncoder:
         return measured("amplitude", plots.amplitude_dbm, -1000, 1000)
 
     def _classify(self, kind: str) -> None:
-        """The sensor's own class below the scene's, or either alone."""
+        """The sensor's own class below the scene's, or either alone; only what is registered."""
+        if kind not in self._classes:
+            kind = ""
         if kind == self._kind:
             return
         self._kind = kind

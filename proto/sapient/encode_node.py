@@ -27,6 +27,8 @@ TRUE_NORTH = RangeBearingDatum.RANGE_BEARING_DATUM_TRUE
 LAT_LNG = LocationCoordinateSystem.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M
 ELLIPSOID = LocationDatum.LOCATION_DATUM_WGS84_E
 MODE = "default"
+CONFIDENCE = "probability"
+"""Units of what is said of classes."""
 
 NodeType = Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]
 """Node types of the standard that sense drones from afar."""
@@ -79,6 +81,9 @@ class Node:
     """What `object_info` may hold."""
     signals: tuple[SapientQuantity, ...] = ()
     classes: tuple[str, ...] = ()
+    """What a detection may be called: the classes, or the sub-classes of `above`."""
+    above: str | None = None
+    """The class of every detection, which goes before what the sensor itself calls it."""
     model: str
     software_version: str
 
@@ -176,7 +181,12 @@ def _mode(node: Node) -> Registration.ModeDefinition:
                     *_reported("OBJECT", node.objects),
                     *_reported("SIGNAL", node.signals),
                 ],
-                detection_class_definition=[_classes(node.classes)] if node.classes else [],
+                detection_class_definition=_class_definitions(node),
+                geometric_error=Registration.GeometricError(
+                    type="standard deviation",
+                    units="degrees and metres",
+                    variation_type="told with each detection",
+                ),
             )
         ],
         task=Registration.TaskDefinition(
@@ -200,14 +210,21 @@ def _reported(
     ]
 
 
-def _classes(names: tuple[str, ...]) -> Registration.DetectionClassDefinition:
+def _class_definitions(node: Node) -> list[Registration.DetectionClassDefinition]:
+    kind = Registration.ClassDefinition
+    if node.above is not None:
+        subs = [Registration.SubClass(type=n, units=CONFIDENCE, level=1) for n in node.classes]
+        classes = [kind(type=node.above, units=CONFIDENCE, sub_class=subs)]
+    else:
+        classes = [kind(type=name, units=CONFIDENCE) for name in node.classes]
+    if not classes:
+        return []
     single = Registration.ConfidenceDefinition.CONFIDENCE_DEFINITION_SINGLE_CLASS
-    return Registration.DetectionClassDefinition(
-        confidence_definition=single,
-        class_definition=[
-            Registration.ClassDefinition(type=name, units="probability") for name in names
-        ],
-    )
+    return [
+        Registration.DetectionClassDefinition(
+            confidence_definition=single, class_definition=classes
+        )
+    ]
 
 
 def _geodetic() -> Registration.LocationType:

@@ -22,7 +22,6 @@ from plotfeed.replay.mcap.records import (
     TimeSpan,
     attachment_of,
     read_index,
-    unpacked,
 )
 from plotfeed.replay.recorded import (
     LATEST_NS,
@@ -35,6 +34,8 @@ from plotfeed.replay.recorded import (
 
 MAX_HELD_OCTETS = 64 << 20
 """Of chunks whose times overlap, while their messages are put in order."""
+MAX_MESSAGES = 1 << 18
+"""In a chunk, and so many again that wait to be put in order: a message of no octets takes room."""
 _log_time = attrgetter("log_time_ns")
 
 
@@ -130,7 +131,7 @@ class McapReader(RecordingReader):
         for n, span in enumerate(spans, 1):
             more, octets = self._read(span, wanted, first, end)
             held, held_octets = _merged(held, more), held_octets + octets
-            if n == len(spans) or held_octets > MAX_HELD_OCTETS:
+            if n == len(spans) or held_octets > MAX_HELD_OCTETS or len(held) > MAX_MESSAGES:
                 ready = len(held)
             else:
                 ready = bisect_left(held, spans[n].first_ns, key=_log_time)
@@ -178,10 +179,7 @@ class McapReader(RecordingReader):
         """The messages of a span by log time, and how many octets they were in."""
         try:
             if span.is_chunk:
-                opcode, body = self._source.body(span.offset)
-                if opcode != Opcode.CHUNK:
-                    raise DecodeError("expected a chunk")
-                data = unpacked(body)
+                data = self._source.chunk(span.offset)
             else:
                 data = self._source.at(span.offset, span.octets)
         except DecodeError as error:
@@ -217,6 +215,9 @@ class McapReader(RecordingReader):
             if channel.holds_properties:
                 properties[key] = self._properties(offset, data[payload_at:at])
                 continue
+            if len(found) == MAX_MESSAGES:
+                self.damage.add(offset, f"a chunk: {MAX_MESSAGES} of its messages are read")
+                return found
             series = channel.series
             beside = properties.pop(key, ()) if properties else ()
             found.append(_recorded(series, data[payload_at:at], log_ns, publish_ns, beside))

@@ -20,7 +20,6 @@ from plotfeed.replay.mcap.records import (
     McapSource,
     TimeSpan,
     attachment_of,
-    unpacked,
 )
 from plotfeed.replay.recorded import LATEST_NS, AttachmentEntry, Damages
 
@@ -123,7 +122,7 @@ class _Scan:
             raise DecodeError("a record that is longer than its fields")
 
     def _take_chunk(self, at: int, end: int) -> None:
-        data = unpacked(self._source.body(at)[1])
+        data = self._source.chunk(at)
         first_ns, last_ns = self._take_records(at, data)
         if first_ns <= last_ns:
             self.contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))

@@ -21,6 +21,9 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_OCTETS = 256 << 20
 """Of a record or a chunk's content; whatever claims to be longer is not read."""
 MAX_HEADER_OCTETS = 4096
+MOST_UNPACKED, SPARE_OCTETS = 256, 1 << 20
+"""Octets of content for each of a file's that was read, and in any case: what grows more is made
+to cost time, for a log shrinks to a tenth or a fiftieth."""
 
 HEAD = struct.Struct("<BQ")
 """Opcode, and octets that follow."""
@@ -112,10 +115,10 @@ def attachment_of(body: bytes) -> Attachment:
     return Attachment(name=name, media_type=media_type, data=data, log_time_ns=log_time_ns)
 
 
-def unpacked(body: bytes) -> bytes:
+def unpacked(body: bytes, most: int = MAX_RECORD_OCTETS) -> bytes:
     """The records in a chunk, from the body of its record; raises `DecodeError`.
 
-    Allocates no more than what `body` can possibly hold.
+    Allocates no more than what `body` can possibly hold, and than `most` octets.
     """
     fields = Fields(body)
     *_, octets, crc = fields.take(CHUNK_FIELDS)
@@ -127,6 +130,10 @@ def unpacked(body: bytes) -> bytes:
         raise DecodeError(f"a chunk: expected zstd, lz4 or no compression, not {name[:20]!a}")
     if octets > min(MAX_RECORD_OCTETS, len(content) * MOST_SHRUNK[name]):
         raise DecodeError(f"a chunk: {len(content)} octets cannot hold {octets}, as it says")
+    if octets > most:
+        raise DecodeError(
+            f"a chunk: left out, since the file would grow more than {MOST_UNPACKED}-fold"
+        )
     records = _decompressed(name, content, octets)
     if len(records) != octets:
         raise DecodeError(f"a chunk: expected {octets} octets in it, not {len(records)}")
@@ -193,6 +200,7 @@ class McapSource:
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
         self.octets = file.seek(0, 2)
+        self._may_unpack = SPARE_OCTETS
 
     def at(self, offset: int, octets: int) -> bytes:
         """What is there, less where the file ends earlier."""
@@ -215,6 +223,16 @@ class McapSource:
         if head[1] > MAX_RECORD_OCTETS:
             raise DecodeError(f"a record of {head[1]} octets: expected {MAX_RECORD_OCTETS} at most")
         return head[0], self.at(offset + HEAD.size, head[1])
+
+    def chunk(self, offset: int) -> bytes:
+        """The records in the chunk there; raises `DecodeError`, also where all is too much."""
+        opcode, body = self.body(offset)
+        if opcode != Opcode.CHUNK:
+            raise DecodeError("expected a chunk")
+        self._may_unpack += MOST_UNPACKED * len(body)
+        records = unpacked(body, self._may_unpack)
+        self._may_unpack -= len(records)
+        return records
 
 
 def library_of(path: Path) -> str:

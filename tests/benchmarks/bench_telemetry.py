@@ -148,7 +148,7 @@ def publish(drone: str, rate_hz: float, port: int, start_ns: int, seconds: float
         parts = []
         for first in range(0, round(seconds * rate_hz), together):
             reports = [
-                encode_protobuf(report(start_ns + i * step_ns, i, with_velocity=True))
+                encode_protobuf(report(start_ns + i * step_ns, 0, with_velocity=True))
                 for i in range(first, first + together)
             ]
             packed = [

@@ -59,7 +59,10 @@ async def _live(flight: RealFlight, port: int) -> Live:
 
     sensor = {"id": "radar", "scan": staring(0.1)}
     scene = flight.scene(
-        sensor, seed=111, mqtt={"port": port}, telemetry={"stale_after_s": 3.0, **flight.datum}
+        sensor,
+        seed=111,
+        mqtt={"port": port},
+        telemetry={"stale_after_s": 3.0, "max_speed_m_s": 1000.0, **flight.datum},
     )
     totals = await run(
         scene, stop=stop, tap=lambda message, _: messages.append(message), on_ready=ready

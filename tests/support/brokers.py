@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import hashlib
+import json
 import os
 import random
 import shutil
@@ -12,25 +13,45 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
 import pytest
 from support.waiting import PATIENCE_S, wait_until
 
-PORTS = range(20_000, 32_000)
+TOGETHER = 3
+"""Ports that an embedded broker takes, one after the other."""
+PORTS = range(20_000, 32_000, TOGETHER)
 """Below those that systems give to whoever connects, who may take one before we listen on it."""
 _turns = count(random.SystemRandom().randrange(len(PORTS)))
 
 
 def free_port() -> int:
-    """One that is free, and that nobody else in this process was given."""
+    """One that is free as the next two are, and that nobody else in this process was given."""
     while True:
         port = PORTS[next(_turns) % len(PORTS)]
-        with socket.socket() as listener, suppress(OSError):
-            listener.bind(("127.0.0.1", port))
+        with ExitStack() as held, suppress(OSError):
+            for each in range(port, port + TOGETHER):
+                held.enter_context(socket.socket()).bind(("127.0.0.1", each))
             return port
+
+
+@contextmanager
+def port_is_taken(port: int) -> Iterator[None]:
+    """By this test alone: a session of another test that has it may end at any time."""
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+
+        def holds_it() -> bool:
+            with suppress(OSError):
+                listener.bind(("127.0.0.1", port))
+                listener.listen()
+                return True
+            return False
+
+        wait_until(holds_it, f"somebody else has port {port}, and keeps it")
+        yield
 
 
 @contextmanager
@@ -89,10 +110,9 @@ def rumqttd(
             f"[{name}.connections]\nconnection_timeout_ms = 5000\nmax_payload_size = 1048576\n"
             f"max_inflight_count = 100\ndynamic_filters = true\n{more}\n"
         )
-    config = folder / "rumqttd.toml"
-    config.write_text("".join(tables))
+    orders = {"configuration": "".join(tables), "max_memory_mib": 512}
     broker = subprocess.Popen(
-        [sys.executable, "-m", "plotfeed.feeds.transport.embedded_broker", str(config)],
+        [sys.executable, "-m", "plotfeed.feeds.transport.broker_process", json.dumps(orders)],
         stdin=subprocess.PIPE,  # it lives as long as this is open
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -44,7 +44,11 @@ class Client:
         self._send(
             0x10, _text("MQTT") + bytes([version, flags]) + _u16(keep_alive_s) + self._none() + name
         )
-        kind, answer = self._packet()
+        try:
+            kind, answer = self._packet()
+        except OSError:
+            self._socket.close()
+            raise
         assert (kind, answer[1]) == (0x20, 0), answer.hex()
         for i, topic_filter in enumerate(filters):
             self._send(0x82, _u16(i + 1) + self._none() + _text(topic_filter) + b"\x01")
@@ -53,20 +57,24 @@ class Client:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def publish(self, topic: str, payload: bytes, content_type: str | None = None) -> None:
-        self._socket.sendall(self._publication(topic, payload, content_type))
+    def publish(
+        self, topic: str, payload: bytes, content_type: str | None = None, *, retain: bool = False
+    ) -> None:
+        self._socket.sendall(self._publication(topic, payload, content_type, retain=retain))
 
     def publish_all(self, messages: Iterable[tuple[str, bytes]]) -> None:
         """As fast as the broker takes them."""
         self._socket.sendall(b"".join(self._publication(*message) for message in messages))
 
-    def _publication(self, topic: str, payload: bytes, content_type: str | None = None) -> bytes:
+    def _publication(
+        self, topic: str, payload: bytes, content_type: str | None = None, *, retain: bool = False
+    ) -> bytes:
         properties = self._none()
         if content_type is not None and self.version == 5:
             packed = b"\x03" + _text(content_type)
             properties = _length(len(packed)) + packed
         body = _text(topic) + properties + payload
-        return b"\x30" + _length(len(body)) + body
+        return bytes([0x30 | retain]) + _length(len(body)) + body
 
     def wait_for(self, wanted: Callable[[Heard], bool], since: int = 0) -> Heard:
         """The first message that is wanted, among those from number `since` on."""

@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from support.waiting import PATIENCE_S
 
 GUID = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+ORIGIN = "http://127.0.0.1:8000"
+FOR_BROWSERS = f'[mqtt.embedded]\nwebsocket_origins = ["{ORIGIN}"]'
+"""Lets a page of that origin in."""
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
 
 
@@ -28,11 +31,13 @@ class Published:
 class BrowserClient:
     """A page's connection: it asks for the subprotocol mqtt and must be granted it."""
 
-    def __init__(self, port: int, *filters: str) -> None:
+    def __init__(
+        self, port: int, *filters: str, origin: str = ORIGIN, host: str = "127.0.0.1"
+    ) -> None:
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         self._octets = b""
         self._stream = b""
-        self._greet(port)
+        self._greet(f"{host}:{port}", origin)
         self._send(0x10, _text("MQTT") + bytes([4, 2]) + b"\0\x3c" + _text(f"page-{os.getpid()}"))
         assert self._packet() == (0x20, b"\0\0")
         for i, topic_filter in enumerate(filters, 1):
@@ -57,14 +62,14 @@ class BrowserClient:
     def close(self) -> None:
         self._socket.close()
 
-    def _greet(self, port: int) -> None:
+    def _greet(self, host: str, origin: str) -> None:
         key = base64.b64encode(os.urandom(16)).decode()
         lines = [
             "GET /mqtt HTTP/1.1",
-            f"Host: 127.0.0.1:{port}",
+            f"Host: {host}",
             "Connection: Upgrade",
             "Upgrade: websocket",
-            "Origin: http://127.0.0.1:8000",
+            f"Origin: {origin}",
             f"Sec-WebSocket-Key: {key}",
             "Sec-WebSocket-Version: 13",
             "Sec-WebSocket-Protocol: mqtt",
@@ -75,7 +80,9 @@ class BrowserClient:
             self._octets += self._received()
         head, _, self._octets = self._octets.partition(b"\r\n\r\n")
         status, *fields = head.decode().split("\r\n")
-        assert status.startswith("HTTP/1.1 101 "), status
+        if not status.startswith("HTTP/1.1 101 "):
+            self.close()
+            raise ConnectionRefusedError(status)
         named = {name.strip().lower(): value.strip() for name, value in _pairs(fields)}
         digest = hashlib.sha1((key + GUID).encode(), usedforsecurity=False).digest()
         assert named["sec-websocket-accept"] == base64.b64encode(digest).decode()
@@ -130,13 +137,15 @@ class BrowserClient:
 
     def _received(self) -> bytes:
         octets = self._socket.recv(1 << 16)
-        assert octets, "the broker closed the connection"
+        if not octets:
+            self.close()
+            raise ConnectionResetError
         return octets
 
 
 @contextmanager
-def browsing(port: int, *filters: str) -> Iterator[BrowserClient]:
-    client = BrowserClient(port, *filters)
+def browsing(port: int, *filters: str, **headers: str) -> Iterator[BrowserClient]:
+    client = BrowserClient(port, *filters, **headers)
     try:
         yield client
     finally:

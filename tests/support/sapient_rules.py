@@ -13,6 +13,8 @@ from typing import Any
 
 from google.protobuf.message import Message
 from sapient_msg import proto_options_pb2 as options
+from sapient_msg.bsi_flex_335_v2_0.detection_report_pb2 import DetectionReport
+from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg_pydantic.bsi_flex_335_v2_0.sapient_message import SapientMessage as Model
 
@@ -81,3 +83,41 @@ def _value_faults(field: Any, marks: Any, value: Any, here: str) -> Iterator[str
             yield f"{here}: {value}"
         if marks.is_ulid and not ULID.fullmatch(value):
             yield f"{here}: {value}"
+
+
+def assert_declared(registration: Registration, detection: DetectionReport) -> None:
+    """Whatever a detection tells of was registered."""
+    (mode,) = registration.mode_definition
+    (defined,) = mode.detection_definition
+    told = {field.name for field, _ in detection.ListFields()}
+    always = {"report_id", "object_id", "detection_confidence", "id"}
+    assert told <= always | {
+        "range_bearing", "location", "object_info", "classification", "signal"
+    }  # fmt: skip
+    place: Any = detection.range_bearing
+    declared: int = defined.location_type.range_bearing_units
+    datum: int = defined.location_type.range_bearing_datum
+    if "location" in told:
+        place = detection.location
+        declared, datum = defined.location_type.location_units, defined.location_type.location_datum
+    assert declared
+    assert (place.coordinate_system, place.datum) == (declared, datum)
+    if any(field.name.endswith("_error") for field, _ in place.ListFields()):
+        assert defined.HasField("geometric_error")
+    reports = {(each.category, each.type) for each in defined.detection_report}
+    kind = Registration.DetectionReportCategory
+    for info in detection.object_info:
+        assert (kind.DETECTION_REPORT_CATEGORY_OBJECT, info.type) in reports
+    for signal in detection.signal:
+        for field, _ in signal.ListFields():
+            name = field.name.replace("_", " ")
+            assert (kind.DETECTION_REPORT_CATEGORY_SIGNAL, name) in reports
+    classes = {
+        each.type: {sub.type: sub.level for sub in each.sub_class}
+        for definition in defined.detection_class_definition
+        for each in definition.class_definition
+    }
+    for found in detection.classification:
+        assert found.type in classes
+        for sub in found.sub_class:
+            assert classes[found.type][sub.type] == sub.level

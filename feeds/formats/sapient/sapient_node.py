@@ -134,7 +134,8 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         performance=(SapientQuantity(name="FAR", units="per second", value=f"{rate_per_s:.6g}"),),
         objects=_objects(manner, measures),
         signals=_signals(manner),
-        classes=_classes(sensor, manner),
+        classes=_classes(scene, sensor),
+        above=manner.default_class,
         model=sensor.preset or sensor.type,
         software_version=version("plotfeed"),
     )
@@ -222,10 +223,13 @@ def _signals(manner: Manner) -> tuple[SapientQuantity, ...]:
     )
 
 
-def _classes(sensor: Sensor, manner: Manner) -> tuple[str, ...]:
-    if manner.default_class is not None:
-        return (manner.default_class,)
-    return sensor.classes
+def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
+    """What the sensor itself may call its detections: of emissions, those of the scene's drones.
+
+    Telemetry may bring others, which a node that has not registered them cannot name.
+    """
+    kinds = (emitter.kind for drone in scene.drone for emitter in drone.emitters if emitter.kind)
+    return tuple(dict.fromkeys([*sensor.classes, *(kinds if sensor.tells_kinds else ())]))
 
 
 class SapientAnnouncer:

@@ -146,6 +146,11 @@ class RfKeys(AzimuthCoverKeys):
         """Kinds of emission that it reads."""
         return tuple(name for name in self.decodes if name)
 
+    @property
+    def tells_kinds(self) -> bool:
+        """What the keys say."""
+        return self.classifies
+
     def _received_at_once_hz(self) -> float:
         if self.instantaneous_bandwidth_hz is not None:
             return self.instantaneous_bandwidth_hz

@@ -191,6 +191,11 @@ class SensorKeys(SceneTable):
         """Names of what the sensor finds, if it classifies."""
         return ()
 
+    @property
+    def tells_kinds(self) -> bool:
+        """Whether it names whatever kind of emission it finds, beside its own `classes`."""
+        return False
+
     def categories(self, report: str) -> list[int]:
         """The categories of ASTERIX that a format brings from this sensor, its own first."""
         return [

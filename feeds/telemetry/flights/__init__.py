@@ -122,7 +122,7 @@ def read(
         data = _octets(path, max_octets)
         log = Log()
         _reader(path, data)(data, options, log)
-        return log.flight(path.stem)
+        return log.flight(path.stem, options.max_speed_m_s)
     except PlotfeedError as error:
         raise PlotfeedError(" ".join(f"{path}: {error}".split())) from error
 

@@ -1,15 +1,24 @@
-"""A recorded flight, the options of reading one, and which of its records are plausible."""
+"""A recorded flight, the options of reading one, and which of its records can be flown."""
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from math import dist
 from typing import Any, Literal
 
+import numpy as np
+
+from plotfeed.feeds.telemetry.motion_gate import (
+    CONFIRM_NS,
+    CONFIRM_REPORTS,
+    MAX_SPEED_M_S,
+    reach_m,
+)
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
+from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
@@ -18,12 +27,7 @@ MAX_OCTETS = 256 * 1024 * 1024
 MAX_SKIPPED = 10_000
 """Lines kept on records that were not taken; the rest are only counted."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-MAX_SPEED_M_S = 150.0
-MAX_CLIMB_M_S = 60.0
-JITTER_M = 30.0
-"""A fix may be off by this without being taken for wrong: receivers jump, coarse logs step."""
 MAX_CHAINS = 16
-EARTH_RADIUS_M = 6_371_000.0
 
 
 GpsOrder = Literal["lat-lon", "lon-lat"]
@@ -42,6 +46,8 @@ class FlightOptions:
     """Of times without a time zone, hours east of UTC."""
     start_utc_ns: int | None = None
     """Time of the start of a subtitle file that carries no dates."""
+    max_speed_m_s: float = MAX_SPEED_M_S
+    """What cannot have been flown to at this speed is skipped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +60,8 @@ class Flight:
     """A line for each record that was not taken: where it stands, and why."""
     assumed: tuple[str, ...] = ()
     """A line for each thing that the file did not say and that was taken for granted."""
+    starts: tuple[int, ...] = ()
+    """Indices of reports to which no flight leads from those before."""
 
     @property
     def duration_s(self) -> float:
@@ -92,20 +100,29 @@ class Log:
         if what not in self.assumed:
             self.assumed.append(what)
 
-    def flight(self, name: str) -> Flight:
+    def flight(self, name: str, max_speed_m_s: float = MAX_SPEED_M_S) -> Flight:
         """The records that follow each other in time and could have been flown."""
         in_order = self._in_order()
         reports = [report for _, report in in_order]
-        refused = implausible(reports)
-        for i, why in sorted(refused.items()):
+        found = courses(reports, max_speed_m_s)
+        for i, why in sorted(found.refused.items()):
             self.skip(in_order[i][0], why)
-        taken = tuple(r for i, r in enumerate(reports) if i not in refused)
+        taken = [i for i in range(len(reports)) if i not in found.refused]
         if not taken:
             why = f"; the first problem: {self.skipped[0]}" if self.skipped else ""
             raise PlotfeedError(f"no position in this file{why}")
+        if found.second:
+            self.assume(f"{found.second} records are of another source than most, and skipped")
+        for i in found.starts:
+            self.assume(f"{in_order[i][0]}: the drone is elsewhere, and stays there: a new start")
         more = (f"and {self.more_skipped} more",) if self.more_skipped else ()
-        skipped, assumed = (*self.skipped, *more), tuple(self.assumed)
-        return Flight(name=name, reports=taken, skipped=skipped, assumed=assumed)
+        return Flight(
+            name=name,
+            reports=tuple(reports[i] for i in taken),
+            skipped=(*self.skipped, *more),
+            assumed=tuple(self.assumed),
+            starts=tuple(bisect_left(taken, i) for i in found.starts),
+        )
 
     def _in_order(self) -> list[tuple[str, PositionReport]]:
         """The most records that can be had in strictly increasing time; others are skipped.
@@ -121,52 +138,86 @@ class Log:
         return [self.found[i] for i in kept]
 
 
-def implausible(reports: Sequence[PositionReport]) -> dict[int, str]:
-    """Index of each report that cannot belong to the flight, and why; times must increase.
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """What of reports was flown: all but `refused`, each with why it was not.
 
-    Reports are strung into chains in which every step could have been flown, each report to the
-    longest chain that it can follow. The longest chain is the flight: this finds the wrong ones
-    also where they come first, or several in a row, as long as most are right.
+    To those at indices `starts` no flight leads from before; `second` are those of another source.
     """
+
+    refused: Mapping[int, str]
+    starts: tuple[int, ...] = ()
+    second: int = 0
+
+
+def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_M_S) -> Courses:
+    """Which reports belong to the flight; times must increase.
+
+    Reports are strung into chains in which every step could have been flown: each to the longest
+    that it can follow, or if several last long enough to be believed, to the latest of those. The
+    longest is the flight: this finds the wrong ones also where they come first, or several in a
+    row, as long as most are right. A chain that lasts and lies wholly before or after it is flown
+    too, from a new start; one that lies beside it is another source.
+    """
+    where_m = _ecef_m(reports)
+
+    def follows(chain: list[int], i: int) -> bool:
+        last = reports[chain[-1]]
+        seconds = (reports[i].t_utc_ns - last.t_utc_ns) / NS
+        stated_m = (last.horizontal_accuracy_m or 0.0) + (reports[i].horizontal_accuracy_m or 0.0)
+        return dist(where_m[chain[-1]], where_m[i]) <= reach_m(seconds, max_speed_m_s, stated_m)
+
+    def lasts(chain: list[int]) -> bool:
+        lasted_ns = reports[chain[-1]].t_utc_ns - reports[chain[0]].t_utc_ns
+        return len(chain) >= CONFIRM_REPORTS and lasted_ns >= CONFIRM_NS
+
     chains: list[list[int]] = []
-    for i, report in enumerate(reports):
-        able = [c for c in chains if _reachable(reports[c[-1]], report)]
+    for i in range(len(reports)):
+        able = [c for c in chains if follows(c, i)]
         if able:
-            max(able, key=len).append(i)
+            max(able, key=lambda c: (lasts(c), c[-1] if lasts(c) else len(c))).append(i)
         else:
             chains.append([i])
             if len(chains) > MAX_CHAINS:
                 chains.remove(min(chains[:-1], key=len))
-    flown = max(chains, key=len, default=[])
-    rest = set(range(len(reports))).difference(flown)
-    return {i: _why(reports, flown, i) for i in rest}
+    flown: list[list[int]] = []
+    second = 0
+    for chain in sorted(chains, key=len, reverse=True):
+        apart = all(chain[-1] < other[0] or other[-1] < chain[0] for other in flown)
+        if not flown or (apart and lasts(chain)):
+            flown.append(chain)
+        elif lasts(chain):
+            second += len(chain)
+    taken = sorted(i for chain in flown for i in chain)
+    refused = {
+        i: _why(reports, where_m, taken, i) for i in set(range(len(reports))).difference(taken)
+    }
+    return Courses(refused, tuple(sorted(chain[0] for chain in flown))[1:], second)
 
 
-def _reachable(a: PositionReport, b: PositionReport) -> bool:
-    dt_s = (b.t_utc_ns - a.t_utc_ns) / NS
-    if abs(b.altitude_m - a.altitude_m) > JITTER_M + MAX_CLIMB_M_S * dt_s:
-        return False
-    return distance_m(a, b) <= JITTER_M + MAX_SPEED_M_S * dt_s
+def _ecef_m(reports: Sequence[PositionReport]) -> list[list[float]]:
+    columns = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
+    positions_m: list[list[float]] = geodetic_to_ecef(*columns.reshape(-1, 3).T).tolist()
+    return positions_m
 
 
-def distance_m(a: PositionReport, b: PositionReport) -> float:
-    """Along the ground, on a sphere: good to half a percent."""
-    north, south = math.radians(a.latitude_deg), math.radians(b.latitude_deg)
-    east = math.radians(b.longitude_deg - a.longitude_deg)
-    chord = math.hypot(
-        math.sin((north - south) / 2),
-        math.sqrt(math.cos(north) * math.cos(south)) * math.sin(east / 2),
-    )
-    return 2 * EARTH_RADIUS_M * math.asin(min(1.0, chord))
-
-
-def _why(reports: Sequence[PositionReport], flown: Sequence[int], i: int) -> str:
+def _why(
+    reports: Sequence[PositionReport],
+    where_m: Sequence[Sequence[float]],
+    taken: Sequence[int],
+    i: int,
+) -> str:
     """The speed that it takes to fly here from the nearest report in time that is kept."""
-    near = reports[min(flown, key=lambda j: abs(reports[j].t_utc_ns - reports[i].t_utc_ns))]
-    dt_s = abs(near.t_utc_ns - reports[i].t_utc_ns) / NS
-    climb_m = abs(near.altitude_m - reports[i].altitude_m)
-    ground_m = distance_m(near, reports[i])
-    return f"implausible: {ground_m:.0f} m away and {climb_m:.0f} m of height in {dt_s:.3g} s"
+    after = bisect_left(taken, i)
+    near = min(taken[max(0, after - 1) : after + 1], key=lambda j: _apart_ns(reports, i, j))
+    return (
+        f"implausible: {dist(where_m[near], where_m[i]):.0f} m away in "
+        f"{_apart_ns(reports, i, near) / NS:.3g} s"
+    )
+
+
+def _apart_ns(reports: Sequence[PositionReport], i: int, j: int) -> int:
+    return abs(reports[i].t_utc_ns - reports[j].t_utc_ns)
 
 
 def longest_increasing(times: Sequence[int]) -> list[int]:

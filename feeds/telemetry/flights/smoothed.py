@@ -37,7 +37,7 @@ def smoothed(flight: Flight) -> Flight:
     reports = flight.reports
     quanta = _quanta(reports)
     done: list[PositionReport] = []
-    for stretch in _stretches(reports):
+    for stretch in _stretches(reports, flight.starts):
         done.extend(_smooth_stretch(stretch, quanta) if len(stretch) > 1 else stretch)
     return replace(flight, reports=tuple(done))
 
@@ -78,14 +78,16 @@ def _quanta(reports: Sequence[PositionReport]) -> Floats:
     return np.array([quantum(c, d) for c, d in zip(columns, decimals, strict=True)])
 
 
-def _stretches(reports: Sequence[PositionReport]) -> list[Sequence[PositionReport]]:
-    """The flight cut where the log is silent for longer than its own rhythm explains."""
+def _stretches(
+    reports: Sequence[PositionReport], starts: Sequence[int]
+) -> list[Sequence[PositionReport]]:
+    """The flight cut where it starts anew, and where silent for longer than its rhythm explains."""
     intervals_s = [(b.t_utc_ns - a.t_utc_ns) / NS for a, b in pairwise(reports)]
     if not intervals_s:
         return [reports]
     longest_s = max(MAX_GAP_S, SPARSE_FACTOR * float(np.median(intervals_s)))
-    cuts = [i for i, interval_s in enumerate(intervals_s, start=1) if interval_s > longest_s]
-    return [reports[a:b] for a, b in pairwise([0, *cuts, len(reports)])]
+    cuts = {i for i, interval_s in enumerate(intervals_s, start=1) if interval_s > longest_s}
+    return [reports[a:b] for a, b in pairwise(sorted({0, *starts, *cuts, len(reports)}))]
 
 
 def _smooth_stretch(reports: Sequence[PositionReport], quanta: Floats) -> list[PositionReport]:

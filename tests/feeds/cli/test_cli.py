@@ -84,7 +84,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     done = plotfeed("demo", "--duration", "1.5")
     assert done.returncode == 0
     assert done.stderr == ""
-    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "WebSocket", "plotfeed/active/plots"):
+    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "plotfeed/active/plots"):
         assert word in done.stdout
     counts = done.stdout.splitlines()[-1].split()
     assert counts[0] == "drones"

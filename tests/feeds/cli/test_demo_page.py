@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from urllib.request import urlopen
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, port_is_taken
 from support.command import plotfeed, plotfeed_here, running
 from support.waiting import PATIENCE_S
 
@@ -26,17 +22,6 @@ WITHOUT_THE_EXTRA = [
 ]
 """The command where one of the page's libraries is not installed."""
 QUICK = ("--speed", "20", "--duration", "5", "--broker", "none")
-
-
-@contextmanager
-def usual_port_is_taken() -> Iterator[None]:
-    """By this test, or by somebody else already."""
-    with socket.socket() as listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        with contextlib.suppress(OSError):
-            listener.bind(("127.0.0.1", USUAL_PORT))
-            listener.listen()
-        yield
 
 
 def title_at(port: int) -> bool:
@@ -55,7 +40,7 @@ def test_a_demo_has_its_page_and_says_where() -> None:
 
 
 def test_where_the_usual_port_is_taken_it_says_so_and_has_another() -> None:
-    with usual_port_is_taken(), running("demo") as demo:
+    with port_is_taken(USUAL_PORT), running("demo") as demo:
         assert demo.introduction[0] == f"port {USUAL_PORT} is taken: the page has another"
         assert demo.port("page") != USUAL_PORT
         assert title_at(demo.port("page"))
@@ -65,7 +50,7 @@ def test_an_address_that_was_asked_for_is_the_only_one() -> None:
     port = free_port()
     with running("demo", "--page", port) as demo:
         assert demo.port("page") == port
-    with usual_port_is_taken():
+    with port_is_taken(USUAL_PORT):
         done = plotfeed("demo", "--page", USUAL_PORT)
     assert done.returncode == 1
     assert done.stdout == ""
@@ -82,7 +67,7 @@ def test_without_a_page_nothing_is_said_of_one(options: tuple[str, ...]) -> None
 
 
 def test_totals_as_json_are_all_that_is_said() -> None:
-    with usual_port_is_taken():
+    with port_is_taken(USUAL_PORT):
         assert json.loads(plotfeed("demo", *QUICK, "--json").stdout)["messages"] > 0
 
 

@@ -6,6 +6,7 @@ import sys
 import urllib.request
 from copy import copy, deepcopy
 from dataclasses import dataclass, fields
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from support.brokers import free_port, is_listening
 from support.command import plotfeed
 from support.scene_files import radar, scene_file, scene_text
-from support.waiting import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.lateness import lateness_us
@@ -162,3 +163,22 @@ async def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
     found = await asyncio.wait_for(held(tmp_path), 60)
     heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
     assert {*heard} == {f"0100007F:{found.port:04X}"}
+
+
+def test_metrics_are_for_who_asks_for_this_machine() -> None:
+    """A web site whose name stands for loopback (DNS rebinding) has its browser name that site."""
+    port = free_port()
+    with served(port):
+        for host in ("127.0.0.1", f"localhost:{port}", f"[::1]:{port}"):
+            assert answer_to(port, host) == 200
+        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", ""):
+            assert answer_to(port, host) == 403
+
+
+def answer_to(port: int, host: str) -> int:
+    asking = HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
+    asking.request("GET", "/metrics", headers={"Host": host})
+    try:
+        return asking.getresponse().status
+    finally:
+        asking.close()

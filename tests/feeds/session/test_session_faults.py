@@ -49,9 +49,9 @@ def report(t_utc_ns: int, number: int = 0) -> PositionReport:
     )
 
 
-def telemetry(session: AtWork, drone: str) -> tuple[str, bytes]:
+def telemetry(session: AtWork, drone: str, number: int = 0) -> tuple[str, bytes]:
     """Topic and payload."""
-    payload = encode_protobuf(report(session.clock.now_ns()))
+    payload = encode_protobuf(report(session.clock.now_ns(), number))
     return f"plotfeed/telemetry/{drone}", payload
 
 
@@ -77,7 +77,7 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
 
     def flood(now_ns: int) -> Iterator[tuple[str, bytes]]:
         for i in range(FLOOD):
-            good = encode_protobuf(report(now_ns + i * 1000, i)) if i % 10 == 0 else b"\xff"
+            good = encode_protobuf(report(now_ns + i * 1000, i % 50)) if i % 10 == 0 else b"\xff"
             yield f"plotfeed/telemetry/d{i % 50}", good
 
     port, markers = free_port(), 0
@@ -120,7 +120,7 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
                 await until(lambda: session.totals.telemetry == first + 1000)  # noqa: B023
             ears.publish_all([telemetry(session, "one-more")])
             refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
-            ears.publish_all([telemetry(session, "d1234")])
+            ears.publish_all([telemetry(session, "d1234", 1234)])
             await until(lambda: session.totals.telemetry == most + 1)
             await until(lambda: sum(len(r.looks) for r in session.sectors) > 1000)
     told = json.loads(refused.payload)

@@ -34,7 +34,7 @@ def report(t_utc_ns: int, east: int) -> bytes:
         PositionReport(
             t_utc_ns=t_utc_ns,
             latitude_deg=40.45,
-            longitude_deg=-3.72 + 1e-4 * east,
+            longitude_deg=-3.72 + 1e-6 * east,
             altitude_m=900.0,
             altitude_reference=AltitudeReference.ELLIPSOID,
             velocity_enu_m_s=(20.0, 0.0, 0.0),

@@ -3,8 +3,8 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import signal
-import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 from support import command
-from support.brokers import deaf_server, free_port, is_listening, mosquitto, wait_until_silent
+from support.brokers import free_port, is_listening, mosquitto, wait_until_silent
 from support.command import Running
 from support.mqtt_client import Client, Heard, listening
+from support.mqtt_websocket import FOR_BROWSERS
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
 
@@ -23,8 +24,6 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport import embedded_broker
-from plotfeed.feeds.transport.embedded_broker import Ports, free_ports
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
@@ -142,18 +141,6 @@ def test_the_truth_can_be_kept_back(tmp_path: Path) -> None:
     assert all(topic.startswith("my/site/radar/") for topic in topics - {"my/site/session"})
 
 
-def test_the_embedded_broker_ends_with_a_session_that_was_killed(tmp_path: Path) -> None:
-    with running(tmp_path) as session, ExitStack() as stack:
-        clients = [
-            stack.enter_context(listening(*place, "plotfeed/#")) for place in session.ports()
-        ]
-        os.kill(session.process.pid, signal.SIGKILL)
-        for client in clients:
-            client.wait_until_cut_off()
-        for port in (*(p for p, _ in session.ports()), session.port("WebSocket")):
-            wait_until_silent(port)
-
-
 def test_a_session_that_was_killed_leaves_its_sensors_offline(tmp_path: Path) -> None:
     port = free_port()
     with mosquitto(tmp_path, port):
@@ -170,7 +157,7 @@ def test_a_session_that_was_killed_leaves_its_sensors_offline(tmp_path: Path) ->
 
 
 def test_the_embedded_broker_is_heard_on_loopback_only(tmp_path: Path) -> None:
-    with running(tmp_path) as session:
+    with running(tmp_path, text=scene_text(sensors=FAST, mqtt=FOR_BROWSERS)) as session:
         ports = [*(p for p, _ in session.ports()), session.port("WebSocket")]
         inodes = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
     listeners = [line.split()[1] for line in inodes.splitlines() if line.split()[3] == "0A"]
@@ -179,37 +166,9 @@ def test_the_embedded_broker_is_heard_on_loopback_only(tmp_path: Path) -> None:
         assert addresses == ["0100007F"], port
 
 
-def test_a_port_that_is_taken_is_passed_over(tmp_path: Path) -> None:
-    with deaf_server() as taken:
-        text = scene_text(sensors=FAST, port=taken)
-        with running(tmp_path, text=text) as session:
-            for port, version in session.ports():
-                assert port != taken
-                with listening(port, version, "plotfeed/#") as client:
-                    client.wait_for(lambda m: m.topic.endswith("/plots"))
-
-
-@pytest.mark.asyncio
-async def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with socket.socket() as holder:
-        holder.bind(("127.0.0.1", 0))
-        taken = holder.getsockname()[1]
-        found = iter([Ports(free_port(), taken, free_port())])
-        monkeypatch.setattr(
-            embedded_broker, "free_ports", lambda port: next(found, None) or free_ports(port)
-        )
-        started = await embedded_broker.EmbeddedBroker.start(free_port())
-        try:
-            assert started.ports.mqtt5 != taken
-            assert is_listening(started.ports.mqtt5)
-        finally:
-            started.stop()
-
-
 def test_two_sessions_find_brokers_of_their_own(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST)
+    text = re.sub(r"(?m)^port = \d+$", "", text)  # any will do
     with running(tmp_path, text=text) as one, running(tmp_path, text=text) as other:
         assert set(one.ports()).isdisjoint(other.ports())
 

@@ -48,7 +48,7 @@ NODE = Node(
     tells_location=False,
     capabilities=(SapientQuantity(name="range", units="m", value="20000"),),
     objects=(SapientQuantity(name="SNR", units="dB"),),
-    classes=("Air Vehicle",),
+    classes=("quadcopter",),
     model="test",
     software_version="1",
 )
@@ -163,6 +163,14 @@ def test_what_was_measured_comes_back() -> None:
         1,
     )
     assert report.id == "1596F3"
+
+
+@pytest.mark.parametrize("above", [None, "Air Vehicle"])
+def test_a_class_that_was_not_registered_is_not_named(above: str | None) -> None:
+    """Telemetry may bring emissions of any kind."""
+    report = one(Manner(default_class=above), azimuth_deg=1.0, kind="video")
+    assert [found.type for found in report.classification] == ([above] if above else [])
+    assert not any(found.sub_class for found in report.classification)
 
 
 def test_a_bistatic_range_comes_with_its_error_and_its_transmitter() -> None:

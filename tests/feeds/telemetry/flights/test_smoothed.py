@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from support.shared_files import shared
 
 from plotfeed.feeds.telemetry.flights import read, smoothed
-from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, distance_m
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
 from plotfeed.feeds.telemetry.flights.smoothed import (
     DEGREE_DECIMALS,
     METRE_DECIMALS,
@@ -17,6 +17,7 @@ from plotfeed.feeds.telemetry.flights.smoothed import (
     samples_per_step,
 )
 from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
@@ -47,7 +48,11 @@ def speeds(flown: Flight) -> Floats:
 
 
 def moved_m(a: Flight, b: Flight) -> float:
-    return max(distance_m(x, y) for x, y in zip(a.reports, b.reports, strict=True))
+    first, second = (
+        geodetic_to_ecef(*np.array([(r.latitude_deg, r.longitude_deg, 0.0) for r in f.reports]).T)
+        for f in (a, b)
+    )
+    return float(np.linalg.norm(first - second, axis=1).max())
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0, 30.0])

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.brokers import free_port
 
-from plotfeed.feeds.transport.embedded_broker import free_ports
 from plotfeed.feeds.transport.mqtt.address import (
     AccessError,
     AddressError,
@@ -71,23 +68,3 @@ def test_credentials_that_cannot_be_read_are_one_line_without_them(tmp_path: Pat
             BrokerAccess().with_credentials(path, {})
         assert "secret" not in str(caught.value)
         assert str(path) in str(caught.value)
-
-
-def test_free_ports_are_the_preferred_ones_if_nobody_has_them() -> None:
-    preferred = free_port()
-    ports = free_ports(preferred)
-    assert ports.mqtt3 == preferred
-    assert len({ports.mqtt3, ports.mqtt5, ports.websocket}) == 3
-
-
-def test_ports_that_are_taken_are_passed_over() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        assert free_ports(port).mqtt3 != port
-
-
-def test_ports_beyond_the_last_are_passed_over() -> None:
-    ports = free_ports(65534)
-    assert 0 < ports.websocket < 65536

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 
-from support.command import running
-from support.mqtt_websocket import browsing
+import pytest
+from support.brokers import is_listening
+from support.command import plotfeed, running
+from support.mqtt_websocket import FOR_BROWSERS, ORIGIN, browsing
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -14,7 +17,8 @@ FAST = radar(period_s=0.2, sectors=8)
 
 
 def test_a_browser_receives_what_other_subscribers_do(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt='prefix = "north/site/7"'))
+    mqtt = f'prefix = "north/site/7"\n{FOR_BROWSERS}'
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt=mqtt))
     wanted = {"asterix/048", "asterix/034", "plots", "status"}
     seen = {}
     with (
@@ -35,10 +39,50 @@ def test_a_browser_receives_what_other_subscribers_do(tmp_path: Path) -> None:
 
 
 def test_a_page_that_comes_late_is_told_the_status(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt=FOR_BROWSERS))
     with running("run", scene) as session:
         for _ in range(2):  # the first may come before the status
             with browsing(session.port("WebSocket"), "plotfeed/radar/status") as page:
                 message = next(page.published())
     assert message.retained
     assert json.loads(message.payload)["state"] == "ONLINE"
+
+
+def test_pages_of_other_sites_are_turned_away(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt=FOR_BROWSERS))
+    with running("run", scene) as session:
+        port = session.port("WebSocket")
+        for headers in (
+            {"origin": "http://evil.example"},
+            {"origin": "null"},
+            {"origin": f"{ORIGIN}0"},
+            {"host": "evil.example"},
+            {"origin": "http://evil.example", "host": "evil.example"},
+        ):
+            with pytest.raises(ConnectionRefusedError, match="403"), browsing(port, **headers):
+                pass
+        with browsing(port, "plotfeed/#") as page:
+            next(page.published())
+        _, _, err = session.end(signal.SIGTERM)
+    assert err == ""
+
+
+def test_without_its_key_there_is_no_websocket(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    with running("run", scene) as session:
+        assert "WebSocket" not in "".join(session.introduction)
+        assert not is_listening(session.port("MQTT 5") + 1)
+        for protocol in ("MQTT 3.1.1", "MQTT 5"):
+            with pytest.raises(ConnectionResetError), browsing(session.port(protocol)):
+                pass
+
+
+@pytest.mark.parametrize(
+    "origin", ["*", "null", "localhost:80", "http://a/", "http://a/b", "ws://a"]
+)
+def test_what_is_no_origin_is_refused(tmp_path: Path, origin: str) -> None:
+    keys = f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]'
+    done = plotfeed("check", scene_file(tmp_path, scene_text(mqtt=keys)))
+    assert done.returncode == 2
+    assert "mqtt.embedded.websocket_origins" in done.stderr
+    assert "expected http://HOST:PORT" in done.stderr

@@ -1,0 +1,102 @@
+"""Small files that would take all of a machine: what they grow to is bounded by what they are."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+from zlib import crc32
+
+import pytest
+import zstandard
+from mcap.writer import CompressionType, Writer
+from support.bounded import bounded
+
+CPU_S, MEMORY_MIB = 30, 300
+"""Of one command, on a slow machine: starting takes 1 s and 60 MiB of that."""
+
+
+def empty_messages(count: int) -> bytes:
+    """Messages of no octets, in a chunk, by somebody else's writer."""
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1 << 40, compression=CompressionType.ZSTD)
+    writer.start()
+    schema = writer.register_schema("", "", b"")
+    channel = writer.register_channel("topic", "json", schema)
+    for i in range(count):
+        writer.add_message(channel, log_time=i // 1000, publish_time=0, data=b"")
+    writer.finish()
+    return file.getvalue()
+
+
+HEAD = struct.Struct("<BQ")
+MESSAGE = struct.Struct("<BQHIQQ")
+CHUNK = struct.Struct("<QQQI")
+
+
+def chunk(messages: int, channel: bytes = b"") -> bytes:
+    """A chunk that shrinks to next to nothing: one message of no octets again and again."""
+    one = MESSAGE.pack(0x05, MESSAGE.size - HEAD.size, 1, 0, 1, 1)
+    records = channel + one * messages
+    packed = zstandard.ZstdCompressor(level=19).compress(records)
+    body = CHUNK.pack(1, 1, len(records), crc32(records))
+    body += struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    return HEAD.pack(0x06, len(body)) + body
+
+
+def bomb(chunks: int, messages: int) -> bytes:
+    """Without an index, so that it is looked through as well."""
+    text = struct.pack("<I", 1)
+    schema = struct.pack("<H", 1) + text + b"s" + text + b"e" + struct.pack("<I", 0)
+    channel = struct.pack("<HH", 1, 1) + text + b"t" + text + b"j" + struct.pack("<I", 0)
+    told = b"".join(
+        HEAD.pack(kind, len(body)) + body for kind, body in ((0x03, schema), (0x04, channel))
+    )
+    return b"\x89MCAP0\r\n" + chunk(1, told) + chunk(messages) * chunks
+
+
+@pytest.fixture(scope="module")
+def bombs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("bombs")
+    contents = {
+        "one chunk of many": bomb(1, 8_000_000),
+        "many chunks": bomb(60, 30_000),
+        "with an index": empty_messages(30_000),
+    }
+    found = {}
+    for name, content in contents.items():
+        found[name] = folder / f"{name.replace(' ', '-')}.mcap"
+        found[name].write_bytes(content)
+    return found
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("show",), ("show", "--list"), ("report",), ("convert", "{}.jsonl"), ("run",)],
+    ids=" ".join,
+)
+def test_what_a_file_grows_to_is_bounded(bombs: dict[str, Path], command: tuple[str, ...]) -> None:
+    verb, *rest = command
+    for name, path in bombs.items():
+        others = [word.format(path) for word in rest if not word.startswith("-")]
+        options = [word for word in rest if word.startswith("-")]
+        done = bounded(verb, path, *others, *options, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
+        assert done.returncode in {0, 2}, name
+        damage = [line for line in done.stderr.splitlines() if "octet" in line]
+        assert done.returncode == 0 or damage or verb in {"report", "run"}, name
+
+
+def test_a_log_that_shrinks_well_is_read_whole(tmp_path: Path) -> None:
+    """What sensors say over and over shrinks a hundredfold."""
+    file = io.BytesIO()
+    writer = Writer(file, compression=CompressionType.ZSTD)
+    writer.start()
+    channel = writer.register_channel("topic", "json", writer.register_schema("", "", b""))
+    for i in range(20_000):
+        writer.add_message(channel, log_time=i * 10**8, publish_time=0, data=b'{"state":"ok"}' * 20)
+    writer.finish()
+    path = tmp_path / "a.mcap"
+    path.write_bytes(file.getvalue())
+    done = bounded("show", path, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
+    assert done.returncode == 0
+    assert "20000 messages" in done.stdout

@@ -1,0 +1,112 @@
+"""What detections tell of is what Registrations declare, of every kind of sensor and preset."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.road import fly, held, radar, rotating, scene, staring
+from support.sapient_rules import assert_declared, checked
+
+from plotfeed.feeds.scene.presets.preset import names
+
+KINDS = ("control", "video", "remote-id", "wifi")
+BANDS_HZ = (433.5e6, 915e6, 2.437e9, 5.8e9)
+EMITTERS = [
+    {"frequency_hz": f, "bandwidth_hz": 1e5, "eirp_dbm": 30.0, "kind": k, "identity": f"{k}-1"}
+    for k in KINDS
+    for f in BANDS_HZ
+] + [{"frequency_hz": 2.44e9, "bandwidth_hz": 1e5, "eirp_dbm": 30.0}]
+FINDER = {
+    "type": "rf", "scan": staring(), "frequency_min_hz": 400e6, "frequency_max_hz": 6e9,
+    "channel_bandwidth_hz": 1e6, "integration_s": 1e-4, "range_max_m": 20e3, "baseline_m": 0.06,
+    "pfa": 1e-3,
+}  # fmt: skip
+SENSORS: dict[str, dict[str, Any]] = {
+    "turning": radar(scan=rotating(1.0, 32), pfa=1e-5),
+    "rates": radar(measures_elevation=False, doppler={}),
+    "gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
+    "microphone": {
+        "type": "acoustic", "scan": staring(), "range_max_m": 500.0, "noise_db": 20.0,
+        "sensitivity_db": 10.0, "azimuth_beamwidth_deg": 20.0, "kind": "multirotor",
+    },
+    "finder": FINDER,
+    "names all": FINDER | {"classifies": True},
+    "reads one": FINDER | {"decodes": ["remote-id"]},
+    "names all and reads two": FINDER | {"classifies": True, "decodes": ["remote-id", "wifi"]},
+    "passive": {
+        "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0, "doppler": {},
+        "transmitters": [
+            {"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
+             "place": {"east_m": -14e3, "north_m": 14e3, "above_site_m": 100.0}},
+        ],
+        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
+        "range_max_m": 10_000.0,
+    },
+    **{name: {"preset": name} for name in names()},
+}  # fmt: skip
+DRONES = [
+    held(f"d{i}", 30.0 * i, 6.0, range_m, rcs_m2=1.0, sound_power_db=110.0, emitters=EMITTERS)
+    for i, range_m in enumerate((90.0, 200.0, 400.0, 1000.0) * 3)
+]
+MANNERS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "of a class": {"default_class": "Air Vehicle", "default_class_confidence": 0.8},
+    "on the Earth": {"location": "location"},
+}
+
+
+@cache
+def messages(manner: str) -> dict[str, list[SapientMessage]]:
+    """Of every sensor, by its id; twelve drones and four kinds of emission are near all of them."""
+    sensors = [
+        {**sensor, "id": name.replace(" ", "-"), "report": ["sapient"]}
+        for name, sensor in SENSORS.items()
+    ]
+    road = fly(scene(sensors, DRONES, seed=9, sapient=MANNERS[manner]), 4.0)
+    return {
+        sensor["id"]: [checked(payload) for payload in road.payloads(f"{sensor['id']}/sapient")]
+        for sensor in sensors
+    }
+
+
+@pytest.mark.parametrize("manner", MANNERS)
+@pytest.mark.parametrize("sensor", [name.replace(" ", "-") for name in SENSORS])
+def test_whatever_a_detection_tells_of_was_registered(sensor: str, manner: str) -> None:
+    first, *others = messages(manner)[sensor]
+    assert first.HasField("registration")
+    detections = [m.detection_report for m in others if m.HasField("detection_report")]
+    assert detections
+    for detection in detections:
+        assert_declared(first.registration, detection)
+
+
+def classes_of(sensor: str, manner: str) -> set[tuple[str, ...]]:
+    """Classes of detections, with their sub-classes."""
+    found = set()
+    for message in messages(manner)[sensor]:
+        if message.HasField("detection_report"):
+            classes = message.detection_report.classification
+            found.add(
+                tuple(name for c in classes for name in [c.type, *(s.type for s in c.sub_class)])
+            )
+    return found
+
+
+def test_a_sensor_that_names_emissions_registers_those_of_the_scene() -> None:
+    assert classes_of("names-all", "plain") == {(), *((kind,) for kind in KINDS)}
+    assert classes_of("reads-one", "plain") == {(), ("remote-id",)}
+    above = {("Air Vehicle",), *(("Air Vehicle", kind) for kind in KINDS)}
+    assert classes_of("names-all", "of a class") == above
+    registration = messages("plain")["names-all-and-reads-two"][0].registration
+    assert set(_declared(registration)) == set(KINDS)
+
+
+def _declared(registration: Registration) -> list[str]:
+    (definition,) = (
+        registration.mode_definition[0].detection_definition[0].detection_class_definition
+    )
+    return [each.type for each in definition.class_definition]

@@ -1,0 +1,277 @@
+"""What drones can have flown is taken; what they cannot moves nobody."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.scene_files import scene_file, scene_text
+
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.sensing.scene_drones import trajectories_of
+from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
+from plotfeed.feeds.telemetry.motion_gate import CONFIRM_NS, GRACE_M, reach_m
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason
+from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.state import AltitudeReference, Floats
+from plotfeed.models.truth import Trajectories
+
+S = 1_000_000_000
+NOW = 1_767_268_800 * S
+SITE = LocalFrame(40.45, -3.73, 650.0)
+MAX_SPEED_M_S, G_M_S2 = 150.0, 9.80665
+TOPIC = "plotfeed/telemetry/d"
+
+
+class Sent:
+    """A receiver to which one drone's reports come, each when it is made."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.trajectories: Trajectories = trajectories_of(scene)
+        self.receiver = TelemetryReceiver(scene, self.trajectories)
+        self.told: list[dict[str, str]] = []
+
+    def say(
+        self,
+        t_s: float,
+        enu_m: Floats,
+        *,
+        velocity_m_s: tuple[float, float, float] | None = None,
+        sigma_m: float | None = None,
+        late_s: float = 0.0,
+    ) -> bool:
+        """Whether it was taken."""
+        latitude_deg, longitude_deg, height_m = (float(x) for x in SITE.to_geodetic(enu_m))
+        t_utc_ns, before = NOW + round(t_s * S), self.receiver.taken
+        report = PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            altitude_m=height_m,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+            velocity_enu_m_s=velocity_m_s,
+            horizontal_accuracy_m=sigma_m,
+        )
+        now_ns = t_utc_ns + round(late_s * S)
+        refusal = self.receiver.take(TOPIC, encode_protobuf(report), None, now_ns)
+        if refusal is not None:
+            self.told.append(json.loads(refusal.payload))
+        return self.receiver.taken > before
+
+    def where_m(self, t_s: float) -> Floats:
+        """East, north, up; NaN if it is not there."""
+        t_utc_ns = np.array([NOW + round(t_s * S)])
+        return SITE.from_ecef(self.trajectories.position_at(t_utc_ns, np.zeros(1, np.int64)))[0]
+
+    @property
+    def reasons(self) -> set[Reason]:
+        return set(self.receiver.refusals)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    folder = tmp_path_factory.mktemp("scene")
+    return load(scene_file(folder, scene_text(port=1883, drones="")))
+
+
+def east(metres: float) -> Floats:
+    return np.array([metres, 0.0, 0.0])
+
+
+def hover(_: float) -> Floats:
+    return np.array([100.0, 200.0, 50.0])
+
+
+def dash(t_s: float) -> Floats:
+    return np.array([60.0 * t_s, -300.0, 80.0])
+
+
+def dive(t_s: float) -> Floats:
+    return np.array([85.0 * t_s, 85.0 * t_s, 5000.0 - 85.0 * t_s])
+
+
+def turn(t_s: float) -> Floats:
+    """At 60 m/s with 5 g."""
+    radius_m = 60.0**2 / (5 * G_M_S2)
+    angle = 60.0 / radius_m * t_s
+    return np.array([radius_m * np.sin(angle), radius_m * np.cos(angle), 100.0])
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from([hover, dash, dive, turn]),
+    st.sampled_from([1.0, 2.0, 5.0, 10.0, 50.0]),
+    st.sampled_from([None, 0.5, 5.0, 20.0]),
+    st.integers(0, 1 << 32),
+)
+def test_what_drones_can_fly_is_never_implausible(
+    scene: Scene, path: object, rate_hz: float, sigma_m: float | None, seed: int
+) -> None:
+    """With errors as stated, lost, late, and in the wrong order; a third of them are lost."""
+    assert callable(path)
+    rng, sent = np.random.default_rng(seed), Sent(scene)
+    times_s = np.arange(60) / rate_hz
+    order = np.argsort(times_s + rng.choice([0.0, 1.5 / rate_hz], len(times_s)))
+    for t_s in times_s[order][rng.random(len(times_s)) > 0.3]:
+        error_m = (sigma_m or 0.5) * rng.standard_normal(3)
+        sent.say(t_s, path(t_s) + error_m, sigma_m=sigma_m, late_s=rng.choice([0.0, 0.8]))
+    assert sent.reasons <= {Reason.BACKWARDS}
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from([hover, dash, turn]),
+    st.sampled_from([1.0, 5.0, 20.0]),
+    st.booleans(),
+    st.integers(0, 1 << 32),
+)
+def test_glitches_never_move_a_drone_further_than_the_gate_lets_them(
+    scene: Scene, path: object, rate_hz: float, states_velocity: bool, seed: int
+) -> None:
+    """Of any size, one report in ten; past a report a drone errs by no more than speeds differ."""
+    assert callable(path)
+    rng, sent = np.random.default_rng(seed), Sent(scene)
+    interval_s = 1.0 / rate_hz
+    last_s, last_off_m = 0.0, 0.0
+    for k in range(80):
+        t_s, glitch_m = k * interval_s, np.zeros(3)
+        if k and rng.random() < 0.1:
+            direction = rng.standard_normal(3) * [1.0, 1.0, 0.2]
+            glitch_m = direction / np.linalg.norm(direction) * 10 ** rng.uniform(0, 4.5)
+        velocity = (path(t_s + 1e-3) - path(t_s - 1e-3)) / 2e-3
+        said = tuple(float(v) for v in velocity) if states_velocity else None
+        if sent.say(t_s, path(t_s) + glitch_m, velocity_m_s=said):
+            off_m, flown_m = float(np.linalg.norm(glitch_m)), 60.0 * (t_s - last_s)
+            assert off_m <= last_off_m + reach_m(t_s - last_s, MAX_SPEED_M_S) + flown_m
+            last_s, last_off_m = t_s, off_m
+        for after_s in np.linspace(0.0, 0.99 * interval_s, 4):
+            off_m = np.linalg.norm(sent.where_m(t_s + after_s) - path(t_s + after_s))
+            since_s = t_s + after_s - last_s
+            too_fast_m_s = 60.0 + (60.0 if states_velocity else MAX_SPEED_M_S)
+            assert np.isnan(off_m) or off_m <= last_off_m + too_fast_m_s * since_s + 1e-3
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0, 50.0])
+def test_one_glitch_of_2_km_moves_nobody(scene: Scene, rate_hz: float) -> None:
+    straight, glitched = Sent(scene), Sent(scene)
+    for k in range(40):
+        t_s = k / rate_hz
+        assert straight.say(t_s, dash(t_s))
+        wrong = k == 20
+        assert glitched.say(t_s, dash(t_s) + east(2000.0 * wrong)) is not wrong
+        if not wrong:
+            off_m = np.linalg.norm(glitched.where_m(t_s) - straight.where_m(t_s))
+            assert off_m < 1e-6
+    assert glitched.reasons == {Reason.IMPLAUSIBLE_MOTION}
+    assert "telemetry.max_speed_m_s" in glitched.told[0]["detail"]
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 5.0, 50.0])
+def test_a_jump_that_persists_is_a_new_start_and_no_velocity(scene: Scene, rate_hz: float) -> None:
+    sent, there_m = Sent(scene), east(2000.0)
+    for k in range(20):
+        assert sent.say(k / rate_hz, hover(0))
+    first, taken_s = 20 / rate_hz, None
+    for k in range(20, 20 + round(3 * rate_hz) + 3):
+        t_s = k / rate_hz
+        if sent.say(t_s, hover(0) + there_m) and taken_s is None:
+            taken_s = t_s
+    assert taken_s is not None
+    assert taken_s - first == pytest.approx(max(CONFIRM_NS / S, 2 / rate_hz), abs=1.01 / rate_hz)
+    for asked_s in np.linspace(0.0, t_s + 2.0, 400):
+        at_m = sent.where_m(asked_s)
+        moved_m = [np.linalg.norm(at_m - hover(0)), np.linalg.norm(at_m - hover(0) - there_m)]
+        assert np.isnan(at_m).any() or min(moved_m) < 1e-3, "nowhere between the two places"
+
+
+def test_a_receiver_that_repeats_one_wrong_fix_for_a_fifth_of_a_second_is_not_believed(
+    scene: Scene,
+) -> None:
+    sent = Sent(scene)
+    for k in range(200):
+        wrong = 100 <= k < 110
+        assert sent.say(k / 50, hover(0) + east(3000.0 * wrong)) is not wrong
+
+
+def test_of_two_sources_under_one_name_the_one_that_was_first_goes_on_and_it_is_told_once(
+    scene: Scene, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = Sent(scene)
+    with caplog.at_level(logging.WARNING):
+        for k in range(200):
+            assert sent.say(k / 10, hover(0))
+            assert not sent.say(k / 10 + 0.03, hover(0) + east(400.0))
+    told = [one for one in sent.told if one["reason"] == "second_source"]
+    assert len(told) == len(caplog.records) == 1
+    assert "400 m apart" in told[0]["detail"]
+    assert "latitude" in caplog.text
+    assert sent.receiver.refusals[Reason.SECOND_SOURCE] > 190
+
+
+def test_a_source_that_reports_more_than_twice_as_often_takes_over_and_keeps_the_name(
+    scene: Scene,
+) -> None:
+    sent, other_m, taken = Sent(scene), east(400.0), list[tuple[float, bool]]()
+    for k in range(300):
+        if k % 10 == 0:
+            taken.append((k / 10, sent.say(k / 10, hover(0))))
+        other = sent.say(k / 10 + 0.03, hover(0) + other_m)
+        assert other == (k / 10 + 0.03 >= 1.03)
+    assert [was for t_s, was in taken if t_s > 1.03] == [False] * 28
+
+
+def test_a_speed_that_no_drone_has_is_refused_whole_or_in_part(scene: Scene) -> None:
+    sent = Sent(scene)
+    assert not sent.say(0.0, hover(0), velocity_m_s=(200.0, 0.0, 0.0))
+    assert sent.say(0.1, hover(0), velocity_m_s=(149.0, 0.0, 0.0))
+    assert not sent.say(0.2, hover(0), velocity_m_s=(float("nan"), 151.0, float("nan")))
+    assert sent.reasons == {Reason.IMPLAUSIBLE_MOTION}
+
+
+def test_the_scene_says_how_fast_drones_are(tmp_path: Path) -> None:
+    slow = load(scene_file(tmp_path, scene_text(telemetry="max_speed_m_s = 20", port=1883)))
+    sent = Sent(slow)
+    assert sent.say(0.0, hover(0))
+    assert sent.say(1.0, hover(0) + east(GRACE_M + 19.0))
+    assert not sent.say(2.0, hover(0) + east(2 * GRACE_M + 50.0))
+    assert np.linalg.norm(sent.where_m(1.9) - sent.where_m(1.0)) < 0.9 * 20.01, "nor fitted faster"
+
+
+@given(st.integers(0, 1 << 32))
+def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
+    scene: Scene, seed: int
+) -> None:
+    rng, one_by_one, together = np.random.default_rng(seed), Sent(scene), Sent(scene)
+    payloads = []
+    for k in range(60):
+        t_s = k / 10 + 0.2 * rng.random()
+        jump_m = east(500.0 if k % 40 > 20 else 0.0)
+        at_m = dash(t_s) + jump_m + (rng.random() < 0.1) * 1000.0 * rng.standard_normal(3)
+        latitude_deg, longitude_deg, height_m = (float(x) for x in SITE.to_geodetic(at_m))
+        report = PositionReport(
+            t_utc_ns=NOW + round(t_s * S),
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            altitude_m=height_m,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+        )
+        payloads.append(encode_protobuf(report))
+    now_ns = NOW + 7 * S
+    for payload in payloads:
+        one_by_one.receiver.take(TOPIC, payload, None, now_ns)
+    for first in range(0, len(payloads), 7):
+        batch = [(payload, None) for payload in payloads[first : first + 7]]
+        together.receiver.take_together([(TOPIC, batch)], now_ns)
+    assert together.receiver.refusals == one_by_one.receiver.refusals
+    asked_s = np.linspace(5.0, 8.0, 50)
+    assert np.array_equal(
+        [one_by_one.where_m(t) for t in asked_s],
+        [together.where_m(t) for t in asked_s],
+        equal_nan=True,
+    )
