@@ -10,7 +10,7 @@ import numpy as np
 from plotfeed.models.beam import Sector, Sectors, time_after_share_ns
 from plotfeed.models.frames import Axes, wrap_180
 from plotfeed.models.local_frames import frames_at
-from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState
+from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState, trimmed
 from plotfeed.models.truth import Trajectories
 
 ON_BEAM_DEG = 1e-7
@@ -49,6 +49,12 @@ class Borders:
         if more > 0:
             room = np.full((len(self.t_utc_ns), max(more, drones - more)), np.nan)
             self.azimuth_deg = np.concatenate([self.azimuth_deg, room], axis=1)
+
+    def forget(self, drones: Ints, n: int) -> None:
+        """Take those drones for others; there are n, and no room is kept for many more."""
+        known = drones[drones < self.azimuth_deg.shape[1]]
+        self.azimuth_deg[:, known] = np.nan
+        self.azimuth_deg = trimmed(self.azimuth_deg.T, n).T
 
     def take(self, sectors: Sectors, azimuth_deg: Floats) -> None:
         """Note where drones are when the last sectors of sensors end; (m, drones)."""

@@ -94,6 +94,13 @@ class ScanDraws:
         """Draws for looks of those sensors, in those scans, at those drones; indices, each (n,)."""
         return DrawsByDrone(self, sensors, scans, drones, count())
 
+    def trim(self, drones: int) -> None:
+        """Keep no room for many more drones than that; what is still asked for is drawn again."""
+        most = 2 * max(FEWEST_ROWS, drones)
+        large = [key for key, table in self._tables.items() if table.values.shape[2] > 2 * most]
+        for key in large:
+            del self._tables[key]
+
     def taken(
         self, key: tuple[Any, ...], sensors: Ints, scans: Ints, drones: Ints, draw: Draw
     ) -> Floats:

@@ -68,6 +68,11 @@ class EmitterTable(Sequence[tuple[Emitter, ...]]):
         if self._columns is not None and not self._columns.put(drone, emitters):
             self._columns = None
 
+    def cut(self, drones: int) -> None:
+        """Keep those of so many drones, the first ones, and no room for more."""
+        del self._of_drones[drones:]
+        self._columns = None
+
     def emissions(self, drones: Ints) -> Emissions:
         """Emissions of targets that are those drones, a row an emitter, in the order of targets."""
         columns = self._made()

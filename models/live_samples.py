@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from plotfeed.models.state import NS, Bools, Floats, Ints, with_room
+from plotfeed.models.state import NS, Bools, Floats, Ints, trimmed, with_room
 
 FOREVER_NS = (1 << 63) - 1
 NONE = -1
@@ -188,12 +188,22 @@ class LiveSamples:
         c3 = (v0 + v1 - 2 * mean_velocity) / np.array([s**2 for s in duration_s.tolist()])
         return np.stack([c2, c3])
 
+    def forget(self, drones: Ints, rows: int) -> None:
+        """Forget all samples of those drones; of others there are none beyond so many rows."""
+        self._latest[drones] = 0
+        self._latest = trimmed(self._latest, rows)
+        self._forget()
+        for name in _COLUMNS:
+            setattr(self, name, trimmed(getattr(self, name), self._number))
+
     def _forget(self) -> None:
         """Drop samples that no state within the history of their drones needs."""
         n = self._number
         before, drone = self._before[:n], self._drone[:n]
-        latest = self._latest[drone] - 1
+        known = drone < len(self._latest)
+        latest = np.where(known, self._latest[np.where(known, drone, 0)], 0) - 1
         needed_from_ns = self._t_utc_ns[latest] - self._history_ns
+        needed_from_ns[latest < 0] = FOREVER_NS
         keep = np.arange(n) == latest
         follows = np.flatnonzero(before >= 0)
         needed = self._t_utc_ns[follows] > needed_from_ns[follows]

@@ -40,6 +40,23 @@ def with_room(column: NDArray[Any], rows: int) -> NDArray[Any]:
     return np.concatenate([column, room])
 
 
+FEWEST_ROWS = 16
+
+
+def trimmed(column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """A column for so many rows, without most of the room that it has for more."""
+    room = 2 * max(rows, FEWEST_ROWS)
+    return column[:room].copy() if len(column) > 2 * room else column
+
+
+def renamed(before: Sequence[str], names: Sequence[str]) -> Ints:
+    """Rows of drones that had other names before, by their names before and now."""
+    if before is names:
+        return np.zeros(0, np.int64)
+    changed = [row for row, (a, b) in enumerate(zip(before, names, strict=False)) if a != b]
+    return np.array([*changed, *range(len(names), len(before))], np.int64)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Columns:
     """Equally long columns, selected and joined by row; one that may be None is not there then."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plotfeed.models.live_samples import Stretches
-from plotfeed.models.state import NS, Bools, Floats, Ints, with_room
+from plotfeed.models.live_samples import FOREVER_NS, Stretches
+from plotfeed.models.state import NS, Bools, Floats, Ints, trimmed, with_room
 
 
 class StretchesAtHand:
@@ -29,6 +29,16 @@ class StretchesAtHand:
             setattr(self, name, with_room(getattr(self, name), rows))
         more = len(self._start_ns) - self._coefficients.shape[2]
         self._coefficients = np.pad(self._coefficients, ((0, 0), (0, 0), (0, more)))
+
+    def forget(self, rows: Ints, n: int) -> None:
+        """Have nobody in those rows, and not much more room than for the first n."""
+        self._start_ns[rows], self._end_ns[rows] = -FOREVER_NS, FOREVER_NS
+        self._alive[rows] = False
+        self._coefficients[:, :, rows] = 0.0
+        for name in ("_start_ns", "_end_ns", "_alive"):
+            setattr(self, name, trimmed(getattr(self, name), n))
+        if len(self._start_ns) < self._coefficients.shape[2]:
+            self._coefficients = self._coefficients[:, :, : len(self._start_ns)].copy()
 
     def drop(self, rows: Ints) -> None:
         """Look those up when they are next asked for: they are others now."""

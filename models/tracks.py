@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models.numerics import as_floats
-from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, with_room
+from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, trimmed, with_room
 
 MAX_TRACKS = 65535
 """Numbers are 1 to this: what 16 bits hold but 0."""
@@ -40,6 +40,9 @@ class LivingTracks(Columns):
     hit_utc_ns: Ints
     first: Bools
     last: Bools
+
+
+_OF_LIVES = ("_looked_ns", "_hit_ns", "_misses", "_track", "_hits")
 
 
 class TrackLives:
@@ -90,8 +93,15 @@ class TrackLives:
         self._forget(living.drone[living.last])
         return living
 
+    def forget(self, drone: Ints, n: int) -> None:
+        """Take those drones for others; there are n, and no room is kept for many more."""
+        self._forget(drone[drone < len(self._track)])
+        n = max(n, int(self.drones.max(initial=-1)) + 1)
+        for name in _OF_LIVES:
+            setattr(self, name, trimmed(getattr(self, name), n))
+
     def _make_room(self, drones: int) -> None:
-        for name in ("_looked_ns", "_hit_ns", "_misses", "_track", "_hits"):
+        for name in _OF_LIVES:
             setattr(self, name, with_room(getattr(self, name), drones))
 
     def _stand_still_until(self, start_ns: int) -> None:
@@ -217,6 +227,9 @@ class TrackStates(Columns):
     sigma_position_m: Floats
 
 
+_OF_SMOOTHED = ("_t_ns", "_units", "_covariance_m2", "_states")
+
+
 class SmoothedTruth:
     """The tracks of one sensor, fed sector by sector."""
 
@@ -233,6 +246,14 @@ class SmoothedTruth:
     def drones(self) -> Ints:
         """The drones that have a track, or were detected of late."""
         return self._lives.drones
+
+    def forget(self, drone: Ints, n: int) -> None:
+        """Take those drones for others; there are n, and no room is kept for many more."""
+        self._lives.forget(drone, n)
+        self._covariance_m2[drone[drone < len(self._covariance_m2)]] = np.nan
+        n = max(n, int(self.drones.max(initial=-1)) + 1)
+        for name in _OF_SMOOTHED:
+            setattr(self, name, trimmed(getattr(self, name), n))
 
     def take(
         self,
@@ -277,7 +298,7 @@ class SmoothedTruth:
         )
 
     def _make_room(self, drones: int) -> None:
-        for name in ("_t_ns", "_units", "_covariance_m2", "_states"):
+        for name in _OF_SMOOTHED:
             setattr(self, name, with_room(getattr(self, name), drones))
 
     def _learn_errors(self, hits: TrackerLooks) -> None:

@@ -7,7 +7,8 @@ that one flight can be seen from any number of sites.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from heapq import heapify, heappop
 from itertools import pairwise
 from typing import TypeVar
 
@@ -34,18 +35,22 @@ from plotfeed.models.state import (
     Signature,
     Signatures,
     TruthState,
+    trimmed,
     with_room,
 )
 from plotfeed.models.stretches_at_hand import StretchesAtHand, place, slope
 
 S = TypeVar("S", bound=PlaceState)
 
+NOBODY = ""
+"""The name in a row that is free for another drone."""
+
 DEFAULT_SIGMA_M = 0.5
 """Taken for the position accuracy of telemetry that states none."""
 
 
 class Trajectories:
-    """Every drone's samples. Drones are numbered in the order in which they first appeared."""
+    """Every drone's samples. A drone has the lowest row that was free when it first appeared."""
 
     def __init__(
         self, *, stale_after_s: float, history_s: float = 60.0, max_speed_m_s: float = np.inf
@@ -54,9 +59,12 @@ class Trajectories:
         self.stale_after_ns = round(stale_after_s * NS)
         self._max_speed_m_s = max_speed_m_s
         self.names: list[str] = []
+        """By row. Another list as soon as a name in it would change; it may grow as it is."""
         self.version = 0
         """Changes with every sample: states computed under another version may be out of date."""
         self._index: dict[str, int] = {}
+        self._free: list[int] = []
+        """A heap of rows below the last one in use."""
         self._live = LiveSamples(
             stale_after_ns=self.stale_after_ns,
             history_ns=round(history_s * NS),
@@ -116,7 +124,7 @@ class Trajectories:
         together or one after the other. To samples at indices `starts` no path leads from before,
         and no velocity is fitted across.
         """
-        rows = np.array([self._row(drone) for drone in drones], np.int64)
+        rows = np.array(self._rows(drones), np.int64)
         position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
         numbers = self._live.add(rows, t_utc_ns, position_ecef_m, starts)
         to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
@@ -152,7 +160,35 @@ class Trajectories:
         track = KnownTrack(self.stale_after_ns, self.stale_after_ns, starts=frozenset(starts))
         for sample in zip(t_utc_ns.tolist(), position_ecef_m, velocity_ecef_m_s, strict=True):
             track.append(*sample)
-        self._changed(np.array([self._row(drone, track)]), _alone(signature))
+        self._fly(drone, track, signature)
+
+    def forget(self, drones: Iterable[str]) -> None:
+        """Forget drones of which samples were added; others may have their rows.
+
+        Those that stay keep theirs, so that what is drawn for them stays as it is.
+        """
+        rows = [self._index.pop(drone) for drone in drones]
+        if not rows:
+            return
+        self.names = [*self.names]
+        for row in rows:
+            self.names[row] = NOBODY
+            self._emitters[row] = ()
+        while self.names and self.names[-1] == NOBODY:
+            self.names.pop()
+        n = len(self.names)
+        self._free = [row for row in (*self._free, *rows) if row < n]
+        heapify(self._free)
+        self._emitters.cut(n)
+        self._live.forget(np.array(rows), n)
+        self._at_hand.forget(np.array(rows), n)
+        self._rcs_m2 = trimmed(self._rcs_m2, n)
+        self._sound_power_db = trimmed(self._sound_power_db, n)
+        self.version += 1
+
+    def __len__(self) -> int:
+        """How many drones are known."""
+        return len(self._index)
 
     def add_path(
         self,
@@ -172,7 +208,7 @@ class Trajectories:
             track.append(t1, p1, velocity)
         if repeat:
             track.period_ns = t_utc_ns[-1] - t_utc_ns[0]
-        self._changed(np.array([self._row(drone, track)]), _alone(signature))
+        self._fly(drone, track, signature)
 
     @property
     def signatures(self) -> Signatures:
@@ -183,9 +219,11 @@ class Trajectories:
 
     @property
     def spans_ns(self) -> Ints:
-        """Times of every drone's first and last sample, by its index; (n, 2)."""
-        each = [self._tracks.get(row, self._live) for row in range(len(self.names))]
-        spans = [of.span_ns(row) for row, of in enumerate(each)]
+        """Times of every drone's first and last sample, by its row, 0 for nobody; (n, 2)."""
+        spans = [
+            self._tracks.get(row, self._live).span_ns(row) if name != NOBODY else (0, 0)
+            for row, name in enumerate(self.names)
+        ]
         return np.array(spans, np.int64).reshape(-1, 2)
 
     def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
@@ -216,18 +254,33 @@ class Trajectories:
         """ECEF positions of all drones at times (k,), metres; (k, n, 3), NaN for one not there."""
         return self._at_hand.positions_at(t_utc_ns, len(self.names))
 
-    def _row(self, drone: str, track: KnownTrack | None = None) -> int:
-        """The row of a drone; a new one flies that track, or is live."""
-        row = self._index.get(drone)
-        if row is not None:
+    def _rows(self, drones: Sequence[str]) -> list[int]:
+        """The rows of drones; one that is new gets the lowest that is free."""
+        rows = [self._index.get(drone, -1) for drone in drones]
+        if -1 not in rows:
+            return rows
+        if self._free:
+            self.names = [*self.names]
+        for drone in drones:
+            if drone not in self._index:
+                self._index[drone] = self._new_row(drone)
+        self._make_room(len(self.names))
+        return [self._index[drone] for drone in drones]
+
+    def _new_row(self, drone: str) -> int:
+        if self._free:
+            row = heappop(self._free)
+            self.names[row] = drone
             return row
-        row = self._index[drone] = len(self.names)
         self.names.append(drone)
-        if track is not None:
-            self._tracks[row] = track
         self._emitters.append(())
-        self._make_room(row + 1)
-        return row
+        return len(self.names) - 1
+
+    def _fly(self, drone: str, track: KnownTrack, signature: Signature) -> None:
+        """Let a drone fly that track."""
+        rows = self._rows([drone])
+        self._tracks[rows[0]] = track
+        self._changed(np.array(rows), _alone(signature))
 
     def _make_room(self, rows: int) -> None:
         self._at_hand.make_room(rows)

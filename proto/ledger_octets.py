@@ -43,21 +43,25 @@ _DELIVERED = pb.Sent(delivered=True, fate=pb.SENT).SerializeToString()
 class LedgerOctets:
     """What sectors say of looks, plots and messages, made for many at a time."""
 
-    def __init__(self, drones: Sequence[str]) -> None:
-        """`drones` names them by index; they may become more."""
-        self._drones = drones
+    def __init__(self) -> None:
+        self._names: Sequence[str] = ()
+        self._tabled: list[str] = []
+        """The names that are in the tables: `self._names` may have grown since."""
         self._looked_at = TextTable()
         self._caused_by = TextTable([b""])  # the first one is of false alarms
         self._topics = TextTable()
         self._topic_numbers: dict[str, int] = {}
 
-    def truths(self, looks: Looks, looks_by: Ints, plots: Plots, plots_by: Ints) -> list[bytes]:
-        """The looks and plots of sectors, (m,), as fields of their Ledgers.
+    def truths(
+        self, looks: Looks, looks_by: Ints, plots: Plots, plots_by: Ints, *, names: Sequence[str]
+    ) -> list[bytes]:
+        """The looks and plots of sectors, (m,), as fields of their Ledgers; drones by `names`.
 
+        Where other drones have the names of some, that is another list; one may grow as it is.
         Those of sector i are the rows from `looks_by[i]` up to `looks_by[i + 1]`, (m+1,), and so
         are plots.
         """
-        self._name_drones()
+        self._name_drones(names)
         looked, told = self._looks(looks), self._plots(plots)
         of_looks = _parts(*looked, looks_by) if looked else None
         of_plots = _parts(*told, plots_by) if told else None
@@ -95,10 +99,28 @@ class LedgerOctets:
             ],
         )
 
-    def _name_drones(self) -> None:
-        new = self._drones[len(self._looked_at) :]
-        self._looked_at.extend([text_field(_LOOK["drone"], name) for name in new])
-        self._caused_by.extend([text_field(_PLOT["drone"], name) for name in new])
+    def _name_drones(self, names: Sequence[str]) -> None:
+        tabled = self._tabled
+        if names is not self._names:
+            self._names = names
+            if len(names) < len(tabled):
+                del tabled[len(names) :]
+                self._looked_at.cut(len(names))
+                self._caused_by.cut(len(names) + 1)
+            others = [i for i, (a, b) in enumerate(zip(tabled, names, strict=False)) if a != b]
+            if others:
+                found = [names[i] for i in others]
+                self._looked_at.put(others, [text_field(_LOOK["drone"], n) for n in found])
+                self._caused_by.put(
+                    [i + 1 for i in others], [text_field(_PLOT["drone"], n) for n in found]
+                )
+                for i in others:
+                    tabled[i] = names[i]
+        if len(names) > len(tabled):
+            new = names[len(tabled) :]
+            self._looked_at.extend([text_field(_LOOK["drone"], name) for name in new])
+            self._caused_by.extend([text_field(_PLOT["drone"], name) for name in new])
+            tabled.extend(new)
 
     def _looks(self, looks: Looks) -> tuple[bytes, Ints] | None:
         if len(looks) < MANY:
@@ -130,7 +152,7 @@ class LedgerOctets:
             channel, t, range_m, azimuth_deg, elevation_deg, pd, detected, snr_db, drone, emitted_ns
         ) in zip(*columns, strict=True):  # fmt: skip
             yield pb.Look(
-                drone=self._drones[drone],
+                drone=self._names[drone],
                 time_utc_ns=t,
                 range_m=range_m,
                 azimuth_deg=azimuth_deg,
@@ -152,7 +174,7 @@ class LedgerOctets:
             truth = pb.PlotTruth(time_utc_ns=t)
             if drone != FALSE_ALARM:
                 truth = pb.PlotTruth(
-                    drone=self._drones[drone],
+                    drone=self._names[drone],
                     time_utc_ns=t,
                     range_m=range_m,
                     azimuth_deg=azimuth_deg,
@@ -161,7 +183,7 @@ class LedgerOctets:
             if rates_m_s is not None and not np.isnan(rates_m_s[i]):
                 truth.range_rate_m_s = rates_m_s[i]
             if merged is not None:
-                truth.merged_drones.extend(self._drones[other] for other in merged[i])
+                truth.merged_drones.extend(self._names[other] for other in merged[i])
             yield truth
 
     def _plots(self, plots: Plots) -> tuple[bytes, Ints] | None:
@@ -183,7 +205,7 @@ class LedgerOctets:
         return submessages(_LEDGER["plots"], len(plots), columns)
 
     def _merged(self, merged: Sequence[Sequence[int]]) -> Field:
-        named, field = self._drones, _PLOT["merged_drones"]
+        named, field = self._names, _PLOT["merged_drones"]
         fields = [b"".join(_repeated(field, named[i]) for i in some) for some in merged]
         return TextTable(fields).of(np.arange(len(fields)))
 

@@ -134,10 +134,23 @@ class TextTable:
         if not entries:
             return
         self._lengths = np.concatenate([self._lengths, [len(each) for each in entries]])
-        width = int(self._lengths.max())
+        width = max(int(self._lengths.max()), self._octets.shape[1])
         rows = np.frombuffer(b"".join(each.ljust(width, b"\0") for each in entries), np.uint8)
         before = np.pad(self._octets, ((0, 0), (0, width - self._octets.shape[1])))
         self._octets = np.concatenate([before, rows.reshape(len(entries), width)])
+
+    def put(self, numbers: Sequence[int], entries: Sequence[bytes]) -> None:
+        """Have others in the place of those numbers."""
+        width = max(map(len, entries), default=0)
+        more = max(0, width - self._octets.shape[1])
+        self._octets = np.pad(self._octets, ((0, 0), (0, more)))
+        for number, entry in zip(numbers, entries, strict=True):
+            self._octets[number, : len(entry)] = np.frombuffer(entry, np.uint8)
+            self._lengths[number] = len(entry)
+
+    def cut(self, length: int) -> None:
+        """Have no more than so many."""
+        self._lengths, self._octets = self._lengths[:length].copy(), self._octets[:length].copy()
 
     def of(self, numbers: Ints) -> Field:
         """The fields of those numbers, in that order."""

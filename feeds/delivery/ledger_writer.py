@@ -27,10 +27,10 @@ Kept = tuple[SectorReport, str, Settled]
 class LedgerWriter:
     """Makes entries of many sectors at once, which takes far less time than one by one."""
 
-    def __init__(self, prefix: str, drones: Sequence[str]) -> None:
-        """`drones` names them by index; they may become more. Entries are for {prefix}/truth."""
+    def __init__(self, prefix: str) -> None:
+        """Entries are for {prefix}/truth."""
         self._prefix, self._topic = prefix, f"{prefix}/truth"
-        self._octets = LedgerOctets(drones)
+        self._octets = LedgerOctets()
 
     def messages(self, kept: Sequence[Kept]) -> list[Message]:
         """An entry for each sector, in that order."""
@@ -64,6 +64,22 @@ class LedgerWriter:
 
     def _truths(self, reports: Sequence[SectorReport]) -> list[bytes]:
         """Looks and plots of each sector, as fields of its entry."""
+        of_names: dict[int, list[int]] = {}
+        for place, report in enumerate(reports):
+            of_names.setdefault(id(report.sighting.names), []).append(place)
+        if len(of_names) <= 1:
+            return self._truths_by_names(reports)
+        found = [b""] * len(reports)
+        for places in of_names.values():  # some drones have been forgotten meanwhile
+            truths = self._truths_by_names([reports[place] for place in places])
+            for place, truth in zip(places, truths, strict=True):
+                found[place] = truth
+        return found
+
+    def _truths_by_names(self, reports: Sequence[SectorReport]) -> list[bytes]:
+        """Looks and plots as `_truths`, of sectors whose drones have the same names."""
+        if not reports:
+            return []
         places: dict[int, list[int]] = {}
         for place, report in enumerate(reports):
             places.setdefault(id(report.sighting), []).append(place)
@@ -77,7 +93,11 @@ class LedgerWriter:
             looks.append(_of_rows(sighting.looks, sighting.looks_by, rows, looks_in))
             plots.append(_of_rows(sighting.plots, sighting.plots_by, rows, plots_in))
         truths = self._octets.truths(
-            Looks.joined(looks), _edges(looks_in), Plots.joined(plots), _edges(plots_in)
+            Looks.joined(looks),
+            _edges(looks_in),
+            Plots.joined(plots),
+            _edges(plots_in),
+            names=reports[0].sighting.names,
         )
         in_order = [place for together in places.values() for place in together]
         found = [b""] * len(reports)

@@ -25,7 +25,7 @@ from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.beam import Sectors
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, renamed
 from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackRule, TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
 from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
@@ -123,11 +123,19 @@ class _Tracker:
         self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
         self._tracks = _smoothed_truth(sensor)
         self._has_height = False
+        self._names: Sequence[str] = ()
+        """Of drones by index, when it last knew of them."""
         self._chance = Chance(scene.scene.seed, sensor.id)
 
     def take(self, seen: SeenSector) -> tuple[TrackStates, bool]:
         """The tracks at the end of a sector, and whether they have heights."""
         sector, ahead_ns = seen.sector, seen.clock_ahead_ns
+        if seen.names is not self._names:
+            others = renamed(self._names, seen.names)
+            # A track whose drone is forgotten ends by itself, unless another has its row.
+            reused = [row for row in others.tolist() if row < len(seen.names) and seen.names[row]]
+            self._tracks.forget(np.array(reused, np.int64), len(seen.names))
+            self._names = seen.names
         looks = self._looks(seen.looks, seen.plots)
         states = self._tracks.take(
             looks,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self, TypeVar
@@ -36,6 +36,7 @@ class SeenSector:
     truth_at: Callable[[int, Ints], TruthState]
     """Where drones, by index, truly are at a time, as far as the sensor can tell."""
     clock_ahead_ns: int
+    names: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Seen:
     """None where nobody asks for looks."""
     truth_at: Callable[[int, int, Ints], TruthState] = _no_truth
     clock_ahead_ns: int = 0
+    names: Sequence[str] = ()
+    """Of the drones then, by index."""
 
     @classmethod
     def of_one(
@@ -108,6 +111,7 @@ class Seen:
             looks=self.looks.between(a, b),
             truth_at=lambda t_utc_ns, drones: self.truth_at(i, t_utc_ns, drones),
             clock_ahead_ns=self.clock_ahead_ns,
+            names=self.names,
         )
 
     def rows(self, which: Ints) -> Seen:
@@ -125,6 +129,7 @@ class Seen:
             looks_by=looks_by,
             truth_at=lambda i, t_utc_ns, drones: truth_at(numbers[i], t_utc_ns, drones),
             clock_ahead_ns=self.clock_ahead_ns,
+            names=self.names,
         )
 
     def in_groups(self, groups: Ints, make: Callable[[int, Seen], list[T]]) -> list[T]:

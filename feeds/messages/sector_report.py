@@ -25,6 +25,8 @@ class Sighting:
     looks_by: Ints
     plots: Plots
     plots_by: Ints
+    names: Sequence[str] = ()
+    """Of the drones then, by index."""
 
     def looks_of(self, row: int) -> Looks:
         """The looks of a sector, not copied."""

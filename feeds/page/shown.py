@@ -14,7 +14,7 @@ from plotfeed.feeds.page.scene_outline import Placements
 from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Floats, Ints, Plots, TruthState
+from plotfeed.models.state import Floats, Ints, Plots, TruthState, renamed
 from plotfeed.proto.units import decibels
 
 SHOWN_AFTER_NS = 30_000_000_000
@@ -22,21 +22,29 @@ SHOWN_AFTER_NS = 30_000_000_000
 
 
 class Drones:
-    """Every drone of a session by its index, where it is or was last."""
+    """The drones of a session by index, where each is or was last."""
 
     def __init__(self, site: LocalFrame) -> None:
         self.names: Sequence[str] = ()
         self.changed = False
         """Whether there is a name that was not told."""
         self._site = site
+        self._told: Sequence[str] = ()
         self._seen_utc_ns = np.zeros(0, np.int64)
         self._enu: Floats = np.zeros((0, 5))
         self._now_ns = 0
 
     def take(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
-        """Take drones that are there now; `names` are of all that there ever were."""
-        self.changed = self.changed or len(names) != len(self.names)
-        self.names = tuple(names) if self.changed else self.names
+        """Take drones that are there now; `names` are of all, by index.
+
+        Where a name changes, that is another list; one may grow as it is.
+        """
+        if names is not self._told or len(names) != len(self.names):
+            others = renamed(self.names, names)
+            self._seen_utc_ns[others[others < len(self._seen_utc_ns)]] = 0
+            self._seen_utc_ns = self._seen_utc_ns[: len(names)]
+            self._enu = self._enu[: len(names)]
+            self._told, self.names, self.changed = names, tuple(names), True
         more = len(names) - len(self._seen_utc_ns)
         if more > 0:
             self._seen_utc_ns = np.concatenate([self._seen_utc_ns, np.zeros(more, np.int64)])

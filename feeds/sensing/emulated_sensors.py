@@ -26,7 +26,7 @@ from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
-from plotfeed.models.state import Bools
+from plotfeed.models.state import Bools, renamed
 from plotfeed.models.truth import Trajectories
 
 NS_IN_MS = 1_000_000
@@ -53,6 +53,8 @@ class EmulatedSensors:
         self._controlled: list[Mapping[str, Any]] = [{} for _ in self.sensors]
         self._scene_site = scene.scene.site
         self._trajectories = trajectories
+        self._drones: Sequence[str] = ()
+        """Names of the drones that it last knew of, by row."""
         self._formats = SceneFormats(scene.model_copy(update={"sensor": self.sensors}))
         chances = [Chance(scene.scene.seed, sensor.id) for sensor in self.sensors]
         timetables = [
@@ -148,6 +150,7 @@ class EmulatedSensors:
 
     def sightings(self, before_ns: int) -> Iterator[Sighting]:
         """What is seen in those sectors, a group at a time, with the script's changes meanwhile."""
+        self._forget_gone()
         while len(sectors := self._next.ending_before(before_ns)):
             later = self._later_than_script(sectors)
             if later.any():
@@ -157,6 +160,14 @@ class EmulatedSensors:
             if not later.any():
                 return
             self._follow_script_until(self._script[-1][0])
+
+    def _forget_gone(self) -> None:
+        """Keep nothing of drones that were forgotten, or whose rows are others' now."""
+        names = self._trajectories.names
+        if names is not self._drones:
+            self._at_work.borders.forget(renamed(self._drones, names), len(names))
+            self._at_work.draws.trim(len(names))
+            self._drones = names
 
     def _later_than_script(self, sectors: Sectors) -> Bools:
         """Which sectors are worked out after the next change of the script."""
@@ -195,6 +206,7 @@ class EmulatedSensors:
             looks_by=found.looks_by,
             truth_at=lambda _row, t_utc_ns, drones: truth_at(t_utc_ns, drones),
             clock_ahead_ns=site.clock_ahead_ns,
+            names=found.names,
         )
         return list(found.reports(self._names, self._formats.messages(seen)))
 

@@ -260,7 +260,8 @@ class SensorGroup:
         if self.site.tells_heights and len(plots):
             sensor = np.repeat(sectors.sensor, np.diff(plots_by))
             plots = with_heights(plots, frames_at(self._frames, sensor))
-        return Sighting(sectors, looks, looks_by, plots, plots_by)
+        names = self._at_work.trajectories.names
+        return Sighting(sectors, looks, looks_by, plots, plots_by, names)
 
     def _told(self, sensor: int, plots: Plots) -> Plots:
         """Plots of a sensor that say whose they are, where that is not known without."""
@@ -295,7 +296,7 @@ def _joined(scans: Sequence[Sighting]) -> Sighting:
 
     looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
     plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
-    return Sighting(sectors.rows(order), looks, looks_by, plots, plots_by)
+    return Sighting(sectors.rows(order), looks, looks_by, plots, plots_by, scans[0].names)
 
 
 def with_heights(plots: Plots, frames: Axes) -> Plots:

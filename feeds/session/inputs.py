@@ -116,7 +116,7 @@ class SessionInputs:
         totals = self._totals
         totals.telemetry, totals.conflated = self._telemetry.taken, self._telemetry.conflated
         totals.late = self._telemetry.refusals[Reason.LATE]
-        totals.drones = len(self._trajectories.names)
+        totals.drones = len(self._trajectories)
         self._count()
 
     def _take_commands(self, turns: Sequence[Turn], as_of_ns: int) -> None:

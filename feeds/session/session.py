@@ -119,7 +119,7 @@ class Session:
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
         ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
-        self._ledger = LedgerWriter(scene.mqtt.prefix, self.trajectories.names)
+        self._ledger = LedgerWriter(scene.mqtt.prefix)
         self._kept: list[Kept] = []
         """Sectors whose entries are to be made next."""
         launch(scene, self.trajectories, self.start_ns)
@@ -227,7 +227,7 @@ class Session:
     async def _work(self, duration_s: float | None) -> None:
         """Start everything, and do what is due until the end."""
         end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
-        self.totals.drones = len(self.trajectories.names)
+        self.totals.drones = len(self.trajectories)
         for observer in self._observers:
             observer.begun(self)
         self._outbox.send_past_link(session_message(self.scene, self.start_ns))

@@ -148,10 +148,10 @@ def ledger_us(sectors: int, drones: int) -> float:
     )
     topics = [f"plotfeed/r{i}/asterix/{c}" for i in range(sectors) for c in ("048", "034")]
     sent_ns, sizes = np.full(2 * sectors, due_ns[0]), np.full(2 * sectors, 60)
-    octets = LedgerOctets(names)
+    octets = LedgerOctets()
 
     def entries() -> list[bytes]:
-        truths = octets.truths(looks, by, plots, by)
+        truths = octets.truths(looks, by, plots, by, names=names)
         sent, ends = octets.sent(topics, sent_ns, sent_ns, sizes, np.arange(2 * sectors))
         ends = ends[::2].tolist()
         return [

@@ -110,7 +110,7 @@ def test_looks_and_plots_are_what_protobuf_makes_of_them(
     sectors: list[Any], with_rates: bool, with_merged: bool, many: int
 ) -> None:
     """Whether they are few or many."""
-    octets = LedgerOctets(NAMES)
+    octets = LedgerOctets()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ledger_octets, "MANY", many)
         truths = truths_of(octets, sectors, with_rates, with_merged)
@@ -129,6 +129,7 @@ def truths_of(
         ends([len(rows) for rows, _ in sectors]),
         plots_of([row for _, rows in sectors for row in rows], with_rates, with_merged),
         ends([len(rows) for _, rows in sectors]),
+        names=NAMES,
     )
 
 
@@ -150,7 +151,7 @@ def test_messages_and_the_whole_entry_are_what_protobuf_makes_of_them(
     some: list[Any], others: list[Any], scan: int, sector: int, link: str
 ) -> None:
     """Topics that have been told of before have their numbers already."""
-    octets = LedgerOctets(NAMES)
+    octets = LedgerOctets()
     for messages in (some, others):
         sent = [
             pb.Sent(
@@ -178,13 +179,30 @@ def test_messages_and_the_whole_entry_are_what_protobuf_makes_of_them(
 
 def test_drones_may_become_more() -> None:
     names: list[str] = []
-    octets = LedgerOctets(names)
+    octets = LedgerOctets()
     for i, name in enumerate(NAMES):
         names.append(name)
         seen = looks_of([(i, 0, 5, 1.0, 2.0, 3.0, 4.0, 0.5, True, 0)])
         told = plots_of([(i, 5, 1.0, 2.0, 3.0, 4.0, [])], with_rates=False, with_merged=False)
-        truths = octets.truths(seen, ends([1]), told, ends([1]))
+        truths = octets.truths(seen, ends([1]), told, ends([1]), names=names)
         assert truths == [by_protobuf(seen, told).SerializeToString()]
+
+
+@given(st.lists(st.lists(st.text(max_size=6), min_size=1, max_size=5), min_size=1, max_size=6))
+def test_rows_may_be_other_drones_of_another_list_and_old_lists_come_again(
+    lists: list[list[str]],
+) -> None:
+    octets = LedgerOctets()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ledger_octets, "MANY", 1)
+        for names in [*lists, *lists]:
+            rows = range(len(names))
+            seen = looks_of([(i, 0, 5, 1.0, 2.0, 3.0, 4.0, 0.5, True, 0) for i in rows])
+            told = plots_of([(i, 5, 1.0, 2.0, 3.0, 4.0, []) for i in rows], False, False)
+            n = ends([len(names)])
+            entry = pb.Ledger.FromString(octets.truths(seen, n, told, n, names=names)[0])
+            assert [look.drone for look in entry.looks] == names
+            assert [plot.drone for plot in entry.plots] == names
 
 
 @pytest.mark.parametrize("fate", [pb.LOST, pb.UNDELIVERED, pb.SENT])
