@@ -13,8 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import click
-
 from plotfeed.feeds.accuracy_chart.chart import (
     LITTLE,
     Chart,
@@ -25,7 +23,7 @@ from plotfeed.feeds.accuracy_chart.chart import (
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
 from plotfeed.feeds.console.extras import need_matplotlib
-from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.console.printed import finite, say
 from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.scene.scene import Scene
 
@@ -55,12 +53,12 @@ def print_chart(
     values = as_values(chart)
     drawn = draw(chart, out, picture) if out is not None else []
     if as_json:
-        click.echo(json.dumps(values))
+        say(json.dumps(values))
         return
     for line in lines(values):
-        click.echo(line)
+        say(line)
     for path in drawn:
-        click.echo(f"drawn: {path}", err=True)
+        say(f"drawn: {path}", err=True)
 
 
 def as_values(chart: Chart) -> dict[str, Any]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -62,12 +62,12 @@ def print_check(
     if chart is not None:
         draw_predictions(curves(scene, rcs_m2), chart)
     if as_json:
-        click.echo(json.dumps(found))
+        say(json.dumps(found))
         return
-    click.echo(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
+    say(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
     for sensor in found["sensors"]:
         for line in table_lines(sensor):
-            click.echo(line)
+            say(line)
 
 
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import click
-
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
@@ -72,10 +71,10 @@ def publish_flight(path: Path, options: FlightOptions, settings: InjectSettings)
     if more := len(recorded.skipped) - len(skipped):
         skipped = (*skipped, f"and {more} more records skipped")
     for line in (*recorded.assumed, *skipped):
-        click.echo(f"plotfeed: {path}: {line}", err=True)
+        say(f"plotfeed: {path}: {line}", err=True)
     flight = recorded if settings.raw else smoothed(recorded)
     duration_s = flight.duration_s / settings.speed
-    click.echo(f"{path}: {len(flight.reports)} reports, {duration_s:.0f} s to fly")
+    say(f"{path}: {len(flight.reports)} reports, {duration_s:.0f} s to fly")
     return asyncio.run(_Injection(flight, settings).run())
 
 
@@ -138,8 +137,8 @@ class _Injection:
             await link.drain()
             await asyncio.sleep(0.2)  # for what is said of the last ones
         for line in self._refusals[:MOST_REFUSALS_TOLD]:
-            click.echo(f"plotfeed: refused: {line}", err=True)
-        click.echo(
+            say(f"plotfeed: refused: {line}", err=True)
+        say(
             f"{self._sent} reports sent to {settings.broker} as {topic}, "
             f"{self._undelivered} undelivered, {len(self._refusals)} refused"
         )

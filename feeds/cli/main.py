@@ -25,6 +25,7 @@ from plotfeed.feeds.cli.options import (
     take_flight_options,
 )
 from plotfeed.feeds.console import INTERRUPTED
+from plotfeed.feeds.console.printed import PrintableFormatter, say
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
@@ -289,7 +290,7 @@ def schema(what: str) -> int:
     """Print the JSON schema of the scene file, the protobuf schema of our messages, or AsyncAPI."""
     from plotfeed.feeds.schema import text_of
 
-    click.echo(text_of(what))
+    say(text_of(what))
     return 0
 
 
@@ -299,7 +300,9 @@ def main() -> None:
 
 
 def _run() -> int:
-    logging.basicConfig(level=logging.INFO, format="plotfeed: %(message)s")
+    handler = logging.StreamHandler()
+    handler.setFormatter(PrintableFormatter("plotfeed: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
         code = cli.main(standalone_mode=False)
     except click.ClickException as error:
@@ -317,5 +320,5 @@ def _run() -> int:
 
 def _failed(text: str, code: int) -> int:
     for line in text.splitlines():
-        click.echo(f"plotfeed: {line}", err=True)
+        say(f"plotfeed: {line}", err=True)
     return code

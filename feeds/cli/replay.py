@@ -16,10 +16,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TextIO
 
-import click
-
 from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.lateness import lateness_us
@@ -121,31 +120,31 @@ async def _replay(
                 await asyncio.gather(status, return_exceptions=True)
     took_s = time.monotonic() - began_s
     if as_json:
-        click.echo(json.dumps(_summary(totals, outs, took_s)))
+        say(json.dumps(_summary(totals, outs, took_s)))
     else:
         show_last_status(_line(totals, settings, took_s))
         for why, count in totals.skipped.items():
-            click.echo(f"plotfeed: {count} messages were not sent: {why}", err=True)
+            say(f"plotfeed: {count} messages were not sent: {why}", err=True)
         for what, count in totals.left.items():
-            click.echo(f"plotfeed: times left alone {count} times: {what}", err=True)
+            say(f"plotfeed: times left alone {count} times: {what}", err=True)
     found = source.damage
     for each in found[:MAX_DAMAGES_TOLD]:
-        click.echo(f"plotfeed: {path}: {each}", err=True)
+        say(f"plotfeed: {path}: {each}", err=True)
     if signal.SIGINT in signals:
         return INTERRUPTED
     return FAILED if totals.undelivered or (found and not totals.messages) else 0
 
 
 def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
-    click.echo(f"{path}")
+    say(f"{path}")
     for broker in to.brokers:
-        click.echo(f"  MQTT  {broker}")
+        say(f"  MQTT  {broker}")
     for udp in to.udp:
-        click.echo(f"  UDP   {udp.destination}")
+        say(f"  UDP   {udp.destination}")
     if to.recorded_udp:
-        click.echo("  UDP   where each datagram once went")
+        say("  UDP   where each datagram once went")
     if has_keys:
-        click.echo(HELP)
+        say(HELP)
     sys.stdout.flush()
 
 

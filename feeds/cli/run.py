@@ -20,6 +20,7 @@ import click
 
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import (
     GARBAGE_OF_SESSION,
     keep_freed,
@@ -39,7 +40,6 @@ from plotfeed.feeds.recording.recorder import (
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.output_keys import Outgoing, split_address
-from plotfeed.feeds.scene.problems import printable_line
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
@@ -98,7 +98,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     serves_page, note = _page(settings)
     again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
     if again is not None and not again.has_ticks:
-        click.echo(BEFORE_TICKS.format(again.path), err=True)
+        say(BEFORE_TICKS.format(again.path), err=True)
     start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
     clock, duration_s = _clock(start_utc_ns, settings.speed), settings.duration
     if again is not None and duration_s is None and scene.scene.duration_s is None:
@@ -133,12 +133,12 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         )
         code, totals = asyncio.run(_run(scene, run_session, note, quiet=settings.as_json))
     if settings.as_json:
-        click.echo(json.dumps(_summary(totals)))
+        say(json.dumps(_summary(totals)))
     else:
         show_last_status(_line(totals))
     failures = [file.failure for file in (raw, recorder) if file and file.failure]
     for failure in failures:
-        click.echo(f"plotfeed: {failure}", err=True)
+        say(f"plotfeed: {failure}", err=True)
     return FAILED if failures else code
 
 
@@ -148,7 +148,7 @@ def run_again(path: Path, settings: RunSettings) -> int:
         scene = SessionRecord.open(path).scene(Path(folder))
         elsewhere = list(_elsewhere(scene, settings))
         if elsewhere:
-            click.echo(printable_line(NOT_SENT.format(path, ", ".join(elsewhere))), err=True)
+            say(NOT_SENT.format(path, ", ".join(elsewhere)), err=True)
         return run_in_terminal(scene, replace(settings, telemetry=settings.telemetry or path))
 
 
@@ -207,7 +207,7 @@ async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounte
     try:
         return await run_at(PageAddress())
     except PageError:  # before anything has begun
-        click.echo(f"port {DEFAULT_PORT} is taken: the page has another")
+        say(f"port {DEFAULT_PORT} is taken: the page has another")
         return await run_at(PageAddress(port=0))
 
 
@@ -249,27 +249,27 @@ async def _run(
 def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
     """Say where everything is; `note` is why there is no page."""
     prefix = scene.mqtt.prefix
-    click.echo(f"scene {scene.scene.name}")
+    say(f"scene {scene.scene.name}")
     for protocol, url in urls.items():
-        click.echo(f"  {protocol:<12}{url}")
+        say(f"  {protocol:<12}{url}")
     if note:
-        click.echo(f"  {'page':<12}{note}")
+        say(f"  {'page':<12}{note}")
     for sensor in scene.sensor:
         for topics in _topics(sensor):
-            click.echo(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
-    click.echo(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
+            say(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
+    say(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
     if scene.mqtt.truth:
-        click.echo(f"  truth       {prefix}/truth, not for the tracker")
+        say(f"  truth       {prefix}/truth, not for the tracker")
     if scene.outgoing.middleware is not None:
-        click.echo(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
+        say(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
     for udp in scene.outgoing.udp:
         whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
         how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
-        click.echo(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
+        say(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
     looks = [f"in a browser {urls['page']}"] if "page" in urls else []
     looks += [f"plotfeed show {url.split()[0]}" for name, url in urls.items() if name != "page"][:1]
     if looks:
-        click.echo(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
+        say(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
     sys.stdout.flush()
 
 

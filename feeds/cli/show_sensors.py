@@ -6,10 +6,8 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-import click
-
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
-from plotfeed.feeds.console.printed import aligned
+from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.scene.presets.preset import Preset, names, preset
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
 
@@ -24,7 +22,7 @@ def print_presets(name: str | None, *, as_json: bool) -> None:
     else:
         found = details(preset(name))
         lines = detail_lines(found)
-    click.echo(json.dumps(found) if as_json else "\n".join(lines))
+    say(json.dumps(found) if as_json else "\n".join(lines))
 
 
 def summary(shown: Preset) -> dict[str, Any]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+import click
 
 Row = Sequence[str]
 
@@ -32,5 +35,24 @@ def finite(value: Any) -> Any:
 
 
 def printable(text: str) -> str:
-    """Text that others sent, so that it does not move the cursor of a terminal."""
-    return text if text.isprintable() else ascii(text)
+    """Text on one line in which what a terminal would obey is written out.
+
+    That is line ends, escapes and other controls, marks that change the direction of writing, and
+    halves of characters.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print lines, whoever wrote what is in them: all that commands say goes through here."""
+    click.echo("\n".join(map(printable, text.split("\n"))), err=err)
+
+
+class PrintableFormatter(logging.Formatter):
+    """Formats what is logged as `say` prints."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Lines without anything that a terminal would obey."""
+        return "\n".join(map(printable, super().format(record).split("\n")))

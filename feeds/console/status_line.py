@@ -10,6 +10,8 @@ from typing import TypeVar
 
 import click
 
+from plotfeed.feeds.console.printed import printable, say
+
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
 PATIENCE_S = 1.0
@@ -32,13 +34,15 @@ async def show_status(text: Callable[[], str], *, quiet: bool = False) -> None:
     start, end = ("\r\033[K", "") if sys.stdout.isatty() else ("", "\n")
     while not quiet:
         await asyncio.sleep(interval_s())
-        sys.stdout.write(f"{start}{text()}{end}")
+        sys.stdout.write(f"{start}{printable(text())}{end}")
         sys.stdout.flush()
 
 
 def show_last_status(text: str) -> None:
     """Write the status at the end, over the last one in a terminal, so that it stays."""
-    click.echo(f"\r\033[K{text}" if sys.stdout.isatty() else text)
+    if sys.stdout.isatty():
+        sys.stdout.write("\r\033[K")
+    say(text)
 
 
 def with_progress(
@@ -59,4 +63,4 @@ def with_progress(
             bar.update(min(done(), all_) - bar.pos)
     finally:
         if is_shown:
-            click.echo(GONE, file=sys.stderr, nl=False)
+            sys.stderr.write(GONE)

@@ -11,8 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-import click
-
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
@@ -108,7 +107,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
             counts.notes.append(f"{reader.skipped} packets of {recording.format} hold no UDP")
         keep(counts.read > 0 or not reader.damage)
     for damage in reader.damage:
-        click.echo(f"plotfeed: {source}: {damage}", err=True)
+        say(f"plotfeed: {source}: {damage}", err=True)
     if reader.damage and not counts.read:
         raise PlotfeedError(f"{source}: nothing in it is whole; {target} is not written")
     (_print_json if settings.as_json else _print)(source, target, recording, form, counts)
@@ -191,16 +190,16 @@ def _write(writer: RecordingWriter, message: Recorded, counts: ConversionCounts)
 def _print(
     source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
 ) -> None:
-    click.echo(
+    say(
         f"{source} ({recording.format}) to {target} ({form}): {counts.messages} messages, "
         f"{counts.octets} octets"
     )
     for reason, count in counts.left_out.items():
-        click.echo(f"  left out {count} messages: {reason}")
+        say(f"  left out {count} messages: {reason}")
     for note in counts.notes[:MAX_NOTES]:
-        click.echo(f"  {note}")
+        say(f"  {note}")
     if len(counts.notes) > MAX_NOTES:
-        click.echo(f"  and {len(counts.notes) - MAX_NOTES} more; --json has all")
+        say(f"  and {len(counts.notes) - MAX_NOTES} more; --json has all")
 
 
 def _print_json(
@@ -220,4 +219,4 @@ def _print_json(
         "notes": counts.notes,
         "damage": [asdict(each) for each in recording.reader.damage],
     }
-    click.echo(json.dumps(found))
+    say(json.dumps(found))

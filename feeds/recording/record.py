@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
-
 from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.message import checked_topic_filter
@@ -120,7 +119,7 @@ class _Recording:
         for recorded in self._early:
             self._receive(recorded)
         if not self._settings.as_json:
-            click.echo(f"recording {self._source.shown} to {self._target}; stop: Ctrl-C")
+            say(f"recording {self._source.shown} to {self._target}; stop: Ctrl-C")
             sys.stdout.flush()
         flushing = asyncio.create_task(recorder.run(), name="flush")
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
@@ -175,7 +174,7 @@ class _Recording:
                 "dropped": recorder.dropped,
                 "refused": recorder.refused,
             }
-            click.echo(json.dumps(totals))
+            say(json.dumps(totals))
         else:
             show_last_status(self._line(recorder))
         for many, why in (
@@ -184,6 +183,6 @@ class _Recording:
             (recorder.refused, "messages were not recorded: no such file can hold them"),
         ):
             if many:
-                click.echo(f"plotfeed: {many} {why}", err=True)
+                say(f"plotfeed: {many} {why}", err=True)
         if recorder.failure:
-            click.echo(f"plotfeed: {recorder.failure}", err=True)
+            say(f"plotfeed: {recorder.failure}", err=True)

@@ -12,10 +12,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import click
-
 from plotfeed.feeds.console import INTERRUPTED
-from plotfeed.feeds.console.printed import aligned, printable
+from plotfeed.feeds.console.printed import aligned, printable, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.decoded_text import (
@@ -92,14 +90,14 @@ async def _show_broker(
     finally:
         await source.close()
     if dropped:
-        click.echo(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
+        say(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
     return INTERRUPTED if signal.SIGINT in signals else 0
 
 
 async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
     printed = 0
     while count is None or printed < count:
-        click.echo(await lines.get())
+        say(await lines.get())
         printed += 1
 
 
@@ -115,7 +113,7 @@ def show_file(
         if listed or count is not None:
             lines = _lines(recording, as_json=as_json, categories=categories)
             for line in islice(lines, count):
-                click.echo(line)
+                say(line)
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
@@ -125,11 +123,11 @@ def show_file(
             ):
                 summary.add(message)
             if as_json:
-                click.echo(json.dumps(_figures(path, recording, summary)))
+                say(json.dumps(_figures(path, recording, summary)))
             else:
-                click.echo("\n".join(_text(path, recording, summary)))
+                say("\n".join(_text(path, recording, summary)))
     for damage in reader.damage:
-        click.echo(f"plotfeed: {path}: {damage}", err=True)
+        say(f"plotfeed: {path}: {damage}", err=True)
     return 2 if reader.damage else 0
 
 

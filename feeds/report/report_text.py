@@ -8,9 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-import click
-
-from plotfeed.feeds.console.printed import Row, aligned, printable, widths
+from plotfeed.feeds.console.printed import Row, aligned, printable, say, widths
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values, report
 from plotfeed.feeds.report.ledger_reading import read
@@ -314,10 +312,10 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
     if chart is not None:
         draw(told, chart)
     if as_json:
-        click.echo(json.dumps(as_values(told)))
+        say(json.dumps(as_values(told)))
     else:
         for line in lines(told):
-            click.echo(line)
+            say(line)
     for each in told.damage:
-        click.echo(f"plotfeed: {path}: {each}", err=True)
+        say(f"plotfeed: {path}: {each}", err=True)
     return DAMAGED if told.damage else 0

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.fields import SceneTable
 
 MAX_SHOWN = 80
@@ -15,12 +16,7 @@ MAX_SHOWN = 80
 
 def in_a_line(problems: Iterable[tuple[str, str]]) -> str:
     """Problems, each of a key or of the whole, as one printable line."""
-    return printable_line("; ".join(f"{key}: {text}" if key else text for key, text in problems))
-
-
-def printable_line(line: str) -> str:
-    """A line in which what cannot be printed is a space."""
-    return "".join(c if c.isprintable() else " " for c in line)
+    return printable("; ".join(f"{key}: {text}" if key else text for key, text in problems))
 
 
 def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone
 from plotfeed.feeds.scene.fields import (
@@ -27,7 +28,7 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.output_keys import Mqtt, Outgoing, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
-from plotfeed.feeds.scene.problems import printable_line, problems_of
+from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered
 from plotfeed.proto.errors import PlotfeedError
@@ -46,7 +47,7 @@ class SceneError(PlotfeedError):
 
     def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
         lines = [f"{path}: {key}: {text}" if key else f"{path}: {text}" for key, text in problems]
-        super().__init__("\n".join(printable_line(line) for line in lines))
+        super().__init__("\n".join(printable(line) for line in lines))
         self.path = path
         self.problems = problems
 

@@ -147,7 +147,7 @@ MISTAKES = {
     ),
     "a key of two lines": (
         ("seed = 3", 'seed = 3\n"a\\nb" = 1'),
-        "scene.a b: no such key",
+        "scene.a\\nb: no such key",
     ),
 }
 
