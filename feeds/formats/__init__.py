@@ -110,6 +110,16 @@ def announcer_of(scene: Scene, sensor: Sensor) -> Announcer | None:
     return next((maker(scene, sensor) for maker in makers if maker is not None), None)
 
 
+def inboxes_of(scene: Scene) -> dict[str, str]:
+    """Topics on which sensors may be asked something in a format that they report in: whose."""
+    return {
+        f"{scene.mqtt.prefix}/{sensor.id}/{FORMATS[name].facts.inbox}": sensor.id
+        for sensor in scene.sensor
+        for name in sensor.report
+        if FORMATS[name].facts.inbox
+    }
+
+
 __all__ = [
     "FORMATS",
     "Announcer",
@@ -122,5 +132,6 @@ __all__ = [
     "announcer_of",
     "carries_plots",
     "in_time",
+    "inboxes_of",
     "register",
 ]

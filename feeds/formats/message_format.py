@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -45,9 +45,8 @@ class Announcer(Protocol):
 
     every_ns: int
     """How often it says that nothing has changed."""
-
-    def change(self, sensor: Sensor) -> None:
-        """Be of the sensor with those keys from now on."""
+    inbox: str
+    """Topic on which somebody may ask something of the sensor."""
 
     def opening(self, now_utc_ns: int) -> list[Message]:
         """What comes before anything else, on every connection."""
@@ -57,6 +56,22 @@ class Announcer(Protocol):
 
     def closing(self, now_utc_ns: int) -> list[Message]:
         """Goodbye."""
+
+    def changed(self, sensor: Sensor, now_utc_ns: int) -> list[Message]:
+        """What there is to say of the sensor's new keys."""
+
+    def answer(
+        self, payload: bytes, now_utc_ns: int, change: Callable[[Mapping[str, Any] | None], object]
+    ) -> AnnouncerReply:
+        """Do what the payload asks, by `change` of the sensor's keys, and what is said to that."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnnouncerReply:
+    """What is said to whoever asked something of a sensor, and whether it was done."""
+
+    messages: list[Message]
+    accepted: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -143,7 +143,7 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
         return "asterix"
     if (content_type or "").startswith(JSON) or levels[-1] in ("errors", "status"):
         return "json"
-    if levels[-1] == "sapient":
+    if levels[-1] == "sapient" or levels[-2:] == ["sapient", "task"]:
         return "sapient"
     if levels[-2:-1] == ["telemetry"]:
         return pb.Telemetry

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Literal
 
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.report_formats import is_inbox
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.recorded import WHAT_LEFT, Stage
@@ -33,7 +34,7 @@ class Selection:
         """Whether messages on that topic are replayed, of that type and at that stage."""
         levels = topic.split("/")
         is_telemetry = levels[-2:-1] == ["telemetry"]
-        if levels[-1] == "control":
+        if levels[-1] == "control" or is_inbox(topic):
             return False
         if self.stage == "telemetry":
             return is_telemetry and stage in (Stage.TELEMETRY, Stage.RECEIVED)

@@ -78,12 +78,14 @@ def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
     """A change whose factor on the probability of a false alarm is worked out."""
     if PFA_FACTOR not in change:
         return change
+    others = {key: value for key, value in change.items() if key != PFA_FACTOR}
     factor, pfa = change[PFA_FACTOR], sensor.false_alarm_probability
+    if factor is None:
+        return others
     if pfa is None:
         raise ChangeError([(PFA_FACTOR, f"sensor {sensor.id!r} has no pfa")])
     if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0 < factor < 1e15:
         raise ChangeError([(PFA_FACTOR, f"expected a number above 0, not {factor!r}")])
-    others = {key: value for key, value in change.items() if key != PFA_FACTOR}
     return {"pfa": pfa * factor, **others}
 
 

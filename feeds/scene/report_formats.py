@@ -39,6 +39,8 @@ class ReportFormat:
     """Of those messages."""
     summary: str
     """What they are."""
+    inbox: str = ""
+    """End of the topics on which sensors are asked something in it; empty for none."""
     message: str = ""
     """The protobuf message that they are; empty for ASTERIX."""
     categories: Mapping[int, SentCategory] = field(default_factory=dict)
@@ -110,8 +112,14 @@ REPORT_FORMATS: dict[str, ReportFormat] = {
             topic="sapient",
             content_type=protobuf_content_type(SAPIENT_MESSAGE),
             summary="SAPIENT, BSI Flex 335 v2: detections.",
+            inbox="sapient/task",
             message=SAPIENT_MESSAGE,
         ),
     )
 }
 """By name. `feeds.formats.register` adds to them."""
+
+
+def is_inbox(topic: str) -> bool:
+    """Whether sensors are asked something on a topic, in the words of one of their formats."""
+    return any(row.inbox and topic.endswith(f"/{row.inbox}") for row in REPORT_FORMATS.values())

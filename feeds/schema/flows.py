@@ -94,7 +94,7 @@ def _of_format(name: str) -> Iterator[Flow]:
         sensors=sensors,
     )
     yield plots
-    for what in ("registration", "status") if announces else ():
+    for what in ("registration", "status", "goodbye", "answer") if announces else ():
         yield replace(
             plots,
             name=f"{name}{what.capitalize()}",
@@ -102,6 +102,18 @@ def _of_format(name: str) -> Iterator[Flow]:
             attributes=OF_SENSOR,
             kind=f"plotfeed.{name}.{what}",
             qos=1,
+            retain=what in {"registration", "goodbye"},
+            needs="somebody asked something" if what == "answer" else "",
+        )
+    if facts.inbox:
+        yield Flow(
+            name=f"{name}Task",
+            address=f"{{prefix}}/{{sensor}}/{facts.inbox}",
+            content_type=facts.content_type,
+            summary=plots.summary.replace("detections", "something that a sensor is asked to do"),
+            message=facts.message,
+            sensors=sensors,
+            inbound=True,
         )
 
 

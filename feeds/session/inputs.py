@@ -8,9 +8,11 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
+from plotfeed.feeds.formats import inboxes_of
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import (
+    MAX_COMMAND_OCTETS,
     ChangeError,
     ClockCommand,
     Command,
@@ -48,7 +50,10 @@ class SessionInputs:
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._telemetry = TelemetryReceiver(context.scene, trajectories, welcome=self._reports.know)
-        self._control_topic = f"{context.scene.mqtt.prefix}/control"
+        prefix = context.scene.mqtt.prefix
+        self._control_topic = f"{prefix}/control"
+        self._inboxes = inboxes_of(context.scene)
+        self._inbox_ends = tuple(sorted({_end_of(prefix, topic) for topic in self._inboxes}))
         self._trajectories = trajectories
         self._clock = context.clock
         self._totals = context.totals
@@ -59,7 +64,9 @@ class SessionInputs:
     @property
     def topics(self) -> list[str]:
         """What there is to subscribe to."""
-        return [self._telemetry.topic, self._control_topic]
+        prefix = self._control_topic.rpartition("/")[0]
+        inboxes = [f"{prefix}/+{end}" for end in self._inbox_ends]
+        return [self._telemetry.topic, self._control_topic, *inboxes]
 
     def __len__(self) -> int:
         """How many messages wait."""
@@ -78,20 +85,25 @@ class SessionInputs:
 
     def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, or drop it if too much of its topic waits already."""
-        queue = self._reports if topic != self._control_topic else self._commands
+        queue = self._commands if self._is_command(topic) else self._reports
         queue.put(topic, payload, content_type)
 
     def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
         """Take in what waits, as of that time: commands first, then topic after topic.
 
         Between some and the next, `until` is asked whether it is enough; the rest keeps its place.
+        However many commands there are, some telemetry is taken in.
         """
         while len(self):
+            is_enough = False
             if self._commands:
-                self._take_commands(self._commands.take(1), as_of_ns)
-            else:
+                self._take_commands([self._commands.take_one()], as_of_ns)
+                is_enough = until()
+            # Telemetry when all commands are done, or when there are more than there is time for.
+            if self._reports and bool(self._commands) == is_enough:
                 self._take_telemetry(self._reports.take(AT_ONCE), as_of_ns)
-            if until():
+                is_enough = is_enough or until()
+            if is_enough:
                 break
         self._refuse_dropped(as_of_ns)
         self._totals.intake_behind_s = self.behind_s()
@@ -100,7 +112,7 @@ class SessionInputs:
         """Take in telemetry and commands together, as of that time, whatever else waits."""
         for topic, together in groupby(inputs, key=itemgetter(0)):
             turn = (topic, [(payload, content_type) for _, payload, content_type in together])
-            take = self._take_commands if topic == self._control_topic else self._take_telemetry
+            take = self._take_commands if self._is_command(topic) else self._take_telemetry
             take([turn], as_of_ns)
 
     def _tell(self, turns: Sequence[Turn], as_of_ns: int) -> None:
@@ -124,9 +136,25 @@ class SessionInputs:
         for topic, commands in turns:
             for payload, _ in commands:
                 try:
-                    self._obey(parsed(payload), as_of_ns)
+                    if topic == self._control_topic:
+                        self._obey(parsed(payload), as_of_ns)
+                    else:
+                        self._ask(topic, payload, as_of_ns)
                 except (ControlError, ChangeError) as error:
                     self._refuse(topic, Refused(Reason.CONTROL, str(error)), as_of_ns)
+
+    def _is_command(self, topic: str) -> bool:
+        return topic == self._control_topic or topic.endswith(self._inbox_ends)
+
+    def _ask(self, topic: str, payload: bytes, as_of_ns: int) -> None:
+        """Have a sensor answer what is asked of it in the words of a format."""
+        sensor = self._inboxes.get(topic)
+        if sensor is None:
+            known = ", ".join(self._inboxes.values())
+            raise ControlError(f"there is no sensor that takes this; expected one of {known}")
+        if len(payload) > MAX_COMMAND_OCTETS:
+            raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
+        self._sensor_tasks[sensor].asked(payload, as_of_ns)
 
     def _refuse_dropped(self, as_of_ns: int) -> None:
         """Count what could not even wait to be taken in, and tell of it by topic."""
@@ -184,3 +212,8 @@ class SessionInputs:
     def _count(self) -> None:
         self._totals.refused = self._telemetry.refused
         self._totals.last_refusal = self._telemetry.last_refusal
+
+
+def _end_of(prefix: str, topic: str) -> str:
+    """A topic without prefix and sensor."""
+    return "/" + topic.removeprefix(f"{prefix}/").partition("/")[2]

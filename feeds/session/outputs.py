@@ -90,6 +90,8 @@ class Outputs:
         """The links that a broker may hold up."""
         self._sapient: list[Transport] = []
         self._sapient_intake: SapientIntake | None = None
+        self._on_message: OnMessage | None = None
+        """Told of what comes in, over whatever connection."""
         self._addresses = addresses
         self._context = context
         self._scene, self._clock = context.scene, context.clock
@@ -103,6 +105,7 @@ class Outputs:
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage) -> Outbox:
         """The session's own: it receives what comes on those topics. Asked for before any other."""
+        self._on_message = on_message
         self.brokers = [
             MqttTransport(
                 to,
@@ -164,6 +167,7 @@ class Outputs:
             clock=self._clock,
             intake=self._sapient_intake,
             counters=node,
+            on_task=self._on_message and partial(self._on_message, announcer.inbox),
         )
 
     def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:

@@ -72,7 +72,7 @@ class SensorTask:
         self._plan_status(start_utc_ns + later_ns + STATUS_EVERY_NS)
         self.outbox.send_past_link(self.settings)
         if self._announcer is not None:
-            self._announcer.change(self.sensor)
+            self._announcer.changed(self.sensor, start_utc_ns)
             self.outbox.send_past_link(*self._announcer.opening(start_utc_ns))
             self._plan_announcement(start_utc_ns + self._announcer.every_ns, self._announcer)
 
@@ -103,6 +103,16 @@ class SensorTask:
         self._follow_script(at_utc_ns)
         self.outbox.send_past_link(self.settings)
 
+    def asked(self, payload: bytes, as_of_ns: int) -> None:
+        """Do what somebody asks in the words of a format, and answer in them."""
+        node = self.outbox.counters.sapient
+        if self._announcer is None or node is None:
+            return
+        change = partial(self.control, at_utc_ns=as_of_ns)
+        reply = self._announcer.answer(payload, as_of_ns, change)
+        node.count("tasks" if reply.accepted else "rejected")
+        self.outbox.send_past_link(*reply.messages)
+
     def _follow_script(self, at_utc_ns: int) -> None:
         """Be as script and control have it then, however late it is done."""
         sensor = self._sensors.as_of(self._i, self._controlled, at_utc_ns)
@@ -112,9 +122,10 @@ class SensorTask:
             self.outbox.change(sensor.link or LinkSettings(), at_utc_ns)
             self.link = json_of(sensor.link)
         self.sensor = sensor
-        if self._announcer is not None:
-            self._announcer.change(sensor)
         self._status.enabled = sensor.enabled
+        if self._announcer is not None:
+            news = self._announcer.changed(sensor, at_utc_ns)
+            self.outbox.send_past_link(*news)
         for observer in self._context.observers:
             observer.settings(sensor)
 

@@ -115,6 +115,21 @@ class FairQueue:
         self._taken += number
         return turns
 
+    def take_one(self) -> Turn:
+        """The oldest message of the topic whose turn it is; its others wait for its next turn."""
+        topic = next(iter(self._turns))
+        waiting = self._turns.pop(topic)
+        first = waiting.pop(0)
+        if waiting:
+            self._turns[topic] = waiting
+        else:
+            del self._since_s[topic]
+            self._strangers -= topic not in self._known
+        self._forget(first[0])
+        self._waiting -= 1
+        self._taken += 1
+        return topic, [first]
+
     def behind_s(self) -> float:
         """How long some topic has waited, seconds; looked up ten times a second at most."""
         if not self._turns:

@@ -11,7 +11,8 @@ from typing import Any
 from plotfeed.feeds.delivery.counters import ClientCounters, SapientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, is_registration
+from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
+from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import SapientKeys, split_address
 from plotfeed.feeds.timing.clock import Clock
@@ -50,9 +51,9 @@ class SapientTcpTransport:
         clock: Clock,
         intake: SapientIntake,
         counters: SapientCounters,
-        on_task: Callable[[bytes], object] = lambda _payload: None,
+        on_task: Callable[[bytes, str | None], object] | None = None,
     ) -> None:
-        """`settings` name the middleware; `on_task` is given the messages that hold a task."""
+        """`settings` name the middleware; `on_task` is given what holds a task, and its type."""
         if settings.middleware is None:
             raise ValueError("expected a middleware")
         self.address = settings.middleware
@@ -139,7 +140,9 @@ class SapientTcpTransport:
             self._has_opened = True  # what a session begins with, the connection has begun with
             return True
         wire = self._wire if self._up.is_set() else None
-        if wire is None or (self._is_refused and not registers):
+        if wire is None:
+            return False
+        if self._is_refused and not registers and not is_answer(delivery.message):
             return False
         if not wire.send(delivery.message.payload):
             return False
@@ -228,8 +231,8 @@ class SapientTcpTransport:
             self._answered.set()
         elif heard.what == "error":
             self._complained(heard)
-        elif heard.what == "task":
-            self._on_task(payload)
+        elif heard.what == "task" and self._on_task is not None:
+            self._on_task(payload, CONTENT_TYPE)
 
     def _refused(self, heard: Heard) -> None:
         self.counters.count("refusals")

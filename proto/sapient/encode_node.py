@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,9 +27,20 @@ DEG_M = RangeBearingCoordinateSystem.RANGE_BEARING_COORDINATE_SYSTEM_DEGREES_M
 TRUE_NORTH = RangeBearingDatum.RANGE_BEARING_DATUM_TRUE
 LAT_LNG = LocationCoordinateSystem.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M
 ELLIPSOID = LocationDatum.LOCATION_DATUM_WGS84_E
-MODE = "default"
 CONFIDENCE = "probability"
 """Units of what is said of classes."""
+MODE, STANDBY = "default", "standby"
+"""In the second one a node looks at nothing."""
+REQUESTS = {
+    "Registration": "registration",
+    "Status": "status",
+    "Heartbeat": "status",
+    "Start": "start",
+    "Stop": "stop",
+    "Reset": "reset",
+}
+"""What a node can be asked for, and what that is; two words are for one thing."""
+THRESHOLDS = ("Low", "Medium", "High")
 
 NodeType = Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]
 """Node types of the standard that sense drones from afar."""
@@ -75,6 +87,8 @@ class Node:
     """Longest time from a measurement to the timestamp of its report."""
     status_interval_s: float
     tells_location: bool
+    has_threshold: bool
+    """Whether it can be made more or less sensitive."""
     capabilities: tuple[SapientQuantity, ...] = ()
     performance: tuple[SapientQuantity, ...] = ()
     objects: tuple[SapientQuantity, ...] = ()
@@ -117,7 +131,7 @@ def registration(node: Node, t_utc_ns: int) -> bytes:
                 location_definition=_geodetic(),
                 field_of_view_definition=_polar(),
             ),
-            mode_definition=[_mode(node)],
+            mode_definition=[_mode(node), _standby(node)],
             config_data=[
                 Registration.ConfigurationData(
                     manufacturer="plotfeed",
@@ -132,7 +146,13 @@ def registration(node: Node, t_utc_ns: int) -> bytes:
 
 
 def status(
-    node: Node, t_utc_ns: int, *, system: Literal["OK", "GOODBYE"] = "OK", new: bool = False
+    node: Node,
+    t_utc_ns: int,
+    *,
+    system: Literal["OK", "GOODBYE"] = "OK",
+    new: bool = False,
+    mode: str = MODE,
+    active_task_id: str = "",
 ) -> bytes:
     """A serialised SapientMessage with a StatusReport; raises `EncodeError`."""
     check_number("latitude", node.latitude_deg, -90, 90)
@@ -144,7 +164,8 @@ def status(
             report_id=Ulids(node.seed, node.sensor, f"status {system} {new}", t_utc_ns)[0],
             system=f"SYSTEM_{system}",
             info=StatusReport.Info.INFO_NEW if new else StatusReport.Info.INFO_UNCHANGED,
-            mode=MODE,
+            active_task_id=active_task_id or None,
+            mode=mode,
             node_location=Location(
                 x=node.longitude_deg,
                 y=node.latitude_deg,
@@ -153,9 +174,17 @@ def status(
                 datum=ELLIPSOID,
             ),
             field_of_view=LocationOrRangeBearing(range_bearing=_cone(node.field)),
+            status=[_NOT_DETECTING] if mode == STANDBY else [],
         )
     )
     return message.SerializeToString()
+
+
+_NOT_DETECTING = StatusReport.Status(
+    status_level=StatusReport.StatusLevel.STATUS_LEVEL_INFORMATION_STATUS,
+    status_type=StatusReport.StatusType.STATUS_TYPE_NOT_DETECTING,
+    status_value="standby",
+)
 
 
 def _mode(node: Node) -> Registration.ModeDefinition:
@@ -189,13 +218,39 @@ def _mode(node: Node) -> Registration.ModeDefinition:
                 ),
             )
         ],
-        task=Registration.TaskDefinition(
-            concurrent_tasks=0,
-            region_definition=Registration.RegionDefinition(
-                region_type=[Registration.RegionType.REGION_TYPE_AREA_OF_INTEREST],
-                region_area=[_polar()],
-            ),
+        task=_task(node),
+    )
+
+
+def _standby(node: Node) -> Registration.ModeDefinition:
+    return Registration.ModeDefinition(
+        mode_name=STANDBY,
+        mode_type=Registration.ModeType.MODE_TYPE_PERMANENT,
+        mode_description="looks at nothing",
+        settle_time=_seconds("settle_time", 0.0),
+        task=_task(node),
+    )
+
+
+def _task(node: Node) -> Registration.TaskDefinition:
+    """What may be asked of a node; each command is done when all of its cover was looked at."""
+    commands: dict[str, Iterable[str]] = {"REQUEST": REQUESTS, "MODE_CHANGE": (MODE, STANDBY)}
+    if node.has_threshold:
+        commands["DETECTION_THRESHOLD"] = THRESHOLDS
+    return Registration.TaskDefinition(
+        concurrent_tasks=1,
+        region_definition=Registration.RegionDefinition(
+            region_type=[Registration.RegionType.REGION_TYPE_AREA_OF_INTEREST],
+            region_area=[_polar()],
         ),
+        command=[
+            Registration.Command(
+                type=f"COMMAND_TYPE_{name}",
+                units=", ".join(values),
+                completion_time=_seconds("completion_time", node.settle_s),
+            )
+            for name, values in commands.items()
+        ],
     )
 
 

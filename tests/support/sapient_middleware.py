@@ -14,7 +14,8 @@ from support.sapient_rules import checked
 
 from plotfeed.feeds.delivery.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, SapientAnnouncer
+from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
+from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock

@@ -1,9 +1,12 @@
 """SAPIENT's row of the formats, which loads plotfeed[sapient] when a scene asks for it.
 
-What a node says of itself is in `sapient_node`, what it says of detections in `sapient_reports`.
+What a node is, is in `sapient_node`; what it says of itself in `sapient_announcer`, of detections
+in `sapient_reports`; what it does when it is asked to in `sapient_tasks`.
 """
 
 from __future__ import annotations
+
+from google.protobuf.runtime_version import VersionError
 
 from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Sensors
 from plotfeed.feeds.messages.message import Message
@@ -13,15 +16,32 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
 
+INSTALL = "pip install 'plotfeed[sapient]'"
+
 
 def need_sapient() -> None:
-    """Raise `PlotfeedError` if the extra is not installed."""
+    """Raise `PlotfeedError` if the extra is not installed, or if what is does not load."""
     try:
-        import sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2  # noqa: F401
+        import sapient_msg
     except ImportError:
-        raise PlotfeedError(
-            "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
-        ) from None
+        raise PlotfeedError(f"SAPIENT needs sapient-proto: {INSTALL}") from None
+    try:
+        import sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2
+    except ModuleNotFoundError as error:
+        if str(error.name).startswith(sapient_msg.__name__):
+            raise PlotfeedError(
+                f"SAPIENT needs sapient-proto, and another package has its name: {INSTALL}"
+            ) from None
+        raise _does_not_load(error) from None
+    except (ImportError, TypeError, VersionError) as error:  # of protobuf, where two define it
+        raise _does_not_load(error) from None
+
+
+def _does_not_load(error: Exception) -> PlotfeedError:
+    why = " ".join(str(error).split())[:200]
+    return PlotfeedError(
+        f"sapient-proto does not load ({why}): {INSTALL}, without sapient-msg or sapient-py"
+    )
 
 
 def _reports(scene: Scene, sensors: Sensors) -> MessageFormat:
@@ -33,7 +53,7 @@ def _reports(scene: Scene, sensors: Sensors) -> MessageFormat:
 
 def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
     need_sapient()
-    from plotfeed.feeds.formats.sapient.sapient_node import SapientAnnouncer
+    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
 
     return SapientAnnouncer(scene, sensor)
 

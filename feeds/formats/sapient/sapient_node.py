@@ -1,4 +1,4 @@
-"""A sensor as a node of SAPIENT: what it is and looks at, and what it announces of itself."""
+"""A sensor as a node of SAPIENT: what it is, what it looks at, and when it may report."""
 
 from __future__ import annotations
 
@@ -32,15 +32,11 @@ from plotfeed.proto.sapient.encode_node import (
     FieldOfView,
     Node,
     SapientQuantity,
-    registration,
-    status,
 )
 from plotfeed.proto.sapient.envelope import node_id
-from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.proto.utc import NS
 
 CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
-REGISTRATION = ("type", "plotfeed.sapient.registration")
-STATUS = ("type", "plotfeed.sapient.status")
 MAX_LATE_NS = 800_000_000
 """A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""
 MIN_GAP_NS = 80_000_000
@@ -127,6 +123,7 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         latency_s=groups_of(sensor).longest_ns / NS,
         status_interval_s=scene.sapient.status_interval_s,
         tells_location=tells_location(scene, measures),
+        has_threshold=sensor.false_alarm_probability is not None,
         capabilities=(
             SapientQuantity(name="range", units="m", value=f"{sensor.range_max_m:g}"),
             SapientQuantity(name="scan period", units="s", value=f"{sensor.scan.period_s:g}"),
@@ -230,65 +227,6 @@ def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
     """
     kinds = (emitter.kind for drone in scene.drone for emitter in drone.emitters if emitter.kind)
     return tuple(dict.fromkeys([*sensor.classes, *(kinds if sensor.tells_kinds else ())]))
-
-
-class SapientAnnouncer:
-    """Makes the messages of a node besides its detections, stamped when they are asked for.
-
-    Stamps are by the sensor's clock, as those of its detections are.
-    """
-
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self.sensor = sensor.id
-        self._clock_ahead_ns = sensor.clock_ahead_ns
-        self.every_ns = round(scene.sapient.status_interval_s * NS)
-        self._root = f"{scene.mqtt.prefix}/{sensor.id}"
-        self._node = node_of(scene, sensor)
-
-    def change(self, sensor: Sensor) -> None:
-        """Go by the clock that the sensor has now."""
-        self._clock_ahead_ns = sensor.clock_ahead_ns
-
-    def opening(self, now_utc_ns: int) -> list[Message]:
-        """Registration and a first status; on every connection before anything else."""
-        stamp_ns = now_utc_ns + self._clock_ahead_ns
-        return [
-            self._message(registration(self._node, stamp_ns), now_utc_ns, REGISTRATION),
-            self._message(status(self._node, stamp_ns, new=True), now_utc_ns, STATUS),
-        ]
-
-    def regular(self, now_utc_ns: int) -> list[Message]:
-        """News that nothing has changed."""
-        unchanged = status(self._node, now_utc_ns + self._clock_ahead_ns)
-        return [self._message(unchanged, now_utc_ns, STATUS)]
-
-    def closing(self, now_utc_ns: int) -> list[Message]:
-        """Goodbye: news, for a status that is unchanged would have to be the last one."""
-        stamp_ns = now_utc_ns + self._clock_ahead_ns
-        farewell = status(self._node, stamp_ns, system="GOODBYE", new=True)
-        return [self._message(farewell, now_utc_ns, STATUS)]
-
-    def _message(self, payload: bytes, now_utc_ns: int, kind: tuple[str, str]) -> Message:
-        return Message(
-            topic=f"{self._root}/sapient",
-            payload=payload,
-            content_type=CONTENT_TYPE,
-            due_utc_ns=now_utc_ns,
-            qos=1,
-            properties=(
-                ("specversion", "1.0"),
-                ("id", f"{kind[1].rpartition('.')[2]}-{now_utc_ns}"),
-                ("source", self._root),
-                kind,
-                ("time", iso_utc(now_utc_ns + self._clock_ahead_ns)),
-                ("sensor", self.sensor),
-            ),
-        )
-
-
-def is_registration(message: Message) -> bool:
-    """Whether a message is the first that a node sends."""
-    return REGISTRATION in message.properties
 
 
 def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.road import fly, radar, scene
+from support.sapient_tasks import ONE, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
@@ -20,8 +21,9 @@ REPORT = 'report = ["sapient"]'
 
 @pytest.fixture
 def without_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [n for n in sys.modules if n.startswith("sapient_msg")]:
-        monkeypatch.setitem(sys.modules, name, None)
+    for name in [n for n in sys.modules if n.startswith("sapient_msg.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "sapient_msg", None)
 
 
 @pytest.mark.usefixtures("without_extra")
@@ -29,6 +31,52 @@ def test_without_the_extra_a_scene_is_refused_in_one_line() -> None:
     with pytest.raises(PlotfeedError) as caught:
         fly(scene([radar(report=["sapient"])], seed=1), 1.0)
     assert str(caught.value) == "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        (
+            {"__init__.py": "", "bsi_flex_335_v1_0/__init__.py": ""},
+            "SAPIENT needs sapient-proto, and another package has its name: "
+            "pip install 'plotfeed[sapient]'",
+        ),
+        (
+            {
+                "__init__.py": "",
+                "bsi_flex_335_v2_0/__init__.py": "",
+                "bsi_flex_335_v2_0/sapient_message_pb2.py": "raise TypeError('two\\nof them')",
+            },
+            "sapient-proto does not load (two of them): pip install 'plotfeed[sapient]', "
+            "without sapient-msg or sapient-py",
+        ),
+        (
+            {
+                "__init__.py": "",
+                "bsi_flex_335_v2_0/__init__.py": "",
+                "bsi_flex_335_v2_0/sapient_message_pb2.py": "import nothing_like_it",
+            },
+            "sapient-proto does not load (No module named 'nothing_like_it'): "
+            "pip install 'plotfeed[sapient]', without sapient-msg or sapient-py",
+        ),
+    ],
+)
+def test_what_is_installed_wrongly_is_told_in_one_line(
+    files: dict[str, str], expected: str, tmp_path: Path
+) -> None:
+    for name, text in files.items():
+        path = tmp_path / "sapient_msg" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from plotfeed.feeds.formats.sapient import need_sapient\n"
+        "try:\n    need_sapient()\nexcept Exception as e:\n    print(type(e).__name__, e)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == f"PlotfeedError {expected}"
 
 
 @pytest.mark.usefixtures("without_extra")
@@ -104,6 +152,13 @@ def test_messages_are_shown_as_a_line_and_as_json() -> None:
     assert "  SNR " in shown["detection_report"]
     assert "BSI Flex 335 v2.0" in shown["registration"]
     assert "SYSTEM_GOODBYE" in shown["status_report"]
+
+
+def test_tasks_are_shown_too() -> None:
+    asked = task(ONE, mode_change="standby")
+    (line,) = message_lines("plotfeed/radar/sapient/task", asked, None, as_json=False)
+    assert ONE in line
+    assert '"mode_change": "standby"' in line
 
 
 def test_what_is_no_sapient_is_shown_as_such() -> None:

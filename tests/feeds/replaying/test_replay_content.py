@@ -36,6 +36,7 @@ OF_A_SESSION = [
     message(3, "p/truth", content_type=LEDGER),
     message(4, "p/telemetry/d1", stage=Stage.TELEMETRY),
     message(5, "p/control", stage=Stage.TELEMETRY),
+    message(6, "p/radar/sapient/task", stage=Stage.TELEMETRY),
 ]
 HEARD = [
     message(0, "x/y/telemetry/d2", stage=Stage.RECEIVED),
@@ -44,6 +45,7 @@ HEARD = [
     message(3, "x/y/control", stage=Stage.RECEIVED),
     message(4, "udp/10.0.0.1/8600", stage=Stage.RECEIVED),
     message(5, "x/odd", content_type=LEDGER, stage=Stage.RECEIVED),
+    message(6, "x/y/radar/sapient/task", stage=Stage.RECEIVED),
 ]
 
 

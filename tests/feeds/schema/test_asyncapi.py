@@ -15,6 +15,7 @@ from support.brokers import free_port, mosquitto, rumqttd
 from support.command import plotfeed
 from support.mqtt_client import Client, Heard, listening
 from support.road import START_NS, held, radar, rotating, staring, waypoint
+from support.sapient_tasks import ONE, task
 
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import Message
@@ -144,6 +145,7 @@ async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict
         )
         await ready.wait()
         ears.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
+        ears.publish(f"{PREFIX}/{SENSORS[0]['id']}/sapient/task", task(ONE, request="Registration"))
         late = asyncio.create_task(asyncio.to_thread(hear_retained))
         await running
         retained.update(await late)
@@ -165,7 +167,8 @@ async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict
             return {m.topic for m in late.heard if m.retained}
 
     await asyncio.wait_for(session(), 120)
-    return [m for m in heard if "/telemetry/" not in m.topic], retained, qos
+    inbound = ("/telemetry/nobody", "/sapient/task")
+    return [m for m in heard if not m.topic.endswith(inbound)], retained, qos
 
 
 def event_of(attributes: dict[str, str]) -> str:
@@ -285,10 +288,12 @@ async def test_what_a_session_publishes_is_what_the_document_says(
         if described["contentType"] == "application/json":
             jsonschema.validate(json.loads(message.payload), described["payload"])
     assert seen == set(sends(api))
-    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in ("status", "settings")}
+    kinds = ("status", "settings", "sapient")
+    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in kinds}
     assert retained == {f"{PREFIX}/session", *of_sensors}
     keeps = [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]]
-    assert keeps == ["sendStatus", "sendSettings", "sendSession"]
+    of_nodes = ["sendSapientRegistration", "sendSapientGoodbye"]
+    assert keeps == [*of_nodes, "sendStatus", "sendSettings", "sendSession"]
 
 
 def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:

@@ -30,6 +30,19 @@ def test_a_topic_that_floods_drops_its_own_oldest_and_nothing_else() -> None:
     assert len(queue) == 0
 
 
+def test_one_at_a_time_topics_have_turns_and_nothing_is_lost() -> None:
+    queue = FairQueue()
+    put(queue, "many", 0, 1, 2)
+    put(queue, "few", 3)
+    queue.put("few", b"4" * 20_000, None)
+    taken = [queue.take_one() for _ in range(5)]
+    assert [topic for topic, _ in taken] == ["many", "few", "many", "few", "many"]
+    assert [int(payload[:1]) for _, ((payload, _),) in taken] == [0, 3, 1, 4, 2]
+    found = queue.statistics()
+    assert (found.waiting, found.octets, found.taken) == (0, 0, 5)
+    assert queue.behind_s() == 0
+
+
 def test_topics_have_turns_however_much_each_brings() -> None:
     queue, served = FairQueue(limit_of_topic=8), Counter[str]()
     for _ in range(100):

@@ -162,6 +162,22 @@ def test_commands_come_first(scene: Scene) -> None:
     assert len(intake.told) == AT_ONCE + 2
 
 
+def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_telemetry(
+    scene: Scene,
+) -> None:
+    """Each may have a sensor worked out anew; the rest waits, one topic's beside another's."""
+    intake = Intake(scene)
+    for i in range(500):
+        intake.inputs.queue("plotfeed/control", b"{}", None)
+        intake.come("quiet", report(NOW + i * MS))
+    intake.tick(NOW, budget=3)
+    topics = [topic for topic, _, _ in intake.told]
+    assert topics[:4] == ["plotfeed/control"] * 4
+    assert set(topics[4:]) == {"plotfeed/telemetry/quiet"}
+    intake.tick(NOW)
+    assert [topic for topic, _, _ in intake.told].count("plotfeed/control") == 500
+
+
 def test_a_report_that_waited_until_nobody_can_see_it_is_refused(scene: Scene) -> None:
     intake = Intake(scene)
     intake.come("a", report(NOW))

@@ -46,6 +46,7 @@ NODE = Node(
     latency_s=0.09,
     status_interval_s=5.0,
     tells_location=False,
+    has_threshold=True,
     capabilities=(SapientQuantity(name="range", units="m", value="20000"),),
     objects=(SapientQuantity(name="SNR", units="dB"),),
     classes=("quadcopter",),

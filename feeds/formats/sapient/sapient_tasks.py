@@ -1,0 +1,129 @@
+"""What a node does when it is asked to: tasks of SAPIENT as changes of a sensor's keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from plotfeed.feeds.scene.changes import PFA_FACTOR
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.sapient.encode_node import MODE, REQUESTS, STANDBY, THRESHOLDS
+from plotfeed.proto.sapient.tasks import AskedTask
+from plotfeed.proto.utc import NS, iso_utc
+
+MAX_TASKS_PER_S = 10
+"""Of a sensor: each may have all of it worked out anew."""
+AT_ONCE_NS = NS
+"""A task that is to begin by then begins now."""
+MODES = {MODE: True, STANDBY: False}
+"""Whether the sensor is at work."""
+PFA_FACTORS = dict(zip(THRESHOLDS, (10.0, 1.0, 0.1), strict=True))
+Change = Callable[[Mapping[str, Any] | None], object]
+"""Lets the sensor have those keys, or with None its scene's again; raises `ChangeError`."""
+Telling = Literal["nothing", "status", "registration"]
+
+
+class TaskRejectedError(PlotfeedError):
+    """A task that the node does not do, and why, in a line."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoneTask:
+    """What became of a task that was accepted."""
+
+    goes_on: bool
+    """It holds until it is stopped, or another takes its place."""
+    tells: Telling = "nothing"
+    """What the node was asked to say."""
+
+
+class SapientTasks:
+    """The tasks of one node: one at a time of each command that goes on."""
+
+    def __init__(self, node_id: str) -> None:
+        self._node_id = node_id
+        self._at_work: dict[str, tuple[str, Mapping[str, Any]]] = {}
+        """By command: the task, and the keys that take back what it did."""
+        self._in_second = (0, 0)
+
+    @property
+    def active_task_id(self) -> str:
+        """The task that was begun last and goes on; empty for none."""
+        return next((task for task, _ in reversed(self._at_work.values())), "")
+
+    def do(self, task: AskedTask, sensor: Sensor, now_utc_ns: int, change: Change) -> DoneTask:
+        """Do what is asked of the sensor; raises `TaskRejectedError` or `ChangeError`."""
+        if task.destination_id and task.destination_id != self._node_id:
+            raise TaskRejectedError(f"for node {task.destination_id[:40]}: this is {self._node_id}")
+        self._count(now_utc_ns)
+        if task.control == "stop":
+            return self._stop(task, change)
+        if task.control != "start":
+            known = "expected CONTROL_START or CONTROL_STOP"
+            raise TaskRejectedError(f"control {task.control or 'is not said'}: {known}")
+        if task.limits:
+            raise TaskRejectedError(f"{task.limits[0]}: tasks are of the whole cover until stopped")
+        if task.start_utc_ns is not None and task.start_utc_ns > now_utc_ns + AT_ONCE_NS:
+            raise TaskRejectedError(
+                f"task_start_time: {iso_utc(now_utc_ns)} is now; tasks begin at once"
+            )
+        if task.command == "request":
+            return self._request(task.value, change)
+        if task.command == "mode_change":
+            enabled = _one_of(MODES, task.command, task.value)
+            return self._begin(task, {"enabled": enabled}, {"enabled": sensor.enabled}, change)
+        if task.command == "detection_threshold":
+            factor = _one_of(PFA_FACTORS, task.command, task.value)
+            return self._begin(task, {PFA_FACTOR: factor}, {PFA_FACTOR: None}, change)
+        expected = "expected request, mode_change or detection_threshold"
+        raise TaskRejectedError(f"command {task.command or 'is missing'}: {expected}")
+
+    def _request(self, asked: str, change: Change) -> DoneTask:
+        request = _one_of(REQUESTS, "request", asked)
+        if request == "registration":
+            return DoneTask(goes_on=False, tells="registration")
+        if request == "status":
+            return DoneTask(goes_on=False, tells="status")
+        if request == "reset":
+            change(None)
+            self._at_work.clear()
+        else:
+            change({"enabled": request == "start"})
+            self._at_work.pop("mode_change", None)
+        return DoneTask(goes_on=False)
+
+    def _begin(
+        self, task: AskedTask, keys: Mapping[str, Any], back: Mapping[str, Any], change: Change
+    ) -> DoneTask:
+        """Change the keys, and remember how they were before any task of that command."""
+        before = self._at_work.get(task.command)
+        change(keys)
+        self._at_work.pop(task.command, None)
+        self._at_work[task.command] = (task.task_id, back if before is None else before[1])
+        return DoneTask(goes_on=True)
+
+    def _stop(self, task: AskedTask, change: Change) -> DoneTask:
+        for command, (task_id, back) in self._at_work.items():
+            if task_id == task.task_id:
+                change(back)
+                del self._at_work[command]
+                return DoneTask(goes_on=False)
+        raise TaskRejectedError(f"task {task.task_id} is not at work")
+
+    def _count(self, now_utc_ns: int) -> None:
+        second, number = max(now_utc_ns // NS, self._in_second[0]), 0
+        if second == self._in_second[0]:
+            number = self._in_second[1]
+        if number >= MAX_TASKS_PER_S:
+            raise TaskRejectedError(f"more than {MAX_TASKS_PER_S} tasks in a second")
+        self._in_second = (second, number + 1)
+
+
+def _one_of(known: Mapping[str, Any], what: str, asked: str) -> Any:
+    """What stands for that word, in whatever case; raises `TaskRejectedError`."""
+    for word, meant in known.items():
+        if word.lower() == asked.lower():
+            return meant
+    raise TaskRejectedError(f"{what} {asked[:40]!a}: expected one of {', '.join(known)}")
