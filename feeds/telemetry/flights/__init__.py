@@ -5,7 +5,6 @@ Each reader takes what it finds in a file into a `Log`, which gives the `Flight`
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -59,10 +58,10 @@ def read_gpx(text: str, options: FlightOptions, log: Log) -> None:
 
 def _points(text: str, log: Log) -> Iterator[Any]:
     """All track points in their order; those before the cut where the file is cut short."""
-    if re.search(r"<!(DOCTYPE|ENTITY)", text):
-        raise PlotfeedError("a GPX file has no document type; entities are not expanded")
     try:
         gpx = _parse(text)
+    except _DocumentTypeError:
+        raise
     except PlotfeedError as error:
         whole, end, cut = text.rpartition(_POINT_END)
         if not end:
@@ -74,13 +73,26 @@ def _points(text: str, log: Log) -> Iterator[Any]:
             yield from segment.points
 
 
+class _DocumentTypeError(PlotfeedError):
+    """XML that would define what it then uses, and grow without end."""
+
+
 def _parse(text: str) -> Any:
     try:
         import gpxpy
+        from defusedxml import DefusedXmlException
+        from defusedxml.ElementTree import fromstring
     except ImportError as error:
-        raise PlotfeedError("GPX needs gpxpy: pip install 'plotfeed[gpx]'") from error
+        raise PlotfeedError(
+            "GPX needs gpxpy and defusedxml: pip install 'plotfeed[gpx]'"
+        ) from error
     try:
+        fromstring(text, forbid_dtd=True)  # gpxpy's own parser takes whatever comes
         return gpxpy.parse(text)
+    except DefusedXmlException:
+        raise _DocumentTypeError(
+            "a GPX file has no document type; entities are not expanded"
+        ) from None
     except Exception as error:  # gpxpy lets its XML library's errors through
         line = " ".join(str(error).split())[:200]
         raise PlotfeedError(f"not a GPX file that can be read: {line}") from error

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.flights import read_gpx
+from plotfeed.feeds.telemetry.flights import read, read_gpx
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
@@ -62,6 +64,21 @@ def test_entities_are_not_expanded() -> None:
     bomb = '<!DOCTYPE g [<!ENTITY a "aaaa">]>'
     with pytest.raises(PlotfeedError, match="document type"):
         flown(gpx(POINTS).replace("<gpx", bomb + "<gpx"))
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-7", "cp037"]
+)
+def test_no_encoding_hides_a_document_type(tmp_path: Path, encoding: str) -> None:
+    levels = "".join(f'<!ENTITY e{i + 1} "{f"&e{i};" * 10}">' for i in range(9))
+    bomb = f'<!DOCTYPE g [<!ENTITY e0 "1234567890">{levels}]>'
+    text = gpx(POINTS).replace("<gpx", bomb + "<gpx").replace("<ele>", "<name>&e9;</name><ele>")
+    text = re.sub("<[?]xml.*?[?]>", "", text)
+    path = tmp_path / "a.gpx"
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>{text}'.encode(encoding))
+    with pytest.raises(PlotfeedError) as refused:
+        read(path, FlightOptions())
+    assert len(str(refused.value)) < 500
 
 
 @given(st.data())
