@@ -2,7 +2,8 @@
 
 It lives on broadcasts. Each transmitter gives a channel of its own: a look, a detection, a plot.
 Measured are the bistatic range, transmitter-target-receiver less the baseline, and the azimuth;
-the elevation is not, so the sensor places its plots in its own horizontal plane, and errs by that.
+the elevation is not. So the sensor places its plots by what heights it expects (`HeightPrior`), or
+without that in its own horizontal plane, and then errs by more than it states.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.frames import aer_to_enu, distance_m, enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import dot
+from plotfeed.models.sensors.height_prior import HeightPrior
 from plotfeed.models.sensors.passive_signals import PassiveSignals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
@@ -113,7 +115,10 @@ def flat_solution(
 
 @dataclass(frozen=True, kw_only=True)
 class PassiveRadar(PassiveSignals):
-    """Signals, and what is measured by them."""
+    """Signals, and what is measured by them; without heights, targets are taken to be level."""
+
+    expected_height_m: float = 0.0
+    sigma_height_m: float = 0.0
 
     def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
         disturbance_w, time_bandwidth = (
@@ -272,9 +277,9 @@ class PassiveRadar(PassiveSignals):
     ) -> Plots:
         """What the sensor makes of its measurements: places, stated errors, amplitudes.
 
-        A place is stated where it is within range and its error is not beyond all range, which is
-        what becomes of it near the baseline. `snr` is over the channel's noise, in which the mean
-        echo has its own part (eq 25).
+        A place is stated where the level solution is within range and its error by noise is not
+        beyond all range, which is what becomes of it near the baseline. `snr` is over the channel's
+        noise, in which the mean echo has its own part (eq 25).
         """
         channel = columns["channel"]
         disturbance_w, time_bandwidth, transmitter_enu_m = (
@@ -297,4 +302,30 @@ class PassiveRadar(PassiveSignals):
             **columns,
         )
         within = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
-        return plots.rows(within & (plots.range_m > 0) & (plots.sigma_range_m <= self.range_max_m))
+        within &= (plots.range_m > 0) & (plots.sigma_range_m <= self.range_max_m)
+        if np.any(self.expected_height_m) or np.any(self.sigma_height_m):
+            plots = self._at_expected_heights(plots, flat, transmitter_enu_m)
+        return plots.rows(within)
+
+    def _at_expected_heights(
+        self, plots: Plots, flat: FlatSolution, transmitter_enu_m: Floats
+    ) -> Plots:
+        """Plots over the ground at the mean of what their heights make of it, which may vary.
+
+        One that is nearer than any height expected stays in the plane, give or take its range.
+        """
+        prior = HeightPrior(self.expected_height_m, self.sigma_height_m)
+        range_m, variance_m2 = prior.ground_range_m(
+            plots.bistatic_range_m, plots.azimuth_deg, transmitter_enu_m
+        )
+        nowhere = np.isnan(range_m)
+        range_m = np.where(nowhere, plots.range_m, range_m)
+        variance_m2 = np.where(nowhere, plots.range_m * plots.range_m, variance_m2)
+        east, north = flat.outwards[..., 0], flat.outwards[..., 1]
+        return plots.but(
+            range_m=range_m,
+            sigma_range_m=np.sqrt(plots.sigma_range_m * plots.sigma_range_m + variance_m2),
+            covariance_east_m2=plots.covariance_east_m2 + variance_m2 * east * east,
+            covariance_north_m2=plots.covariance_north_m2 + variance_m2 * north * north,
+            covariance_east_north_m2=plots.covariance_east_north_m2 + variance_m2 * east * north,
+        )

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from scipy import stats
 from support.road import Road, Table, fly, held, scene, staring, waypoint
 from support.significance import (
     Array,
     assert_counts,
     assert_law,
+    assert_mean,
     assert_standard_normal,
     assert_sum,
     assert_uncorrelated,
@@ -113,7 +115,8 @@ def approach() -> Road:
         for range_m in RANGES_M
         for i in range(AT_EACH)
     ]
-    return fly(scene([passive()], drones, seed=61), SCANS)
+    level = passive(expected_height_m=0.0, sigma_height_m=0.0)
+    return fly(scene([level], drones, seed=61), SCANS)
 
 
 def at_range(table: Table, range_m: float) -> Table:
@@ -177,6 +180,35 @@ def test_places_scatter_about_the_biased_place_as_their_covariance_states(range_
     assert_law(square, stats.chi2(2).cdf, "whitened")
     assert plots.range_m.mean() - range_m * np.cos(np.radians(2)) == pytest.approx(
         flat_m - range_m * np.cos(np.radians(2)), abs=2.0
+    )
+
+
+def test_places_of_drones_of_usual_heights_err_as_stated_in_every_format() -> None:
+    """The scene says nothing of heights: 60 m, give or take 35 m. Two squares of a mean of 1."""
+    rng = np.random.default_rng(7)
+    azimuth_deg, ground_m = rng.uniform(16, 74, 1500), rng.uniform(300, 3000, 1500)
+    above_m = 60 + 35 * rng.standard_normal(1500)
+    elevation_deg = np.degrees(np.arctan2(above_m, ground_m))
+    places = zip(azimuth_deg, elevation_deg, np.hypot(ground_m, above_m), strict=True)
+    drones = [held(f"{i}", *map(float, place), rcs_m2=1.0) for i, place in enumerate(places)]
+    sensor = passive(report=["plots", "sapient"])
+    road = fly(scene([sensor], drones, seed=64), 3)
+    plots = road.plots("passive")
+    plots = plots.rows(plots.drone != "")
+    assert len(plots) > 3000
+    true_m = plots.true_range_m * np.cos(np.radians(plots.true_elevation_deg))
+    true_enu_m = aer_to_enu(plots.true_azimuth_deg, 0.0, true_m)
+    error_m = aer_to_enu(plots.azimuth_deg, 0.0, plots.range_m) - true_enu_m
+    de, dn, _ = np.moveaxis(error_m, -1, 0)
+    a, b, c = plots.covariance_east_m2, plots.covariance_north_m2, plots.covariance_east_north_m2
+    square = (b * de**2 - 2 * c * de * dn + a * dn**2) / (a * b - c**2)
+    assert_mean(square, 2.0, "position")
+    assert_mean((plots.range_m - true_m) / plots.sigma_range_m, 0.0, "distance")
+    reports = [SapientMessage.FromString(p) for p in road.payloads("passive/sapient")]
+    told = [m.detection_report.range_bearing for m in reports if m.HasField("detection_report")]
+    np.testing.assert_array_equal(
+        [[place.range, place.range_error] for place in told if place.HasField("range")],
+        np.stack([plots.range_m, plots.sigma_range_m], axis=1),
     )
 
 

@@ -112,6 +112,10 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
     of bistatic range, c over the bandwidth."""
     azimuth_floor_deg: NotNegative | None = None
     """The same in azimuth; without it, a tenth of the beam. Both are added in quadrature."""
+    expected_height_m: Annotated[float, Field(ge=-10_000, le=50_000)] = 60.0
+    """Of drones above the sensor, which cannot measure it: plots are placed on the ground by it."""
+    sigma_height_m: Annotated[float, Field(ge=0, le=50_000)] = 35.0
+    """Standard deviation of such heights, of which the errors of places hold a part."""
     multipath: MultipathKeys | None = None
     """The ground's reflection, of echoes and of the transmitters themselves; without it, none."""
     doppler: DopplerKeys | None = None
