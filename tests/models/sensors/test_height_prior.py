@@ -80,13 +80,13 @@ def radar(**changes: Any) -> PassiveRadar:
         "transmitters": (
             Illuminator(
                 erp_w=1e5, frequency_hz=600e6, bandwidth_hz=7.61e6, position_enu_m=MAST_ENU_M,
-                external_noise_db=0.0,
+                external_noise_db=0.0, range_floor_m=2.0,
             ),
         ),
         "gain_rx_dbi": 10.0, "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "loss_db": 4.0,
         "sidelobe_db": -22.0, "cancellation_db": -80.0, "line_loss_db": 0.5,
         "antenna_loss_db": 0.5, "receiver_noise_figure_db": 4.0, "pfa": 1e-6, "n_reference": 16,
-        "doppler_cells": 1, "bistatic_range_floor_m": 2.0, "azimuth_floor_deg": 0.1,
+        "doppler_cells": 1, "azimuth_floor_deg": 0.1,
         "range_min_m": 0.0, "range_max_m": 20e3, "elevation_min_deg": -90.0,
         "elevation_max_deg": 90.0, "azimuth_cover": AzimuthCover(-20.0, 270.0),
     }  # fmt: skip
