@@ -243,7 +243,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient", "latitude_deg", "longitude_deg", "height_m")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -272,6 +272,9 @@ class SensorStatus(_message.Message):
     LATE_FIELD_NUMBER: _ClassVar[int]
     INTAKE_BEHIND_S_FIELD_NUMBER: _ClassVar[int]
     SAPIENT_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -292,7 +295,10 @@ class SensorStatus(_message.Message):
     late: int
     intake_behind_s: float
     sapient: SapientStatus
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ...) -> None: ...
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ...) -> None: ...
 
 class SapientStatus(_message.Message):
     __slots__ = ("reporting", "connections", "stalls", "refusals", "errors", "tasks", "rejected")
@@ -311,3 +317,123 @@ class SapientStatus(_message.Message):
     tasks: int
     rejected: int
     def __init__(self, reporting: _Optional[bool] = ..., connections: _Optional[int] = ..., stalls: _Optional[int] = ..., refusals: _Optional[int] = ..., errors: _Optional[int] = ..., tasks: _Optional[int] = ..., rejected: _Optional[int] = ...) -> None: ...
+
+class SensorDescription(_message.Message):
+    __slots__ = ("sensor", "time_utc", "type", "enabled", "sac", "sic", "latitude_deg", "longitude_deg", "height_m", "altitude_m", "azimuth_reference", "elevation_reference", "range_kind", "scan_kind", "scan_period_s", "sectors", "range_min_m", "range_max_m", "azimuth_min_deg", "azimuth_max_deg", "elevation_min_deg", "elevation_max_deg", "accuracies", "outputs", "transmitters")
+    class AzimuthReference(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        AZIMUTH_REFERENCE_UNSPECIFIED: _ClassVar[SensorDescription.AzimuthReference]
+        TRUE_NORTH: _ClassVar[SensorDescription.AzimuthReference]
+    AZIMUTH_REFERENCE_UNSPECIFIED: SensorDescription.AzimuthReference
+    TRUE_NORTH: SensorDescription.AzimuthReference
+    class ElevationReference(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        ELEVATION_REFERENCE_UNSPECIFIED: _ClassVar[SensorDescription.ElevationReference]
+        HORIZONTAL_OF_SENSOR: _ClassVar[SensorDescription.ElevationReference]
+    ELEVATION_REFERENCE_UNSPECIFIED: SensorDescription.ElevationReference
+    HORIZONTAL_OF_SENSOR: SensorDescription.ElevationReference
+    class RangeKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+        __slots__ = ()
+        RANGE_KIND_UNSPECIFIED: _ClassVar[SensorDescription.RangeKind]
+        SLANT: _ClassVar[SensorDescription.RangeKind]
+        BISTATIC: _ClassVar[SensorDescription.RangeKind]
+        NO_RANGE: _ClassVar[SensorDescription.RangeKind]
+    RANGE_KIND_UNSPECIFIED: SensorDescription.RangeKind
+    SLANT: SensorDescription.RangeKind
+    BISTATIC: SensorDescription.RangeKind
+    NO_RANGE: SensorDescription.RangeKind
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_FIELD_NUMBER: _ClassVar[int]
+    TYPE_FIELD_NUMBER: _ClassVar[int]
+    ENABLED_FIELD_NUMBER: _ClassVar[int]
+    SAC_FIELD_NUMBER: _ClassVar[int]
+    SIC_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_REFERENCE_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_REFERENCE_FIELD_NUMBER: _ClassVar[int]
+    RANGE_KIND_FIELD_NUMBER: _ClassVar[int]
+    SCAN_KIND_FIELD_NUMBER: _ClassVar[int]
+    SCAN_PERIOD_S_FIELD_NUMBER: _ClassVar[int]
+    SECTORS_FIELD_NUMBER: _ClassVar[int]
+    RANGE_MIN_M_FIELD_NUMBER: _ClassVar[int]
+    RANGE_MAX_M_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_MIN_DEG_FIELD_NUMBER: _ClassVar[int]
+    AZIMUTH_MAX_DEG_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_MIN_DEG_FIELD_NUMBER: _ClassVar[int]
+    ELEVATION_MAX_DEG_FIELD_NUMBER: _ClassVar[int]
+    ACCURACIES_FIELD_NUMBER: _ClassVar[int]
+    OUTPUTS_FIELD_NUMBER: _ClassVar[int]
+    TRANSMITTERS_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    time_utc: _timestamp_pb2.Timestamp
+    type: str
+    enabled: bool
+    sac: int
+    sic: int
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    altitude_m: float
+    azimuth_reference: SensorDescription.AzimuthReference
+    elevation_reference: SensorDescription.ElevationReference
+    range_kind: SensorDescription.RangeKind
+    scan_kind: str
+    scan_period_s: float
+    sectors: int
+    range_min_m: float
+    range_max_m: float
+    azimuth_min_deg: float
+    azimuth_max_deg: float
+    elevation_min_deg: float
+    elevation_max_deg: float
+    accuracies: _containers.RepeatedCompositeFieldContainer[Accuracy]
+    outputs: _containers.RepeatedCompositeFieldContainer[SensorOutput]
+    transmitters: _containers.RepeatedCompositeFieldContainer[Transmitter]
+    def __init__(self, sensor: _Optional[str] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., type: _Optional[str] = ..., enabled: _Optional[bool] = ..., sac: _Optional[int] = ..., sic: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., altitude_m: _Optional[float] = ..., azimuth_reference: _Optional[_Union[SensorDescription.AzimuthReference, str]] = ..., elevation_reference: _Optional[_Union[SensorDescription.ElevationReference, str]] = ..., range_kind: _Optional[_Union[SensorDescription.RangeKind, str]] = ..., scan_kind: _Optional[str] = ..., scan_period_s: _Optional[float] = ..., sectors: _Optional[int] = ..., range_min_m: _Optional[float] = ..., range_max_m: _Optional[float] = ..., azimuth_min_deg: _Optional[float] = ..., azimuth_max_deg: _Optional[float] = ..., elevation_min_deg: _Optional[float] = ..., elevation_max_deg: _Optional[float] = ..., accuracies: _Optional[_Iterable[_Union[Accuracy, _Mapping]]] = ..., outputs: _Optional[_Iterable[_Union[SensorOutput, _Mapping]]] = ..., transmitters: _Optional[_Iterable[_Union[Transmitter, _Mapping]]] = ...) -> None: ...
+
+class Accuracy(_message.Message):
+    __slots__ = ("snr_db", "sigma_range_m", "sigma_bistatic_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "sigma_range_rate_m_s")
+    SNR_DB_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_BISTATIC_RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
+    snr_db: float
+    sigma_range_m: float
+    sigma_bistatic_range_m: float
+    sigma_azimuth_deg: float
+    sigma_elevation_deg: float
+    sigma_range_rate_m_s: float
+    def __init__(self, snr_db: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., sigma_range_rate_m_s: _Optional[float] = ...) -> None: ...
+
+class SensorOutput(_message.Message):
+    __slots__ = ("format", "topic", "content_type")
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    TOPIC_FIELD_NUMBER: _ClassVar[int]
+    CONTENT_TYPE_FIELD_NUMBER: _ClassVar[int]
+    format: str
+    topic: str
+    content_type: str
+    def __init__(self, format: _Optional[str] = ..., topic: _Optional[str] = ..., content_type: _Optional[str] = ...) -> None: ...
+
+class Transmitter(_message.Message):
+    __slots__ = ("id", "channel", "latitude_deg", "longitude_deg", "height_m", "altitude_m", "frequency_hz")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    CHANNEL_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCY_HZ_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    channel: int
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    altitude_m: float
+    frequency_hz: float
+    def __init__(self, id: _Optional[str] = ..., channel: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., altitude_m: _Optional[float] = ..., frequency_hz: _Optional[float] = ...) -> None: ...

@@ -51,6 +51,11 @@ class Asterix048(AsterixFormat):
                 [sensor.sac for sensor in turning.values()],
                 [sensor.sic for sensor in turning.values()],
                 antenna_period_s=[sensor.scan.period_s for sensor in turning.values()],
+                place=[
+                    (place.latitude_deg, place.longitude_deg, place.height_m)
+                    for sensor, place in zip(sensors.values(), places, strict=True)
+                    if sensor.scan.rotates
+                ],
             )
 
     def blocks(self, seen: Seen) -> list[Blocks]:

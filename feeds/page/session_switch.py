@@ -205,7 +205,8 @@ class SessionSwitch(Observer):
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
         observer.begun(self._session)
         for task in self._session.sensor_tasks.values():
-            observer.after_link(task.settings, self._session.clock.now_ns())
+            for message in (task.settings, task.description):
+                observer.after_link(message, self._session.clock.now_ns())
         self._recorder = observer
         return {"ok": True, "in_force": {"file": path.name}}
 

@@ -28,7 +28,14 @@ MAX_TEXT = 2000
 SAPIENT = REPORT_FORMATS["sapient"].message
 OURS: Mapping[str, type[ProtobufMessage]] = {
     kind.DESCRIPTOR.full_name: kind
-    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+    for kind in (
+        pb.Telemetry,
+        pb.PlotBatch,
+        pb.Ledger,
+        pb.Refusal,
+        pb.SensorStatus,
+        pb.SensorDescription,
+    )
 }
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
 """What a message may be."""

@@ -22,10 +22,17 @@ log = logging.getLogger(__name__)
 
 OURS: dict[str, Any] = {
     kind.DESCRIPTOR.full_name: kind
-    for kind in (pb.Telemetry, pb.PlotBatch, pb.Ledger, pb.Refusal, pb.SensorStatus)
+    for kind in (
+        pb.Telemetry,
+        pb.PlotBatch,
+        pb.Ledger,
+        pb.Refusal,
+        pb.SensorStatus,
+        pb.SensorDescription,
+    )
 }
 BY_LEVEL = {"plots": pb.PlotBatch, "truth": pb.Ledger}
-JSON_LEVELS = frozenset({"errors", "status", "settings", "session"})
+JSON_LEVELS = frozenset({"errors", "status", "settings", "description", "session"})
 TIME = "time"
 """The user property that CloudEvents tells the time of a message by."""
 MOST_SAID = 20

@@ -44,7 +44,7 @@ TOGETHER = 64
 """Messages that leave in one go where there are no deadlines: a system call costs more than one."""
 MAX_LINKS = 1000
 """Sources with a link of their own."""
-NOT_OVER_LINKS = frozenset({"status", "settings", "session", "errors", "truth"})
+NOT_OVER_LINKS = frozenset({"status", "settings", "description", "session", "errors", "truth"})
 """Last levels of what a session says beside what its sensors report."""
 _FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
 

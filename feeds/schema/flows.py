@@ -152,6 +152,17 @@ def _of_session() -> Iterator[Flow]:
         schema=_object(sensor="string", time_utc="string", controlled="object", in_force="object"),
     )
     yield Flow(
+        name="description",
+        address="{prefix}/{sensor}/description",
+        content_type=JSON,
+        summary="What a sensor is, where it stands, what it covers, how well and where it reports.",
+        message=f"{OURS}.SensorDescription",
+        attributes=OF_SENSOR,
+        kind="plotfeed.description",
+        qos=1,
+        retain=True,
+    )
+    yield Flow(
         name="session",
         address="{prefix}/session",
         content_type=JSON,
@@ -166,6 +177,7 @@ def _of_session() -> Iterator[Flow]:
             start_utc_ns="integer",
             tick_ms="integer",
             sensors="array",
+            site="object",
             plotfeed="string",
         ),
     )

@@ -13,6 +13,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.models.truth import Trajectories
@@ -32,6 +33,10 @@ class RunningSensor(Protocol):
     @property
     def settings(self) -> Message:
         """The sensor's keys as they are now, as whoever comes later is told."""
+
+    @property
+    def description(self) -> Message:
+        """What and where the sensor is and how it reports, as whoever comes later is told."""
 
     @property
     def status(self) -> pb.SensorStatus:
@@ -150,5 +155,6 @@ class SessionContext:
     schedule: Schedule
     totals: SessionCounters
     observers: Sequence[Observer]
+    describer: SensorDescriber
     keep_ledger: KeepLedger | None
     """None where nobody is to have it."""

@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import SessionContext, cares
+from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
@@ -132,7 +133,8 @@ class Outputs:
         """
         announcer = announcer_of(self._scene, sensor)
         if any(not link.address.ends_with_us for link in self.brokers):
-            offline = pb.SensorStatus(sensor=sensor.id, state=pb.SensorStatus.OFFLINE)
+            offline = status_of(self._context.describer.description(sensor))
+            offline.state = pb.SensorStatus.OFFLINE
             self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
         transports: list[Transport] = [*self.brokers]
         middleware = self._scene.outgoing.middleware

@@ -1,6 +1,6 @@
 """What sends in a session: sensors, sector after sector, and drones that tell of themselves.
 
-Status and settings of a sensor are retained for whoever comes later.
+Status, settings and description of a sensor are retained for whoever comes later.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS, EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.observer import SessionContext
+from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
@@ -58,19 +59,22 @@ class SensorTask:
         self._context = context
         self._prefix = context.scene.mqtt.prefix
         self._announcer = announcer
-        self._status = pb.SensorStatus(sensor=self.sensor.id)
+        self._describer = context.describer
+        self._description = context.describer.description(self.sensor)
+        self._status = status_of(self._description)
 
     def start(self, start_utc_ns: int) -> None:
         """Say what there is to say of the sensor, now and from now on."""
         self._status.scan = self._sensors.next_sector(self._i).scan
         for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns
-            self._context.schedule.put(at_utc_ns, partial(self._follow_script, at_utc_ns))
+            self._context.schedule.put(at_utc_ns, partial(self._change_by_script, at_utc_ns))
+        self._description.time_utc.FromNanoseconds(start_utc_ns)
         self._follow_script(start_utc_ns)
         self._publish_status(pb.SensorStatus.ONLINE)
         later_ns = self._i // STATUSES_AT_ONCE * AHEAD_NS
         self._plan_status(start_utc_ns + later_ns + STATUS_EVERY_NS)
-        self.outbox.send_past_link(self.settings)
+        self.outbox.send_past_link(self.settings, self.description)
         if self._announcer is not None:
             self._announcer.changed(self.sensor, start_utc_ns)
             self.outbox.send_past_link(*self._announcer.opening(start_utc_ns))
@@ -100,8 +104,21 @@ class SensorTask:
             controlled = merged(self._controlled, changes, keeps_none=True)
         self._sensors.control(self._i, controlled, at_utc_ns)
         self._controlled = controlled
+        before = self._description
         self._follow_script(at_utc_ns)
+        self._tell_change(before)
+
+    def _change_by_script(self, at_utc_ns: int) -> None:
+        """Do what an event of the scene asks for, and say so if it changes anything."""
+        sensor, before = self.sensor, self._description
+        self._follow_script(at_utc_ns)
+        if self.sensor is not sensor:
+            self._tell_change(before)
+
+    def _tell_change(self, before: pb.SensorDescription) -> None:
         self.outbox.send_past_link(self.settings)
+        if self._description is not before:
+            self.outbox.send_past_link(self.description)
 
     def asked(self, payload: bytes, as_of_ns: int) -> None:
         """Do what somebody asks in the words of a format, and answer in them."""
@@ -123,6 +140,11 @@ class SensorTask:
             self.link = json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled
+        described = self._describer.description(sensor)
+        described.time_utc.CopyFrom(self._description.time_utc)
+        if described != self._description:
+            described.time_utc.FromNanoseconds(at_utc_ns)
+            self._description = described
         if self._announcer is not None:
             news = self._announcer.changed(sensor, at_utc_ns)
             self.outbox.send_past_link(*news)
@@ -148,6 +170,14 @@ class SensorTask:
         """The sensor's keys as they are now, as whoever comes later is told."""
         now_ns = self._context.clock.now_ns()
         return settings_message(self._prefix, self.sensor, self._controlled, now_ns)
+
+    @property
+    def description(self) -> Message:
+        """What and where the sensor is and how it reports, as whoever comes later is told."""
+        now_ns = self._context.clock.now_ns()
+        source, sensor = f"{self._prefix}/{self.sensor.id}", self.sensor.id
+        payload = to_json(self._description)
+        return _retained(source, "description", payload, now_ns, sensor=sensor)
 
     @property
     def status(self) -> pb.SensorStatus:
@@ -256,6 +286,7 @@ def session_message(scene: Scene, start_utc_ns: int) -> Message:
         "start_utc_ns": start_utc_ns,
         "tick_ms": AHEAD_NS // NS_IN_MS,
         "sensors": [sensor.id for sensor in scene.sensor],
+        "site": scene.scene.site.model_dump(),
         "plotfeed": version("plotfeed"),
     }
     return _retained(scene.mqtt.prefix, "session", json.dumps(said).encode(), start_utc_ns)

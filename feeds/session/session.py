@@ -21,6 +21,7 @@ from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
+from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, session_message
 from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.timing.clock import Clock, WallClock
@@ -129,6 +130,7 @@ class Session:
             schedule=Schedule(clock.wake),
             totals=totals,
             observers=observers,
+            describer=SensorDescriber(scene),
             keep_ledger=self._keep_ledger if ledger_is_wanted else None,
         )
         self._inputs = SessionInputs(context, self.trajectories, self.sensor_tasks, self._publish)

@@ -219,7 +219,7 @@ class TelemetryReceiver:
         )
 
 
-def to_json(message: pb.Refusal | pb.SensorStatus) -> bytes:
+def to_json(message: pb.Refusal | pb.SensorStatus | pb.SensorDescription) -> bytes:
     """Protobuf's JSON mapping with the schema's own names, zeros included, in one line."""
     text = json_format.MessageToJson(
         message,

@@ -125,6 +125,14 @@ class MicrophoneArray(CellSensor):
         hits, rng = looks.rows(detected), of_rows(rng, detected)
         return looks, of_audible.rows(detected)._measure(hits, targets, audible[detected], rng)
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:
+        """Errors of the bearing, by the SNR alone."""
+        of_one = np.array([snr])
+        stated = {"sigma_azimuth_deg": float(self.sigma_azimuth_deg(of_one)[0])}
+        if self.elevation_beamwidth_deg is not None:
+            stated["sigma_elevation_deg"] = float(self.sigma_elevation_deg(of_one)[0])
+        return stated
+
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""
         power_level_db = targets.sound_power_db()

@@ -193,6 +193,16 @@ class PassiveRadar(PassiveSignals):
             **columns,
         )
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:
+        """Errors by the SNR alone, of the transmitter by whose signal ranges are worst."""
+        of_channels_m, sigma_azimuth_deg = self.sigmas(
+            np.array([snr]), self.range_resolution_m, self.range_floors_m
+        )
+        return {
+            "sigma_bistatic_range_m": float(of_channels_m.max()),
+            "sigma_azimuth_deg": float(sigma_azimuth_deg[0]),
+        }
+
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a plot by any of the channels; the rest for the channel with the highest.
 

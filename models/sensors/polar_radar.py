@@ -159,6 +159,18 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             return None
         return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:
+        """Errors by the SNR alone."""
+        of_one = np.array([snr])
+        names = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")
+        stated = dict(zip(names, self.sigmas(of_one)[:, 0].tolist(), strict=True))
+        if not self.measures_elevation:
+            del stated["sigma_elevation_deg"]
+        if self.doppler is not None:
+            sigma_m_s = self.doppler.sigma_m_s(of_one, np.zeros(1, np.int64))
+            stated["sigma_range_rate_m_s"] = float(sigma_m_s[0])
+        return stated
+
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
         snrs = self.signal_snrs(targets.true_position_enu_m, targets.rcs_m2())

@@ -65,6 +65,12 @@ class RangeGate(SensorModel):
         """No plots: it has no false alarms."""
         return NO_PLOTS
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:  # noqa: ARG002
+        """Errors on the horizontal at half the range, where the noise is the same as everywhere."""
+        sigmas = self._sigmas(np.zeros(1), np.array([self.range_max_m / 2]))
+        names = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")
+        return {name: float(sigma[0]) for name, sigma in zip(names, sigmas, strict=True)}
+
     def predict(self, targets: Targets) -> Prediction:
         """Certain within the gate, with the same noise everywhere."""
         _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)

@@ -200,6 +200,13 @@ class RfDirectionFinder(CellSensor):
             "identity": np.where(read, table.identities(emissions), ""),
         }
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:
+        """The error of bearings, if it finds any, in the middle of its band."""
+        if not self.measures_azimuth:
+            return {}
+        middle_hz = np.array([(self.frequency_min_hz + self.frequency_max_hz) / 2])
+        return {"sigma_azimuth_deg": float(self.sigma_azimuth_deg(middle_hz, np.array([snr]))[0])}
+
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
 

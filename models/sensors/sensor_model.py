@@ -192,6 +192,13 @@ class SensorModel(Stackable, ABC):
         Rates of range count where velocities are given.
         """
 
+    def stated_sigmas(self, snr: float) -> dict[str, float]:  # noqa: ARG002
+        """What plots state of their errors at a detection's own SNR, by the names of `Plots`.
+
+        Amidst the cover, where errors change with the place; nothing of a sensor that states none.
+        """
+        return {}
+
 
 @dataclass(frozen=True, kw_only=True)
 class CellSensor(SensorModel, ABC):

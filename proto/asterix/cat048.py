@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models.state import Ints, Plots
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant, Encoder, blocks_of_one
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, measured
+from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position, measured
 from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS
 
 CAT048 = category(
@@ -90,7 +90,9 @@ FRN  item      octets  parts: bits, LSB and unit
 14   I034/SP   1+n     octets behind their count
 """,
 )
-"""I034/000 is 1 for a north marker, 2 for a sector crossing. I034/120 is above WGS-84."""
+"""I034/000 is 1 for a north marker, 2 for a sector crossing. I034/120 is in WGS-84, and
+its height above the ellipsoid.
+"""
 
 RHO_LSB_M = NM_M / 256  # I048/040
 PRIMARY = 1  # I048/020/TYP: single primary detection
@@ -168,8 +170,10 @@ class PlotEncoder048:
 class ServiceEncoder034:
     """North markers and sector crossings, each a data block of one record.
 
-    Several radars have a SAC, SIC and antenna period each, in sequences. `sources` are the numbers
-    of the radars that the messages are of, as the times (n,).
+    Several radars have a SAC, SIC, antenna period and place each, in sequences. `sources` are the
+    numbers of the radars that the messages are of, as the times (n,). Places are latitude and
+    longitude, degrees, and height above the ellipsoid, metres, (3,) or (n, 3): I034/120 rounds them
+    to 2.1e-5 deg and whole metres.
     """
 
     def __init__(
@@ -178,13 +182,23 @@ class ServiceEncoder034:
         sic: int | Sequence[int],
         *,
         antenna_period_s: float | Sequence[float],
+        place: ArrayLike,
     ) -> None:
         source: dict[str, Constant] = {"I034/010/SAC": sac, "I034/010/SIC": sic}
         lsb = {"I034/030": TIME_LSB_NS}
+        latitude_deg, longitude_deg, height_m = np.atleast_2d(np.asarray(place, np.float64)).T
+        checked_position(latitude_deg, longitude_deg, field="I034/120")
+        of_north: dict[str, Constant] = {
+            "I034/000": NORTH_MARKER,
+            "I034/041": antenna_period_s,
+            "I034/120/HGT": height_m.tolist(),
+            "I034/120/LAT": latitude_deg.tolist(),
+            "I034/120/LON": longitude_deg.tolist(),
+        }
         self._north = Encoder(
             CAT034,
-            ("I034/010", "I034/000", "I034/030", "I034/041"),
-            constants=source | {"I034/000": NORTH_MARKER, "I034/041": antenna_period_s},
+            ("I034/010", "I034/000", "I034/030", "I034/041", "I034/120"),
+            constants=source | of_north,
             lsb=lsb,
         )
         self._sector = Encoder(
@@ -195,7 +209,7 @@ class ServiceEncoder034:
         )
 
     def north_markers(self, t_utc_ns: ArrayLike, sources: Ints | None = None) -> list[bytes]:
-        """Antennas pass north; I034/010, 000, 030, 041."""
+        """Antennas pass north; I034/010, 000, 030, 041, 120."""
         return blocks_of_one(self._north, self._north.records({"I034/030": t_utc_ns}, sources))
 
     def sector_crossings(

@@ -6,12 +6,18 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.road import NS, Road, flown, fly, radar, rotating, scene, waypoint
+from support.road import NS, SITE, Road, flown, fly, radar, rotating, scene, waypoint
 from support.significance import Array
 
 UNDULATION_M = 51.0
 PERIOD_S = 2.0
+PLACE = [
+    round(SITE.height_m),
+    pytest.approx(SITE.latitude_deg, abs=1.1e-5),
+    pytest.approx(SITE.longitude_deg, abs=1.1e-5),
+]
 SECTORS = 32
 TURNS = 90
 DAY_NS = 86_400 * NS
@@ -103,7 +109,7 @@ def test_it_reads_every_north_marker_and_every_sector_crossing() -> None:
         time_s = float(np.rint(end_ns % DAY_NS * 128 / NS) / 128)
         source: dict[str, list[Any]] = {"I034/010": [25, 3], "I034/030": [time_s]}
         if k % SECTORS == 0:
-            expected.append(source | {"I034/000": [1], "I034/041": [PERIOD_S]})
+            expected.append(source | {"I034/000": [1], "I034/041": [PERIOD_S], "I034/120": PLACE})
         azimuth_deg = k % SECTORS * 360 / SECTORS
         expected.append(source | {"I034/000": [2], "I034/020": [azimuth_deg]})
     assert records == expected

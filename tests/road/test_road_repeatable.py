@@ -10,6 +10,7 @@ from support.road import NS, START_NS, Road, flown, fly, held, radar, rotating, 
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.decode import decode
 
 SENSORS = (
     radar(id="turning", scan=rotating(1.0, 8), pfa=1e-5),
@@ -43,7 +44,7 @@ def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Messa
         unnumbered(m)
         for m in road.messages
         if m.due_utc_ns > since_ns
-        and not m.topic.endswith(("/status", "/settings", "/session"))
+        and not m.topic.endswith(("/status", "/settings", "/description", "/session"))
         and (sensor is None or m.topic.startswith(f"plotfeed/{sensor}/"))
     ]
 
@@ -71,12 +72,19 @@ def test_another_seed_gives_other_plots(sensor: str) -> None:
 
 
 def test_two_sensors_alike_but_in_name_draw_their_own_lots() -> None:
-    twins = [SENSORS[1] | {"id": name} for name in ("left", "right")]
+    twins = [SENSORS[1] | {"id": f"twin-{sic}", "sic": sic} for sic in (4, 5)]
     road = run(sensors=twins)
     left, right = (
-        [m.payload for m in told(road, name) if "048" in m.topic] for name in ("left", "right")
+        {
+            (r.get("I048/040/RHO"), r.get("I048/040/THETA"))
+            for m in told(road, f"twin-{sic}")
+            if "048" in m.topic
+            for r in decode(m.payload)
+        }
+        for sic in (4, 5)
     )
-    assert not set(left) & set(right)
+    assert min(len(left), len(right)) > 100
+    assert not left & right
 
 
 def test_a_run_that_begins_later_says_the_same_of_the_scans_that_both_cover() -> None:

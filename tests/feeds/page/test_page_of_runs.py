@@ -86,7 +86,7 @@ def test_another_scene_has_its_own_topics_alone(run: Live, tmp_path: Path) -> No
     run.page.get_by_role("heading", name="north: settings").wait_for()
     run.wait(lambda: len(run.broker.batches("north", at)) >= 20)
     topics = {m.topic for m in run.broker.client.heard[at:]}
-    of_north = {f"plotfeed/north/{kind}" for kind in ("plots", "status", "settings")}
+    of_north = {f"plotfeed/north/{kind}" for kind in ("plots", "status", "settings", "description")}
     assert topics <= of_north | {"plotfeed/session", "plotfeed/truth"}
     assert run.broker.on("plotfeed/radar/status")[-1][1]["state"] == "OFFLINE"
     assert {x.sensor for x in map(pb.Ledger.FromString, truths(run, at))} == {"north"}
@@ -138,6 +138,9 @@ def stop_recording(run: Live, folder: Path) -> dict[str, list[bytes]]:
         for message in log.messages(stages=[Stage.AFTER]):
             found.setdefault(message.topic, []).append(message.payload)
     path.unlink()
+    for topic in [topic for topic in found if topic.endswith("/description")]:
+        (payload,) = found.pop(topic)
+        assert json.loads(payload) == run.broker.on(topic)[-1][1]
     for topic in [topic for topic in found if topic.endswith("/settings")]:
         (payload,) = found.pop(topic)
         assert json.loads(payload)["in_force"] == run.broker.on(topic)[-1][1]["in_force"]

@@ -326,10 +326,17 @@ async def test_links_are_for_the_topics_that_they_are_told() -> None:
 
 @pytest.mark.asyncio
 async def test_what_a_session_says_of_itself_goes_over_no_link() -> None:
-    recorded = [message(i, f"p/radar/{k}") for i, k in enumerate(["status", "settings", "plots"])]
+    recorded = [
+        message(i, f"p/radar/{k}")
+        for i, k in enumerate(["status", "settings", "description", "plots"])
+    ]
     down = ReplaySettings(links=(LinkRule("", LinkSettings(down=True)),))
     ears, totals = await simulated(recorded, down)
-    assert [m.topic for _, m in ears.heard] == ["p/radar/status", "p/radar/settings"]
+    assert [m.topic for _, m in ears.heard] == [
+        "p/radar/status",
+        "p/radar/settings",
+        "p/radar/description",
+    ]
     assert totals.lost == 1
 
 

@@ -31,6 +31,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.asterix.categories import CATEGORIES
 
 PREFIX = "north/site/7"
+OF_SENSORS = ("status", "settings", "description", "sapient")
 DOCUMENT = Path(__file__).parents[3] / "docs" / "asyncapi.json"
 SPEED = 5.0
 DURATION_S = 21.0
@@ -288,12 +289,12 @@ async def test_what_a_session_publishes_is_what_the_document_says(
         if described["contentType"] == "application/json":
             jsonschema.validate(json.loads(message.payload), described["payload"])
     assert seen == set(sends(api))
-    kinds = ("status", "settings", "sapient")
-    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in kinds}
+    of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in OF_SENSORS}
     assert retained == {f"{PREFIX}/session", *of_sensors}
     keeps = [n for n, o in sends(api).items() if o["bindings"]["mqtt"]["retain"]]
     of_nodes = ["sendSapientRegistration", "sendSapientGoodbye"]
-    assert keeps == [*of_nodes, "sendStatus", "sendSettings", "sendSession"]
+    of_all = ["sendStatus", "sendSettings", "sendDescription", "sendSession"]
+    assert keeps == [*of_nodes, *of_all]
 
 
 def test_commands_are_taken_as_their_schema_says(api: dict[str, Any]) -> None:

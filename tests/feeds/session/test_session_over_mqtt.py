@@ -98,6 +98,7 @@ def test_subscribers_of_either_version_receive_the_whole_session(tmp_path: Path)
         "plotfeed/radar/plots",
         "plotfeed/radar/status",
         "plotfeed/radar/settings",
+        "plotfeed/radar/description",
         "plotfeed/session",
         "plotfeed/truth",
     }

@@ -195,12 +195,14 @@ def test_it_reads_plots_to_half_an_lsb() -> None:
 
 
 def test_it_reads_service_messages() -> None:
-    encoder = ServiceEncoder034(25, 3, antenna_period_s=2.5)
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=2.5, place=(40.45, -3.73, 650.0))
     sent = [*encoder.north_markers([10**9]), *encoder.sector_crossings([0], [45.0])]
     north, sector = (
         {name: values_of(item) for name, item in items_of(record).items()}
         for block in read_blocks(sent)
         for record in block
     )
+    place = north.pop("I034/120")
+    assert place == [650, pytest.approx(40.45, abs=1.1e-5), pytest.approx(-3.73, abs=1.1e-5)]
     assert north == {"I034/010": [25, 3], "I034/000": [1], "I034/030": [1.0], "I034/041": [2.5]}
     assert sector == {"I034/010": [25, 3], "I034/000": [2], "I034/030": [0.0], "I034/020": [45.0]}

@@ -12,6 +12,7 @@ from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9
+PLACE = (40.45, -3.73, 650.0)
 THREE_D = {"height_m": 700.0, "run_length_deg": 1.4, "amplitude_dbm": -71.6}
 
 
@@ -119,7 +120,7 @@ def test_a_bad_source_is_refused_at_once(arguments: tuple[int, int]) -> None:
     with pytest.raises(EncodeError, match="I048/010"):
         PlotEncoder048(*arguments)
     with pytest.raises(EncodeError, match="I034/010"):
-        ServiceEncoder034(*arguments, antenna_period_s=1)
+        ServiceEncoder034(*arguments, antenna_period_s=1, place=PLACE)
 
 
 @pytest.mark.parametrize("octets", [20, 70_000])
@@ -129,21 +130,40 @@ def test_a_bad_block_length_is_refused_at_once(octets: int) -> None:
 
 
 def test_service_messages() -> None:
-    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0, place=PLACE)
     (marker,) = encoder.north_markers([MIDNIGHT_NS + 10**9])
     (crossing,) = encoder.sector_crossings([MIDNIGHT_NS - 1], [348.75])
     north, sector = decode(marker + crossing)
     source = {"SAC": 25, "SIC": 3}
-    assert north.items == {"I034/010": source, "I034/000": 1, "I034/030": 1.0, "I034/041": 4.0}
+    place = {
+        "HGT": 650.0,
+        "LAT": pytest.approx(40.45, abs=1.1e-5),
+        "LON": pytest.approx(-3.73, abs=1.1e-5),
+    }
+    assert north.items == {
+        "I034/010": source,
+        "I034/000": 1,
+        "I034/030": 1.0,
+        "I034/041": 4.0,
+        "I034/120": place,
+    }
     assert sector.items == {"I034/010": source, "I034/000": 2, "I034/030": 0.0, "I034/020": 348.75}
 
 
 def test_the_sector_at_north_is_0() -> None:
-    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0)
+    encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0, place=PLACE)
     assert decode(encoder.sector_crossings([0], [360.0])[0])[0].get("I034/020") == 0.0
+
+
+@pytest.mark.parametrize(
+    "place", [(91.0, 0.0, 0.0), (0.0, 181.0, 0.0), (0.0, 0.0, 4e4), (np.nan,) * 3]
+)
+def test_an_impossible_place_of_a_radar_is_refused(place: tuple[float, float, float]) -> None:
+    with pytest.raises(EncodeError, match="I034/120"):
+        ServiceEncoder034(1, 1, antenna_period_s=1.0, place=place)
 
 
 @pytest.mark.parametrize("period_s", [512.0, -1.0, math.nan])
 def test_an_impossible_rotation_period_is_refused(period_s: float) -> None:
     with pytest.raises(EncodeError, match="I034/041"):
-        ServiceEncoder034(1, 1, antenna_period_s=period_s)
+        ServiceEncoder034(1, 1, antenna_period_s=period_s, place=PLACE)

@@ -101,11 +101,14 @@ def test_limits_of_octets_hold_for_every_source() -> None:
         Reports(CAT048, ("I048/010",), constants={"I048/010/SIC": [1, 2]}, max_octets=[1400, 5])
 
 
+PLACES = [(40.45, -3.73, 650.0), (-34.5, -58.25, -12.0)]
+
+
 def test_service_messages_of_several_radars() -> None:
-    encoder = ServiceEncoder034([25, 26], [3, 4], antenna_period_s=[1.0, 4.0])
+    encoder = ServiceEncoder034([25, 26], [3, 4], antenna_period_s=[1.0, 4.0], place=PLACES)
     alone = [
-        ServiceEncoder034(25, 3, antenna_period_s=1),
-        ServiceEncoder034(26, 4, antenna_period_s=4),
+        ServiceEncoder034(25, 3, antenna_period_s=1, place=PLACES[0]),
+        ServiceEncoder034(26, 4, antenna_period_s=4, place=PLACES[1]),
     ]
     times, azimuths, which = (
         [5 * 10**9, 6 * 10**9, 7 * 10**9],

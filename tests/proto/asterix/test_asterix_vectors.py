@@ -26,7 +26,9 @@ def test_plots(vector: dict[str, Any], n: int) -> None:
 
 @pytest.mark.parametrize("vector", VECTORS["services"], ids=lambda v: v["case"])
 def test_service_messages(vector: dict[str, Any]) -> None:
-    encoder = ServiceEncoder034(*SOURCE, antenna_period_s=VECTORS["antenna_period_s"])
+    encoder = ServiceEncoder034(
+        *SOURCE, antenna_period_s=VECTORS["antenna_period_s"], place=VECTORS["place"]
+    )
     t_utc_ns, azimuth_deg = vector["t_utc_ns"], vector["azimuth_deg"]
     (block,) = (
         encoder.north_markers([t_utc_ns])

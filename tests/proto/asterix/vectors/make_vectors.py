@@ -60,6 +60,10 @@ PLOTS: list[tuple[str, dict[str, float], dict[str, int]]] = [
     ("height saturates below", {"height_m": -70_000.0}, {"3DH": -8192}),
 ]
 
+# Where the radar stands, south and west and below the ellipsoid, and what is sent of it.
+PLACE = [-34.5, -58.25, -12.4]
+SENT_PLACE = [("HGT", -12, 16), ("LAT", -1_607_817, 24), ("LON", -2_714_647, 24)]
+
 # Time, sector azimuth (None: north marker), and what is sent: time of day, sector.
 SERVICES: list[tuple[str, int, float | None, int, int | None]] = [
     ("north", MIDNIGHT_NS + 10**9, None, 128, None),
@@ -97,7 +101,8 @@ def plot_hex(sent: dict[str, int]) -> str:
 def service_hex(time_of_day: int, sector: int | None) -> str:
     """A data block of one service message."""
     items: dict[str, Any] = {"010": (("SAC", SAC), ("SIC", SIC)), "030": time_of_day}
-    items |= {"000": 1, "041": 633} if sector is None else {"000": 2, "020": sector}
+    place = tuple((name, twos(value, bits)) for name, value, bits in SENT_PLACE)
+    items |= {"000": 1, "041": 633, "120": place} if sector is None else {"000": 2, "020": sector}
     return block_hex(Cat_034_1_29, items)
 
 
@@ -112,6 +117,7 @@ def main() -> None:
         "sac": SAC,
         "sic": SIC,
         "antenna_period_s": PERIOD_S,
+        "place": PLACE,
         "plots": [
             {"case": case, "plot": PLOT | plot, "block": plot_hex(SENT | sent)}
             for case, plot, sent in PLOTS

@@ -1,0 +1,125 @@
+"""What a sensor says of itself, so that whoever hears its reports can put them on the Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from plotfeed.feeds.scene.fields import frame_at, geodetic
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
+from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import asterix_content_type
+
+RANGE_KINDS = {
+    SensorGeometry.MONOSTATIC: pb.SensorDescription.SLANT,
+    SensorGeometry.BISTATIC: pb.SensorDescription.BISTATIC,
+    SensorGeometry.BEARINGS: pb.SensorDescription.NO_RANGE,
+}
+ACCURACIES_AT_DB = (13.0, 20.0, 30.0)
+"""Signal-to-noise ratios of detections for which errors are told."""
+LIMITS = (
+    "range_min_m",
+    "azimuth_min_deg",
+    "azimuth_max_deg",
+    "elevation_min_deg",
+    "elevation_max_deg",
+)
+"""Keys of cover that not all sensors have."""
+DEGREE_DIGITS, METRE_DIGITS = 9, 4
+"""Digits after the point of places: 0.1 mm."""
+
+
+class SensorDescriber:
+    """Describes the sensors of a scene with their keys as they are at a time."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Raises `PlotfeedError` if the scene's geoid cannot be read."""
+        self._site, self._prefix = scene.scene.site, scene.mqtt.prefix
+        self._sea_level = SeaLevel.of(scene)
+
+    def description(self, sensor: Sensor) -> pb.SensorDescription:
+        """What and where a sensor is, what it covers and how it reports; without a time."""
+        here = frame_at(self._site, sensor.position_enu_m)
+        described = pb.SensorDescription(
+            sensor=sensor.id,
+            type=sensor.type,
+            enabled=sensor.enabled,
+            azimuth_reference=pb.SensorDescription.TRUE_NORTH,
+            elevation_reference=pb.SensorDescription.HORIZONTAL_OF_SENSOR,
+            range_kind=RANGE_KINDS[sensor.geometry],
+            scan_kind=sensor.scan.kind,
+            scan_period_s=sensor.scan.period_s,
+            sectors=sensor.scan.sectors,
+            range_max_m=sensor.range_max_m,
+            accuracies=_accuracies(sensor.model(self._site)),
+            outputs=_outputs(self._prefix, sensor),
+            transmitters=self._transmitters(sensor),
+        )
+        self._put(described, here.latitude_deg, here.longitude_deg, here.height_m)
+        for key in LIMITS:
+            value = getattr(sensor, key, None)
+            if value is not None:
+                setattr(described, key, value)
+        if any(REPORT_FORMATS[name].categories for name in sensor.report):
+            described.sac, described.sic = sensor.sac, sensor.sic
+        return described
+
+    def _transmitters(self, sensor: Sensor) -> Iterator[pb.Transmitter]:
+        for channel, transmitter in enumerate(sensor.illuminators):
+            told = pb.Transmitter(
+                id=transmitter.id, channel=channel, frequency_hz=transmitter.frequency_hz
+            )
+            self._put(told, *geodetic(self._site, transmitter.place).tolist())
+            yield told
+
+    def _put(
+        self,
+        told: pb.SensorDescription | pb.Transmitter,
+        latitude_deg: float,
+        longitude_deg: float,
+        height_m: float,
+    ) -> None:
+        """Say where something is."""
+        above_sea_m = height_m - float(self._sea_level.undulation_m(latitude_deg, longitude_deg))
+        told.latitude_deg = round(latitude_deg, DEGREE_DIGITS)
+        told.longitude_deg = round(longitude_deg, DEGREE_DIGITS)
+        told.height_m = round(height_m, METRE_DIGITS)
+        told.altitude_m = round(above_sea_m, METRE_DIGITS)
+
+
+def status_of(description: pb.SensorDescription) -> pb.SensorStatus:
+    """A status that says where the sensor is, and nothing yet of how it does."""
+    return pb.SensorStatus(
+        sensor=description.sensor,
+        latitude_deg=description.latitude_deg,
+        longitude_deg=description.longitude_deg,
+        height_m=description.height_m,
+    )
+
+
+def _outputs(prefix: str, sensor: Sensor) -> Iterator[pb.SensorOutput]:
+    """Every topic that it reports on, in the order of its formats."""
+    root = f"{prefix}/{sensor.id}"
+    for name in dict.fromkeys(sensor.report):
+        facts = REPORT_FORMATS[name]
+        if not facts.categories:
+            topic = f"{root}/{facts.topic}"
+            yield pb.SensorOutput(format=name, topic=topic, content_type=facts.content_type)
+        for category in sensor.categories(name):
+            yield pb.SensorOutput(
+                format=name,
+                topic=f"{root}/asterix/{category:03d}",
+                content_type=asterix_content_type(category),
+            )
+
+
+def _accuracies(model: SensorModel) -> Iterator[pb.Accuracy]:
+    """What plots state of their errors, at several signal-to-noise ratios."""
+    for snr_db in ACCURACIES_AT_DB:
+        stated = model.stated_sigmas(10 ** (snr_db / 10))
+        if stated:
+            yield pb.Accuracy(snr_db=snr_db, **stated)
