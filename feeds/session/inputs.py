@@ -52,6 +52,7 @@ class SessionInputs:
         self._telemetry = TelemetryReceiver(context.scene, trajectories, welcome=self._reports.know)
         prefix = context.scene.mqtt.prefix
         self._control_topic = f"{prefix}/control"
+        self._commands.know(self._control_topic)  # whatever sensors are asked meanwhile
         self._inboxes = inboxes_of(context.scene)
         self._inbox_ends = tuple(sorted({_end_of(prefix, topic) for topic in self._inboxes}))
         self._trajectories = trajectories

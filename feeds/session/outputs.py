@@ -208,12 +208,15 @@ class Outputs:
         """
         if link.connections <= 1:
             return
+        now_ns = self._clock.now_ns()
+        anew = [message for each in self._announcers for message in each.opening(now_ns)]
+        said_anew = {message.topic for message in anew}
         for outbox in (self._of_session, *self._of_sensor.values()):
-            for message in outbox.retained.values():
-                link.publish(Delivery(message, self._clock, 1, client=outbox.counters))
-        for announcer in self._announcers:
-            for message in announcer.opening(self._clock.now_ns()):
-                link.publish(Delivery(message, self._clock, 1))
+            for topic, message in outbox.retained.items():
+                if topic not in said_anew:
+                    link.publish(Delivery(message, self._clock, 1, client=outbox.counters))
+        for message in anew:
+            link.publish(Delivery(message, self._clock, 1))
 
     def _is_back(self, link: MqttTransport, sensor: str) -> None:
         """Say again how a sensor is: its will was lost, and the broker has published that."""

@@ -8,6 +8,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.delivery.counters import ClientCounters, SapientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.formats import Announcer
@@ -70,8 +71,6 @@ class SapientTcpTransport:
         """Set while a connection stands over which something was said to the registration."""
         self._answered = asyncio.Event()
         self._is_refused = False
-        self._refusal = ""
-        """The last one that was told."""
         self._loss_told = False
         self._has_opened = False
 
@@ -224,7 +223,6 @@ class SapientTcpTransport:
         if heard.what == "accepted":
             if not self.counters.reporting:
                 self._report()
-            self._refusal = ""
             self._answered.set()
         elif heard.what == "refused":
             self._refused(heard)
@@ -237,17 +235,21 @@ class SapientTcpTransport:
     def _refused(self, heard: Heard) -> None:
         self.counters.count("refusals")
         self._is_refused, self.counters.reporting = True, False
-        why = _said(heard)
-        if why != self._refusal or self.counters.refusals == 1:
-            log.warning("%s: %s refused the registration%s", self.name, self.address, why)
-        self._refusal = why
+        if _is_told(self.counters.refusals):
+            log.warning(
+                "%s: %s refused the registration%s%s",
+                self.name,
+                self.address,
+                _so_far(self.counters.refusals),
+                _said(heard),
+            )
 
     def _complained(self, heard: Heard) -> None:
-        """Count it, and tell of the session's first, tenth, hundredth and so on."""
+        """Count it, and tell of some, by their number in the session."""
         self.counters.count("errors")
-        number = str(self.counters.totals.sapient_errors)
-        if number.rstrip("0") == "1":
-            so_far = f" ({number} times so far)" if number != "1" else ""
+        number = self.counters.totals.sapient_errors
+        if _is_told(number):
+            so_far = _so_far(number)
             log.warning("%s: the middleware complains%s%s", self.name, so_far, _said(heard))
 
     async def _hang_up(self) -> None:
@@ -262,8 +264,16 @@ class SapientTcpTransport:
         wire.abort()
 
 
+def _is_told(number: int) -> bool:
+    """Whether the so-manieth of a kind is worth a line: the first, the tenth, the hundredth."""
+    return str(number).rstrip("0") == "1"
+
+
+def _so_far(number: int) -> str:
+    return f" ({number} times so far)" if number > 1 else ""
+
+
 def _said(heard: Heard) -> str:
     """Reasons of an answer in a line, as far as a line goes."""
     text = " ".join("; ".join(reason[:MAX_SAID] for reason in heard.reasons).split())
-    text = "".join(c if c.isprintable() else "?" for c in text)
-    return f": {text[:MAX_SAID]}" if text else ""
+    return f": {printable(text)[:MAX_SAID]}" if text else ""

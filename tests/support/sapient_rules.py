@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from google.protobuf.message import Message
@@ -16,6 +16,7 @@ from sapient_msg import proto_options_pb2 as options
 from sapient_msg.bsi_flex_335_v2_0.detection_report_pb2 import DetectionReport
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from sapient_msg_pydantic.bsi_flex_335_v2_0.sapient_message import SapientMessage as Model
 
 UUID4 = re.compile("[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}")
@@ -43,6 +44,25 @@ def checked(payload: bytes) -> SapientMessage:
     assert message.timestamp.nanos % 1000 == 0
     assert not message.detection_report.track_info
     return message
+
+
+def checked_together(messages: Sequence[SapientMessage]) -> None:
+    """What one connection brings, in order, as Apex takes it.
+
+    Registered first, by one node; after each Registration a status that is new, before any that is
+    unchanged; unchanged only if the system is as in the last that was new; nothing after goodbye.
+    """
+    system = None
+    assert messages[0].HasField("registration")
+    assert len({message.node_id for message in messages}) == 1
+    for message in messages:
+        assert system != StatusReport.SYSTEM_GOODBYE
+        if message.HasField("registration"):
+            system = None
+        if message.HasField("status_report"):
+            if message.status_report.info == StatusReport.INFO_NEW:
+                system = message.status_report.system
+            assert message.status_report.system == system
 
 
 def _faults(message: Message, path: str) -> Iterator[str]:

@@ -12,7 +12,7 @@ from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.road import START_NS, Road, fly, held, radar, rotating, scene, staring
-from support.sapient_rules import checked
+from support.sapient_rules import checked, checked_together
 
 from plotfeed.feeds.formats import Seen
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
@@ -107,7 +107,7 @@ def test_every_message_is_valid_and_every_plot_is_in_one(run: Any, sensor: str) 
     road = run()
     found = messages(road, sensor)
     assert [m.WhichOneof("content") for m in found[:2]] == ["registration", "status_report"]
-    assert len({m.node_id for m in found}) == 1
+    checked_together(found)
     reported = [m.detection_report for m in found if m.HasField("detection_report")]
     batches = [pb.PlotBatch.FromString(p) for p in road.payloads(f"{sensor}/plots")]
     plots = [plot for batch in batches for plot in batch.plots]

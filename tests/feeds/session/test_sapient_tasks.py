@@ -13,7 +13,7 @@ from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from support.road import START_NS, held, radar, scene, staring
 from support.sapient_middleware import Peer, listening
-from support.sapient_rules import checked
+from support.sapient_rules import checked, checked_together
 from support.sapient_tasks import ONE, THREE, TWO, task
 from support.waiting import until
 
@@ -103,6 +103,7 @@ def flown_with(
             observers=[asks],
         )
     )
+    checked_together(asks.said)
     return asks, totals
 
 
@@ -338,4 +339,5 @@ async def test_over_tcp_tasks_are_answered_on_the_connection() -> None:
         await until(peer.reader.at_eof)
     assert (totals.sapient_tasks, totals.sapient_rejected) == (2, 1)
     assert peer.kinds().count("registration") == 2
+    checked_together(peer.heard)
     assert {m.status_report.mode for m in peer.heard[-1:]} == {"standby"}

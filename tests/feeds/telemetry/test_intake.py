@@ -178,6 +178,16 @@ def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_teleme
     assert [topic for topic, _, _ in intake.told].count("plotfeed/control") == 500
 
 
+def test_whatever_sensors_are_asked_there_is_room_for_a_command(tmp_path: Path) -> None:
+    intake = Intake(scene_of(tmp_path, radar(more='report = ["sapient"]')))
+    for _ in range(5_000):
+        intake.inputs.queue("plotfeed/nobody/sapient/task", b"", None)
+    intake.inputs.queue("plotfeed/control", b"{}", None)
+    intake.tick(NOW, budget=1)
+    assert "plotfeed/control" in {topic for topic, _, _ in intake.told}
+    assert intake.totals.flooded == 4_000
+
+
 def test_a_report_that_waited_until_nobody_can_see_it_is_refused(scene: Scene) -> None:
     intake = Intake(scene)
     intake.come("a", report(NOW))

@@ -22,6 +22,7 @@ from support.sapient_middleware import (
     polite,
     status_report,
 )
+from support.sapient_rules import checked_together
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
@@ -251,6 +252,7 @@ async def test_a_session_connects_every_sensor_and_says_goodbye() -> None:
     for peer in middleware.peers:
         assert peer.kinds()[:2] == ["registration", "status_report"]
         assert peer.heard[-1].status_report.system == StatusReport.SYSTEM_GOODBYE
+        checked_together(peer.heard)
         stamps = [m.timestamp.ToNanoseconds() for m in peer.heard if m.HasField("detection_report")]
         assert len(stamps) > 3
         assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
