@@ -164,7 +164,8 @@ class AltitudeDatum:
     ) -> Floats:
         """Heights above the WGS-84 ellipsoid, metres, of altitudes that were checked; (n,)."""
         heights_m = np.array(altitude_m, np.float64)
-        if self.takeoff_height_m is not None:
+        above_takeoff = AltitudeReference.ABOVE_TAKEOFF in references
+        if above_takeoff and self.takeoff_height_m is not None:
             which = [r is AltitudeReference.ABOVE_TAKEOFF for r in references]
             heights_m[which] += self.takeoff_height_m
         if AltitudeReference.MEAN_SEA_LEVEL in references:

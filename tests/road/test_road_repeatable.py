@@ -84,7 +84,7 @@ def test_two_sensors_alike_but_in_name_draw_their_own_lots() -> None:
         for sic in (4, 5)
     )
     assert min(len(left), len(right)) > 100
-    assert len(left & right) < 0.01 * len(left)  # by chance
+    assert len(left & right) < 0.05 * len(left)  # a drone twice in one cell
 
 
 def test_a_run_that_begins_later_says_the_same_of_the_scans_that_both_cover() -> None:
