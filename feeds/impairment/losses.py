@@ -69,6 +69,11 @@ class LossChain:
         self.targets = tuple(targets for _, targets in rows)
 
     @property
+    def steps(self) -> Floats:
+        """Probabilities from state to state, rows to columns."""
+        return self._p
+
+    @property
     def start(self) -> int:
         """Stands for a state where there is none yet."""
         return len(self.emissions)

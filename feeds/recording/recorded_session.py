@@ -229,14 +229,17 @@ class WaitingPlots:
         return sum(map(len, self._sectors.get(key, {}).values()))
 
     def take(self, key: SectorKey, truth: Truth) -> MeasuredPlots | None:
-        """Plots of a sector, in order, which wait no longer; None if the truth is of others."""
+        """Plots of a sector, in order, which wait no longer; None if the truth is of others.
+
+        The sensor's clock may be ahead, but of all its plots by as much.
+        """
         messages = self._forget(key)
         plots = MeasuredPlots.joined([NO_PLOTS, *(messages[n] for n in sorted(messages))])
         if len(plots) != len(truth):
             return None
         is_exact = plots.category == 0
-        agree = np.equal(plots.t_utc_ns[is_exact], truth.t_utc_ns[is_exact])
-        return plots if agree.all() else None
+        ahead_ns = plots.t_utc_ns[is_exact] - truth.t_utc_ns[is_exact]
+        return plots if (ahead_ns == ahead_ns[:1]).all() else None
 
     def _forget(self, key: SectorKey) -> dict[int, MeasuredPlots]:
         messages = self._sectors.pop(key, {})

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.report.error_tally import EDGES, ErrorFigures
 from plotfeed.feeds.report.ledger_reading import Counted, SensorTally
 from plotfeed.feeds.report.link_figures import CURVE, LinkFigures, link_figures
-from plotfeed.feeds.report.plot_tally import (
-    EDGES,
-    AlarmFigures,
-    ErrorFigures,
-    PdFigures,
-    pd_by_range,
-    pd_of_all,
-)
+from plotfeed.feeds.report.plot_tally import AlarmFigures, PdFigures, pd_by_range, pd_of_all
 from plotfeed.feeds.report.spreads import CELLS, STEPS
+from plotfeed.feeds.report.verdicts import (
+    Judged,
+    Verdicts,
+    of_alarms,
+    of_count,
+    of_errors,
+    of_link,
+    of_looks,
+    verdicts,
+)
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import Damage
 
@@ -38,6 +42,16 @@ class SensorFigures:
     """Of drones, by the ledger."""
     joined: int
     """Of these, the ones that were found with what was measured."""
+    contradicted: int
+    """Of the others, those in sectors whose recorded plots are not those of the ledger."""
+    not_compared: int
+    """Of those that were found: it is not known what they were to say."""
+    times_off: int
+    """Of those that were found: another time than the one asked for."""
+    missed_sectors: int
+    """In which the sensor was at work, and of which the ledger has nothing."""
+    is_known: bool
+    """Whether the file has what the scene asks of the sensor."""
     errors: Sequence[ErrorFigures]
     false_alarms: AlarmFigures
 
@@ -56,6 +70,8 @@ class LedgerReport:
     """When the last entry was written, or the last message handed over."""
     links: Sequence[LinkFigures]
     sensors: Sequence[SensorFigures]
+    verdicts: Verdicts
+    """What is not as it was asked."""
     notes: Sequence[str]
     damage: Sequence[Damage]
     curve: Sequence[float]
@@ -72,21 +88,24 @@ def report(path: Path, found: Counted) -> LedgerReport:
     links = [link for tally in found.sensors.values() for link in tally.links.values()]
     begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
     ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
+    told_links = [
+        link_figures(names[key], number + 1, link, tally.passage.order_of(number))
+        for key, tally in sensors
+        for number, link in enumerate(tally.links.values())
+        if link.messages
+    ]
+    told_sensors = [
+        _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
+    ]
     return LedgerReport(
         file=str(path),
         scene=found.scene,
         entries=found.entries,
         first_utc_ns=min(begins, default=found.first_ns or 0),
         last_utc_ns=max([found.last_ns or 0, *ends]),
-        links=[
-            link_figures(names[key], number + 1, link, tally.passage.order_of(number))
-            for key, tally in sensors
-            for number, link in enumerate(tally.links.values())
-            if link.messages
-        ],
-        sensors=[
-            _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
-        ],
+        links=told_links,
+        sensors=told_sensors,
+        verdicts=verdicts(judged_of(told_links, told_sensors)),
         notes=_notes(found),
         damage=list(found.damage),
         curve=[*CURVE.tolist(), 1.0],
@@ -119,9 +138,34 @@ def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
         plots_from=plots_from,
         plots=tally.plots,
         joined=tally.errors.joined,
+        contradicted=tally.errors.contradicted,
+        not_compared=tally.errors.left_out,
+        times_off=tally.errors.times_off,
+        missed_sectors=0
+        if tally.asked is None
+        else sum(map(tally.asked.missed, tally.sectors.lacking)),
+        is_known=tally.asked is not None,
         errors=tally.errors.figures(),
         false_alarms=tally.alarms.figures(),
     )
+
+
+def judged_of(links: Sequence[LinkFigures], sensors: Sequence[SensorFigures]) -> Iterator[Judged]:
+    """All figures that can be judged; without a scene nothing is known of plots."""
+    for link in links:
+        yield from of_link(link)
+    for of in sensors:
+        off = f"of {of.plots} plots of drones in sectors that are not those of the ledger"
+        yield of_count(of.sensor, "plots", of.contradicted, off)
+        if not of.is_known:
+            continue
+        if of.looks is not None:
+            by_range = of.looks_by_range if len(of.looks_by_range) > 1 else ()
+            yield from of_looks(of.sensor, [of.looks, *by_range])
+        yield from of_errors(of.sensor, of.errors)
+        yield of_alarms(of.sensor, of.false_alarms)
+        yield of_count(of.sensor, "missed scans", of.missed_sectors, "sectors that are lacking")
+        yield of_count(of.sensor, "time", of.times_off, f"of {of.joined} plots at other times")
 
 
 def _notes(found: Counted) -> list[str]:

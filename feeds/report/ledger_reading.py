@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -15,20 +15,14 @@ from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.recording.recorded_session import (
     RecordedSettings,
     SectorKey,
-    Truth,
     plot_topics,
 )
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_again import SessionRecord, recorded_scene
+from plotfeed.feeds.report.asked_sensors import AskedByTime, AskedSensor, asked_of
+from plotfeed.feeds.report.error_tally import ErrorsTally, MeasuredBesideTruth, SectorTruth
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
-from plotfeed.feeds.report.plot_tally import (
-    CELL_M,
-    MAX_CELLS,
-    AlarmsTally,
-    AskedAlarms,
-    ErrorsTally,
-    MeasuredBesideTruth,
-)
+from plotfeed.feeds.report.plot_tally import CELL_M, MAX_CELLS, AlarmsTally, SectorsTally
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -42,7 +36,7 @@ MAX_LINKS = 100
 class SensorTally:
     """Takes its entries one after the other."""
 
-    def __init__(self, prefix: str, sensor: str, asked_alarms: AskedAlarms | None) -> None:
+    def __init__(self, prefix: str, sensor: str, asked: AskedByTime | None) -> None:
         self.prefix = prefix
         self.sensor = sensor
         self.entries = 0
@@ -55,27 +49,39 @@ class SensorTally:
         self.passage = Passage()
         self.looks = LookTally(CELL_M, MAX_CELLS)
         self.errors = ErrorsTally()
-        self.alarms = AlarmsTally(asked_alarms)
+        self.asked = asked
+        """What its scene asked of it; None if that is not known."""
+        self.alarms = AlarmsTally(0 if asked is None else asked.sectors)
+        self.sectors = SectorsTally()
         self._numbers: dict[str, int] = {}
 
-    def add(self, entry: pb.Ledger) -> None:
-        """Take a sector."""
+    def add(self, entry: pb.Ledger) -> AskedSensor | None:
+        """Take a sector; what was asked of the sensor in it, if that is known."""
         self.entries += 1
-        looks = entry.looks
+        asked = None
+        if self.asked is not None:
+            asked = self.asked.in_sector(entry.scan, entry.sector)
+            self.sectors.add(entry.scan * self.asked.sectors + entry.sector)
+        looks: Sequence[pb.Look] = entry.looks
+        if len(looks) > 1 and asked is not None and asked.merges:
+            # Those whose echoes merged have one outcome, of the very same odds.
+            looks = list({(look.pd, look.channel): look for look in looks}.values())
         odds, detected = [look.pd for look in looks], [look.detected for look in looks]
         self.looks.add([look.range_m for look in looks], odds, detected)
         drones = sum(bool(plot.drone) for plot in entry.plots)
         self.plots += drones
-        self.alarms.add(len(entry.plots) - drones, entry.scan, entry.sector)
+        self.alarms.add(len(entry.plots) - drones, asked)
         link = self._link(entry.link)
         if link is None:
             self.left_out += 1
         else:
             self._take_messages(entry, link)
+        return asked
 
     def end(self) -> None:
         """There are no more."""
         self.passage.end()
+        self.sectors.end()
         self.errors.count()
         for link in self.links.values():
             link.count()
@@ -149,7 +155,7 @@ class _Reading:
         if not self._truths:
             raise PlotfeedError(f"{path}: {_without_ledger(self._log.damage)}")
         self._plots = _plots(series, self._truths)
-        self._alarms = self._asked_alarms()
+        self._asked = self._asked_sensors()
         self._join = MeasuredBesideTruth()
         self._seen: OrderedDict[SectorKey, None] = OrderedDict()
 
@@ -161,6 +167,7 @@ class _Reading:
                 self._take_entry(message, self._truths[key])
             elif key in self._plots:
                 self._join.add_message(message, *self._plots[key])
+        self._join.end()
         for sensor in self._found.sensors.values():
             sensor.end()
         for (topic, stage), whose in self._plots.items():
@@ -175,8 +182,8 @@ class _Reading:
         octets = self._path.stat().st_size
         return with_progress(messages, self._path.name, self._file.tell, octets)
 
-    def _asked_alarms(self) -> Mapping[str, AskedAlarms]:
-        """False alarms asked, by sensor; empty where the file has no scene that can be used."""
+    def _asked_sensors(self) -> Mapping[str, AskedByTime]:
+        """What was asked, by sensor; empty where the file has no scene that can be used."""
         attachments = self._log.attachments()
         if all(attachment.name != SCENE_NAME for attachment in attachments):
             return {}
@@ -190,7 +197,7 @@ class _Reading:
             return {}
         self._found.scene = scene.scene.name
         self._found.scene_sensors = [sensor.id for sensor in scene.sensor]
-        return {s.id: AskedAlarms(scene, s, settings, start_utc_ns) for s in scene.sensor}
+        return asked_of(scene, settings, start_utc_ns)
 
     def _take_entry(self, message: Recorded, prefix: str) -> None:
         found = self._found
@@ -217,11 +224,11 @@ class _Reading:
         if tally is None:
             if len(self._found.sensors) >= MAX_SENSORS:
                 return
-            asked = self._alarms.get(sector.sensor)
+            asked = self._asked.get(sector.sensor)
             tally = self._found.sensors[key] = SensorTally(*key, asked)
-        tally.add(entry)
+        asked_then = tally.add(entry)
         if entry.plots and not self._is_spoilt(entry, key):
-            self._join.add_truth(sector, Truth.of(entry.plots), tally.errors)
+            self._join.add_truth(sector, SectorTruth.of(entry, asked_then), tally.errors)
 
     def _is_spoilt(self, entry: pb.Ledger, whose: tuple[str, str]) -> bool:
         """Tell whether the link has flipped a bit of the very plots that are to be read."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.impairment.link import LinkExpectation
+from plotfeed.feeds.report.chances import p_of_binomial, p_of_lengths, p_of_losses
 from plotfeed.feeds.report.link_tally import PASSED_LOSS, LinkTally, Order, Setting, why_not_plain
 from plotfeed.feeds.report.spreads import ENOUGH, LawFit, Spread, p_of_distance, z_score
 from plotfeed.models.state import Floats
@@ -33,6 +34,8 @@ class Bursts:
     asked_mean: float
     delivered_mean: float
     z: float
+    p: float
+    """Probability of such a mean, or one further off, by chance."""
     asked_survival: Sequence[float]
     """Probability of 1, 2, ... or more."""
     delivered_survival: Sequence[float]
@@ -55,6 +58,7 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
         asked_mean=asked.loss.mean_burst if asked and loses else math.nan,
         delivered_mean=total / count if count else math.nan,
         z=_burst_z(total, count, survival),
+        p=_burst_p(total, count, survival),
         asked_survival=survival[:told].tolist(),
         delivered_survival=[
             sum(times for n, times in lengths.items() if n >= least) / count if count else math.nan
@@ -73,6 +77,12 @@ def _burst_z(total: int, count: int, survival: Floats) -> float:
     if not variance > 1e-9:
         return math.nan
     return float((total - count * mean) / math.sqrt(count * variance))
+
+
+def _burst_p(total: int, count: int, survival: Floats) -> float:
+    if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
+        return math.nan
+    return p_of_lengths(survival, count, total)
 
 
 CURVE = np.concatenate([[0.0, 0.001, 0.002, 0.005], np.arange(1, 100) / 100, [0.995, 0.998, 0.999]])
@@ -112,6 +122,8 @@ class Fit:
     link_p_value: float = math.nan
     independent: float = math.nan
     """Messages that tell as much as these did, where successive delays are correlated."""
+    other: int = 0
+    """Messages with another delay than the one that is asked of all of them."""
     not_comparable: str = ""
     """Why there is nothing to compare with; empty if there is."""
 
@@ -126,6 +138,8 @@ class Share:
     delivered: float
     z: float
     """Of the delivered share, in standard deviations from the asked one."""
+    p: float
+    """Probability of such a share, or one further off, by chance; NaN if nothing is asked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +192,7 @@ def link_figures(sensor: str, number: int, tally: LinkTally, order: Order) -> Li
         bursts=burst_figures(asked, order),
         duplicates=_duplicates(tally),
         corrupted=_corrupted(tally),
-        overtook=_share(order.overtook, order.left, _asked_overtaking(asked)),
+        overtook=_overtaking(asked, order),
         other_fates={name: tally.fates[fate] for name, fate in OTHER_FATES.items()},
     )
 
@@ -218,7 +232,7 @@ def _fit(tally: LinkTally) -> Fit:
         return Fit(not_comparable="not known")
     why_not = why_not_plain(asked)
     if why_not or tally.sent_fit is None or tally.link_fit is None:
-        return Fit(not_comparable=why_not)
+        return Fit(not_comparable=why_not, other=tally.other_delays)
     # The sum of an autoregression's correlations rho^k bounds how much its distribution function
     # varies more than that of independent draws.
     rho = abs(asked.link.delay_correlation)
@@ -239,13 +253,14 @@ def _fit(tally: LinkTally) -> Fit:
     )
 
 
-def _share(count: int, of: int, asked: float, z: float = math.nan) -> Share:
+def _share(count: int, of: int, asked: float, z: float = math.nan, p: float = math.nan) -> Share:
     delivered = count / of if of else math.nan
-    return Share(count=count, of=of, asked=asked, delivered=delivered, z=z)
+    return Share(count=count, of=of, asked=asked, delivered=delivered, z=z, p=p)
 
 
 def _binomial(count: int, of: int, asked: float) -> Share:
-    return _share(count, of, asked, z_score(count - of * asked, of * asked * (1 - asked)))
+    z = z_score(count - of * asked, of * asked * (1 - asked))
+    return _share(count, of, asked, z, p_of_binomial(count, of, asked) if of else math.nan)
 
 
 def _loss(tally: LinkTally) -> Share:
@@ -255,10 +270,15 @@ def _loss(tally: LinkTally) -> Share:
     if asked is None:
         return _share(lost, of, math.nan)
     mean = 0.0 if asked.link.on_loss == "stall" else asked.loss.mean_loss
-    if not (of and 0 < mean < 1) or of * mean / asked.loss.mean_burst < ENOUGH:
+    if not of:
         return _share(lost, of, mean)
-    variance = (of * asked.loss.spread_of_loss(of)) ** 2
-    return _share(lost, of, mean, z_score(lost - of * mean, variance))
+    if not 0 < mean < 1:
+        return _share(lost, of, mean, p=p_of_binomial(lost, of, mean))
+    p, z = p_of_losses(asked.loss, of, lost), math.nan
+    if of * mean / asked.loss.mean_burst >= ENOUGH:
+        variance = (of * asked.loss.spread_of_loss(of)) ** 2
+        z = z_score(lost - of * mean, variance)
+    return _share(lost, of, mean, z, p)
 
 
 def _duplicates(tally: LinkTally) -> Share:
@@ -286,6 +306,13 @@ def _asked_overtaking(asked: LinkExpectation | None) -> float:
     least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
     kept = link.keeps_order or (least_ms == most_ms and link.reorder is None)
     return 0.0 if kept else math.nan
+
+
+def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
+    share, mean = _asked_overtaking(asked), math.nan
+    if share == 0.0 and order.left:
+        mean = 0.0 if order.overtook else 1.0
+    return _share(order.overtook, order.left, share, p=mean)
 
 
 MAX_DELAYS_SHOWN = 5

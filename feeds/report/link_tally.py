@@ -125,7 +125,7 @@ class Passage:
             if turn.number != self._number + 1 or turn.row != self._row:
                 self._break()
                 self._order = self.order_of(turn.row)
-                if turn.number <= self._number:
+                if turn.number <= self._number or turn.row != self._row:
                     self._latest_ns = 0
             self._number, self._row = turn.number, turn.row
             self._take_loss(turn.fate)
@@ -214,6 +214,9 @@ class LinkTally:
     """Of the delays as delivered."""
     link_fit: LawFit | None = None
     """Of the delays as the link drew them, without the engine's lateness."""
+    other_delays: int = 0
+    """Messages whose link drew another delay than the only one that is asked."""
+    _only_ns: int | None = None
     _delays_ns: list[int] = field(default_factory=list)
     _drawn_ns: list[int] = field(default_factory=list)
     _late_ns: list[int] = field(default_factory=list)
@@ -222,6 +225,8 @@ class LinkTally:
         asked = self.setting.asked
         if asked is not None and not why_not_plain(asked):
             self.sent_fit, self.link_fit = LawFit(asked.delay), LawFit(asked.delay)
+        elif asked is not None and why_not_plain(asked) == ALL_THE_SAME:
+            self._only_ns = round(asked.delay.mean_ms() * 1e6)
 
     def add(self, sent: pb.Sent, fate: int) -> None:
         """Take what became of a copy."""
@@ -251,6 +256,9 @@ class LinkTally:
         delays_ns, late_ns = _array(self._delays_ns), _array(self._late_ns)
         self.delay.add(delays_ns)
         self.lateness.add(late_ns)
+        if self._only_ns is not None:
+            drawn_ns = _array(self._drawn_ns)
+            self.other_delays += int((np.abs(drawn_ns - self._only_ns) > 1).sum())
         if self.sent_fit is not None and self.link_fit is not None:
             self.sent_fit.add(delays_ns)
             self.link_fit.add(_array(self._drawn_ns))
@@ -271,6 +279,9 @@ class LinkTally:
         return self.fates.total()
 
 
+ALL_THE_SAME = "all the same"
+
+
 def why_not_plain(asked: LinkExpectation) -> str:
     """Why delays do not follow the law that a link asks for, if it has a spread; else empty."""
     link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
@@ -280,7 +291,7 @@ def why_not_plain(asked: LinkExpectation) -> str:
         "kept in order": link.in_order,
         "rate limited": link.rate_kbit_s is not None,
         "reordered on purpose": link.reorder is not None,
-        "all the same": not most_ms > least_ms,
+        ALL_THE_SAME: not most_ms > least_ms,
     }
     return ", ".join(reason for reason, holds in reasons.items() if holds)
 

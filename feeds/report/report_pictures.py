@@ -13,9 +13,9 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.printed import printable
+from plotfeed.feeds.report.expected_plots import QUANTITIES
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures, link_text
-from plotfeed.feeds.report.plot_tally import QUANTITIES
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.proto.errors import PlotfeedError
 
@@ -26,7 +26,8 @@ DPI = 110
 COLOURS = ("#1d4ed8", "#c2410c", "#15803d", "#7e22ce", "#0e7490", "#a16207", "#be123c", "#475569")
 INK, QUIET = "#1e293b", "#94a3b8"
 ASKED: Mapping[str, Any] = {"ls": (0, (4, 2)), "lw": 2.2, "alpha": 0.55}
-LINES = dict(zip(QUANTITIES, ("-", "--", ":"), strict=True))
+DOTTED = (0, (3, 1, 1, 1, 1, 1))
+LINES = dict(zip(QUANTITIES, ("-", "-.", "--", ":", DOTTED, (0, (6, 3))), strict=True))
 BURSTS_DRAWN = 30
 FEWEST_LOOKS = 5
 """Of a bin of ranges that is drawn."""
@@ -187,9 +188,9 @@ def _errors(axes: Any, chosen: Chosen) -> None:
     used = []
     for colour, sensor in chosen.sensors:
         for error in sensor.errors:
-            if error.stated:
+            if error.compared:
                 counts = np.array(error.histogram).reshape(-1, 2).sum(axis=1)
-                density, line = counts / (error.stated * step), LINES[error.quantity]
+                density, line = counts / (error.compared * step), LINES[error.quantity]
                 axes.stairs(density, chosen.edges[::2], color=colour, ls=line, lw=1.1)
                 used.append(error.quantity)
     handles = [
@@ -199,8 +200,8 @@ def _errors(axes: Any, chosen: Chosen) -> None:
         asked = Line2D([], [], color=QUIET, lw=6, alpha=0.35, label="asked: N(0, 1)")
         axes.legend(handles=[asked, *handles], frameon=False, fontsize=8.5, loc="upper right")
     axes.set_xlim(-5, 5)
-    _finish(axes, "Errors of plots", "error over its stated standard deviation", "density")
-    _say_if(axes, not used, "no plots with a stated error")
+    _finish(axes, "Errors of plots", "error over its standard deviation", "density")
+    _say_if(axes, not used, "no plots whose error is known")
 
 
 def _legend(axes: Any, chosen: Chosen) -> None:

@@ -3,60 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from types import MappingProxyType
 
-from plotfeed.feeds.console.printed import Row, aligned, printable, say, widths
+from plotfeed.feeds.console.printed import Row, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
+from plotfeed.feeds.report.error_tally import ErrorFigures
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values, report
 from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share, link_text
-from plotfeed.feeds.report.plot_tally import ErrorFigures, PdFigures
+from plotfeed.feeds.report.plot_tally import PdFigures
 from plotfeed.feeds.report.report_pictures import check_picture, draw
+from plotfeed.feeds.report.text_tables import NOTHING, number, percent, seconds, table
+from plotfeed.feeds.report.verdicts import Verdicts
 from plotfeed.proto.utc import NS, iso_utc
-
-NOTHING = "-"
-
-
-def percent(share: float) -> str:
-    """A share from 0 to 1 in percent, without the sign."""
-    return number(100 * share, ".2f")
-
-
-def seconds(t_ns: int) -> str:
-    """Seconds to the tenth."""
-    return f"{t_ns / NS:.1f}"
-
-
-def number(value: float, form: str) -> str:
-    """A number in that form; what is not there is a dash."""
-    return format(value, form) if math.isfinite(value) else NOTHING
-
-
-def table(
-    title: str,
-    header: Row,
-    rows: Sequence[Row],
-    sides: str,
-    groups: Mapping[int, str] = MappingProxyType({}),
-) -> Iterator[str]:
-    """Columns aligned to the left or to the right, as `sides` says of each.
-
-    `groups` has the text that stands over a column and those after it.
-    """
-    yield ""
-    yield title
-    rows = [header, *rows]
-    if groups:
-        over, wide = "", widths(rows)
-        for column, text in groups.items():
-            over = f"{over:{2 + sum(wide[:column]) + 2 * column}}{text}"
-        yield over
-    for line in aligned(rows, sides):
-        yield f"  {line}".rstrip()
-
 
 BURSTS_SHOWN = 10
 PAIR = ("asked", "delivered", "z")
@@ -83,7 +43,8 @@ def lines(told: LedgerReport) -> Iterator[str]:
     yield from _errors(told)
     yield from _false_alarms(told)
     yield ""
-    yield "z: standard deviations from what was asked, beyond 4 hardly by chance; -: none, too few"
+    yield "z: standard deviations from what was asked; -: none, too few"
+    yield from _verdicts(told.verdicts)
 
 
 def _settings(told: LedgerReport) -> Iterator[str]:
@@ -243,7 +204,18 @@ def _errors(told: LedgerReport) -> Iterator[str]:
                 if sensor.plots_from
                 else ("none was recorded in a format that is read here")
             )
-            yield f"  {printable(sensor.sensor)}: of {sensor.plots} plots of drones {where}"
+            found = f"of {sensor.plots} plots of drones {where}{_rest(sensor)}"
+            yield f"  {printable(sensor.sensor)}: {found}"
+
+
+def _rest(sensor: SensorFigures) -> str:
+    """Plots that are in no row, and why: none is dropped without a word."""
+    counts = {
+        "in sectors whose plots are not those of the ledger": sensor.contradicted,
+        "not compared, since noise decides whether they are there": sensor.not_compared,
+        "at another time than asked": sensor.times_off,
+    }
+    return "".join(f"; {count} {what}" for what, count in counts.items() if count)
 
 
 def _error_rows(sensor: SensorFigures) -> Iterator[Row]:
@@ -290,6 +262,29 @@ def _false_alarms(told: LedgerReport) -> Iterator[str]:
         header = ("sensor", "scans", *PAIR[:2], *PAIR)
         groups = {2: "in all", 4: "a scan"}
         yield from table("False alarms", header, rows, "<>>>>>>", groups)
+
+
+def _verdicts(found: Verdicts) -> Iterator[str]:
+    """What is wrong, last: nobody has to look for it."""
+    rows = [
+        (
+            printable(wrong.sensor),
+            str(wrong.link) if wrong.link else "",
+            wrong.quantity,
+            number(wrong.p, ".2g") if wrong.p else "never",
+            wrong.what,
+        )
+        for wrong in found.wrong
+    ]
+    if rows:
+        header = ("sensor", "link", "what", "by chance", "")
+        yield from table("NOT as it was asked", header, rows, "<><>")
+    yield ""
+    how = "all as it was asked" if not rows else f"{len(rows)} not as they were asked"
+    yield (
+        f"{found.judged} figures judged: {how}. "
+        f"Where all is right, one report in {1 / found.false_rate:.0f} says otherwise."
+    )
 
 
 def _share(share: Share) -> Row:

@@ -105,6 +105,8 @@ def p_of_distance(distance: float, n: float) -> float:
 
 CELLS = 1 << 13
 """Of equal probability by the law: distances are known to one part in as many."""
+MET = 0.1
+"""Share of a cell by which a law may miss an edge, as it does within an atom."""
 HALF_A_NS = 0.5
 """Delays are whole nanoseconds, so that a law's atom is met from below."""
 
@@ -120,7 +122,8 @@ class LawFit:
     def add(self, delays_ns: Ints) -> None:
         """Take some more; (n,)."""
         below = self._law.cdf((delays_ns + HALF_A_NS) / 1e6)
-        cells = np.minimum((below * CELLS).astype(np.int64), CELLS - 1)
+        # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
+        cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
         self._counts += np.bincount(cells, minlength=CELLS)
         self.count += len(delays_ns)
 
@@ -130,7 +133,7 @@ class LawFit:
         Probabilities that no delay has, within the law's atoms, are left out.
         """
         edges = np.arange(1, CELLS) / CELLS
-        met = np.abs(self._law.cdf(self._law.quantile_ms(edges)) - edges) < 0.1 / CELLS
+        met = np.abs(self._law.cdf(self._law.quantile_ms(edges)) - edges) < MET / CELLS
         if not self.count or not met.any():
             return np.nan
         seen = np.cumsum(self._counts)[:-1] / self.count

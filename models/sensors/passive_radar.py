@@ -8,6 +8,7 @@ without that in its own horizontal plane, and then errs by more than it states.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -195,13 +196,17 @@ class PassiveRadar(PassiveSignals):
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:
         """Errors by the SNR alone, of the transmitter by whose signal ranges are worst."""
-        of_channels_m, sigma_azimuth_deg = self.sigmas(
-            np.array([snr]), self.range_resolution_m, self.range_floors_m
-        )
-        return {
-            "sigma_bistatic_range_m": float(of_channels_m.max()),
-            "sigma_azimuth_deg": float(sigma_azimuth_deg[0]),
-        }
+        channels = np.arange(self.n_channels)
+        stated = self.sigmas_at(np.full(len(channels), snr), channels)
+        return {name: float(sigma.max()) for name, sigma in stated.items()}
+
+    def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:
+        """Standard deviations that follow from detections' own ratios, linear, by the columns."""
+        sigmas = self.sigmas(snr, self.range_resolution_m[channel], self.range_floors_m[channel])
+        found = {"sigma_bistatic_range_m": sigmas[0], "sigma_azimuth_deg": sigmas[1]}
+        if self.doppler is not None:
+            found["sigma_range_rate_m_s"] = self.doppler.sigma_m_s(snr, channel)
+        return found
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a plot by any of the channels; the rest for the channel with the highest.

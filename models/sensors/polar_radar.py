@@ -7,6 +7,7 @@ of the very detection: section 3.1.1 of the paper, equations 4, 5 and 9 to 15 in
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -118,6 +119,14 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         widths, floors = self._widths_and_floors
         return accuracy.with_floor(accuracy.noise_share(snr) * widths, floors)
 
+    def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:
+        """Standard deviations that follow from detections' own ratios, linear, by the columns."""
+        of_place = zip(("range_m", "azimuth_deg", "elevation_deg"), self.sigmas(snr), strict=True)
+        found = {f"sigma_{name}": sigma for name, sigma in of_place}
+        if self.doppler is not None:
+            found["sigma_range_rate_m_s"] = self.doppler.sigma_m_s(snr, channel)
+        return found
+
     @sensor_property
     def _widths_and_floors(self) -> tuple[Floats, Floats]:
         """What noise leaves of range, azimuth and elevation, and the floors that stay; (3, 1)."""
@@ -161,15 +170,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:
         """Errors by the SNR alone."""
-        of_one = np.array([snr])
-        names = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg")
-        stated = dict(zip(names, self.sigmas(of_one)[:, 0].tolist(), strict=True))
-        if not self.measures_elevation:
-            del stated["sigma_elevation_deg"]
-        if self.doppler is not None:
-            sigma_m_s = self.doppler.sigma_m_s(of_one, np.zeros(1, np.int64))
-            stated["sigma_range_rate_m_s"] = float(sigma_m_s[0])
-        return stated
+        stated = self.sigmas_at(np.array([snr]), np.zeros(1, np.int64))
+        measured = stated if self.measures_elevation else stated.keys() - {"sigma_elevation_deg"}
+        return {name: float(sigma[0]) for name, sigma in stated.items() if name in measured}
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""

@@ -5,6 +5,7 @@ Every drone within range is reported at every scan, and nothing else is.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,7 +15,7 @@ from plotfeed.models.beam import Sector
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
-from plotfeed.models.state import Floats, Looks, Plots
+from plotfeed.models.state import Floats, Ints, Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +46,12 @@ class RangeGate(SensorModel):
         # Three numbers a target, one after the other.
         normal = of_rows(rng, np.repeat(seen, 3)).standard_normal((3 * len(seen),)).reshape(-1, 3)
         noise_m = (normal.T * of_seen.sigma_m).T
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
-        sigmas = of_seen._sigmas(elevation_deg, range_m)
-        range_m = targets.read_range_m(range_m, looks.t_utc_ns)
+        azimuth_deg, elevation_deg, noisy_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
+        sigmas = of_seen._sigmas(elevation_deg, noisy_m)
+        range_m = noisy_m
+        if targets.readings is not None:  # errors of reading do not scale the noise
+            read_m = targets.read_range_m(looks.range_m, looks.t_utc_ns)
+            range_m = read_m + (noisy_m - looks.range_m)
         azimuth_deg = wrap_360(targets.read_azimuth_deg(azimuth_deg, looks.t_utc_ns))
         return looks, Plots.of(
             t_utc_ns=looks.t_utc_ns,
@@ -60,6 +64,18 @@ class RangeGate(SensorModel):
             **looks.whose(),
             **targets.true_geometry(looks, seen),
         )
+
+    def mean_place(
+        self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Means to second order in noise over range: that across the line of sight adds to it."""
+        share = self.sigma_m / range_m
+        lower_deg = np.degrees(share**2 * np.tan(np.radians(elevation_deg)) / 2)
+        return azimuth_deg, elevation_deg - lower_deg, range_m * (1 + share**2)
+
+    def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:  # noqa: ARG002
+        """Standard deviation of range, which is the same at any ratio."""
+        return {"sigma_range_m": np.full(len(snr), self.sigma_m)}
 
     def draw_false_alarms(self, _sector: Sector, _rng: np.random.Generator) -> Plots:
         """No plots: it has no false alarms."""

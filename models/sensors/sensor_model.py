@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -180,6 +181,19 @@ class SensorModel(Stackable, ABC):
 
         Heights are left out: they take the sensor's place on Earth.
         """
+
+    def mean_place(
+        self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Means of what is measured of places by its own axes, before readings; (n,) each."""
+        return azimuth_deg, elevation_deg, range_m
+
+    def sigmas_at(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:  # noqa: ARG002
+        """Standard deviations that follow from detections' own ratios, linear, by the columns.
+
+        (n,) each; without those that depend on more.
+        """
+        return {}
 
     @abstractmethod
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:

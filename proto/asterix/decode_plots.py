@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 from plotfeed.proto.asterix.cat015 import MEASUREMENT_PLOT, Geometry
 from plotfeed.proto.asterix.cat205 import Message205
+from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, decode, decode_lenient
+from plotfeed.proto.asterix.codec.layout import Compound, Fixed, Item, Named, Quantity
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.units import FOOT_M, NM_M
 from plotfeed.proto.utc import NS, nearest_utc_ns
@@ -71,6 +74,35 @@ PLOT_ITEMS: dict[int, PlotItems] = {
 """What tells of plots, by category. The time of 205 is that of sending."""
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
 """Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
+
+
+def steps_of(category: int) -> Mapping[str, float]:
+    """Steps in which a category tells columns of plots, in their units; none for other formats."""
+    items = PLOT_ITEMS.get(category)
+    if items is None:
+        return {}
+    parts = dict(chain.from_iterable(map(_parts_of, CATEGORIES[category].uap)))
+    found = {name: parts[path] for name, path in items.columns.items()}
+    steps = {
+        name: part.lsb * items.units.get(name, 1.0)
+        for name, part in found.items()
+        if isinstance(part, Quantity)
+    }
+    return steps | {own: steps[name] for name, own in MULTISTATIC.items() if name in steps}
+
+
+def _parts_of(item: Item | None, path: str = "") -> Iterator[tuple[str, Named]]:
+    """Named parts of an item by their paths, but for those that repeat."""
+    if isinstance(item, Compound):
+        for subfield in item.subfields:
+            yield from _parts_of(subfield, f"{path}{item.name}/")
+    elif isinstance(item, Fixed):
+        fields = item.group.fields
+        for part, _ in fields:
+            yield (
+                (f"{path}{item.name}" if len(fields) == 1 else f"{path}{item.name}/{part.name}"),
+                part,
+            )
 
 
 def plots_in_asterix(payload: bytes, near_utc_ns: int) -> MeasuredPlots:

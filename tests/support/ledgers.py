@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from support.links import OCTETS, due_times, passed
@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -109,6 +110,20 @@ def written(path: Path, messages: Iterable[Recorded]) -> Path:
     log.close()
     path.write_bytes(file.getvalue())
     return path
+
+
+def changed(
+    path: Path, other: Path, change: Callable[[Iterable[Recorded]], Iterable[Recorded]]
+) -> Path:
+    """Another record with the same attachments, and what the change makes of the messages."""
+    with McapReader(path) as log, other.open("wb") as file:
+        names = [entry.name for entry in log.attachments()]
+        attachments = [a for a in map(log.attachment, names) if a is not None]
+        writer = McapWriter(file, attachments=attachments)
+        for message in change(log.messages()):
+            writer.write(message)
+        writer.close()
+    return other
 
 
 def told(path: Path) -> LedgerReport:

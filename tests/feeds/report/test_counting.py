@@ -12,12 +12,13 @@ from support.significance import assert_chance
 
 from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.recording.look_tally import LookTally
+from plotfeed.feeds.report.error_tally import EDGES, ErrorFigures, ErrorsTally, SectorTruth
 from plotfeed.feeds.report.link_tally import WINDOW, InTurn, Passage, Turn
 from plotfeed.feeds.report.plot_tally import (
     CELL_M,
-    EDGES,
     MAX_CELLS,
-    ErrorsTally,
+    MOST_AHEAD,
+    SectorsTally,
     pd_by_range,
     pd_of_all,
 )
@@ -31,6 +32,7 @@ from plotfeed.feeds.report.spreads import (
     z_score,
 )
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.measured_plots import MeasuredPlots
 
 MS = 1_000_000
 LAWS = {
@@ -235,44 +237,83 @@ def test_looks_at_any_range_take_little_memory() -> None:
     assert pd_by_range(nothing) == []
 
 
-def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> ErrorsTally:
+COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+
+
+def truth_of(true: np.ndarray) -> SectorTruth:
+    entry = pb.Ledger()
+    for row in true:
+        known = dict(zip(COLUMNS, row.tolist(), strict=True))
+        entry.plots.add(drone="d", **known)
+    return SectorTruth.of(entry, None)
+
+
+def measured_of(values: np.ndarray, sigma: float | None) -> MeasuredPlots:
+    stated = {} if sigma is None else {f"sigma_{name}": sigma for name in COLUMNS}
+    rows = [dict(zip(COLUMNS, row.tolist(), strict=True)) | stated for row in values]
+    return MeasuredPlots.of([{"t_utc_ns": 0, **row} for row in rows])
+
+
+def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> list[ErrorFigures]:
     tally = ErrorsTally()
     for part in np.array_split(normalised, 7):
         true = np.tile([1000.0, 359.99, 10.0], (len(part), 1))
         measured = true + part * sigma
         measured[:, 1] %= 360
-        tally.add(measured, np.full(part.shape, stated), true)
+        tally.add(truth_of(true), measured_of(measured, stated))
     tally.count()
-    return tally
+    assert tally.joined == len(normalised)
+    return tally.figures()
 
 
 def test_errors_are_told_in_units_of_what_is_stated() -> None:
     normalised = np.random.default_rng(9).standard_normal((6000, 3))
     for sigma, stated in ((0.5, 0.5), (0.5, 1.0)):
-        tally = errors_of(normalised, sigma, stated)
-        assert tally.joined == 6000
-        for i, found in enumerate(tally.figures()):
+        for i, found in enumerate(errors_of(normalised, sigma, stated)):
             expected = normalised[:, i] * sigma / stated
-            assert found.plots == found.stated == sum(found.histogram) == 6000
+            assert found.plots == found.stated == found.compared == sum(found.histogram) == 6000
             assert found.rms == pytest.approx(np.sqrt((expected**2).mean()) * stated, rel=1e-6)
             assert found.stated_rms == pytest.approx(stated)
             assert found.normalised_rms == pytest.approx(np.sqrt((expected**2).mean()), rel=1e-6)
             assert found.within_2 == pytest.approx((np.abs(expected) <= 2).mean(), abs=2e-4)
-            assert_chance(2 * stats.norm.sf(abs(found.z_mean)), found.quantity)
+            assert_chance(found.p_mean, found.quantity)
+            assert found.p_mean == pytest.approx(2 * stats.norm.sf(abs(found.z_mean)))
             if sigma == stated:
-                assert_chance(2 * stats.norm.sf(abs(found.z_rms)), found.quantity)
+                assert_chance(found.p_rms, found.quantity)
                 counts = np.histogram(np.clip(expected, -5.99, 5.99), EDGES)[0]
                 assert np.abs(counts - found.histogram).sum() <= 4
             else:
+                assert found.p_rms < 1e-9
                 assert found.z_rms < -20
 
 
 def test_errors_without_a_stated_sigma_are_told_in_their_own_unit() -> None:
     tally = ErrorsTally()
-    true = np.tile([1000.0, 5.0, np.nan], (50, 1))
-    tally.add(true + 2.0, np.full(true.shape, np.nan), true)
+    true = np.tile([1000.0, 5.0, 0.0], (50, 1))
+    measured = true + 2.0
+    measured[:, 2] = np.nan
+    tally.add(truth_of(true), measured_of(measured, None))
     tally.count()
     figures = tally.figures()
     assert [f.quantity for f in figures] == ["range", "azimuth"]
-    assert [(f.mean, f.rms, f.stated) for f in figures] == [(2.0, 2.0, 0)] * 2
-    assert np.isnan([figures[0].normalised_rms, figures[0].z_rms, figures[0].stated_rms]).all()
+    assert [(f.mean, f.rms, f.stated, f.compared) for f in figures] == [(2.0, 2.0, 0, 0)] * 2
+    assert np.isnan([figures[0].normalised_rms, figures[0].p_rms, figures[0].stated_rms]).all()
+
+
+@given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
+def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
+    tally = SectorsTally()
+    for number in numbers:
+        if number not in missing:
+            tally.add(number)
+    tally.end()
+    assert [number for run in tally.lacking for number in run] == sorted(missing)
+
+
+def test_what_is_known_of_sectors_is_bounded() -> None:
+    tally = SectorsTally()
+    for number in range(0, 4 * MOST_AHEAD, 2):
+        tally.add(number)
+        assert len(tally._ahead) <= MOST_AHEAD
+    tally.end()
+    assert len(tally.lacking) == 1000

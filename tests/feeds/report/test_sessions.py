@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
-from support.ledgers import as_received, record_session, told, written
+from support.ledgers import as_received, changed, record_session, told, written
 from support.road import NS, START_NS
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
 from plotfeed.feeds.recording.recorded_session import RecordedSettings
+from plotfeed.feeds.report.asked_sensors import AskedByTime
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values
 from plotfeed.feeds.report.link_figures import LinkFigures
-from plotfeed.feeds.report.plot_tally import AskedAlarms
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -108,7 +108,8 @@ def test_errors_of_plots_are_as_stated(reported: LedgerReport) -> None:
     for sensor in reported.sensors:
         assert sensor.joined == sensor.plots > 80
         assert sensor.plots_from == "plots, before the link"
-        assert [error.quantity for error in sensor.errors] == ["range", "azimuth", "elevation"]
+        quantities = ["range", "azimuth", "elevation", "height"]
+        assert [error.quantity for error in sensor.errors] == quantities
         for error in sensor.errors:
             assert_z(error.z_mean, f"{sensor.sensor} {error.quantity} mean")
             assert_z(error.z_rms, f"{sensor.sensor} {error.quantity} rms")
@@ -153,15 +154,20 @@ def test_plots_are_read_from_asterix_where_there_are_no_batches(
     def without_batches(messages: Iterable[Recorded]) -> Iterable[Recorded]:
         return (each for each in messages if not each.topic.endswith("/plots"))
 
-    found = sensor_of(told(rewritten(session, tmp_path / "a.mcap", without_batches)), "lossy")
+    found = sensor_of(told(changed(session, tmp_path / "a.mcap", without_batches)), "lossy")
     whole = sensor_of(reported, "lossy")
     assert found.plots_from == "asterix/048, before the link"
     assert found.joined == whole.joined
-    assert [error.quantity for error in found.errors] == ["range", "azimuth"]
-    for error, exact in zip(found.errors, whole.errors, strict=False):
-        step = {"range": 1852 / 256, "azimuth": 360 / 65536}[error.quantity]
+    assert [error.quantity for error in found.errors] == ["range", "azimuth", "height"]
+    exact_errors = {exact.quantity: exact for exact in whole.errors}
+    for error in found.errors:
+        steps = {"range": 1852 / 256, "azimuth": 360 / 65536, "height": 25 * 0.3048}
+        step, exact = steps[error.quantity], exact_errors[error.quantity]
         assert error.stated == 0
-        assert error.rms**2 == pytest.approx(exact.rms**2 + step**2 / 12, rel=0.15)
+        assert error.compared > 0.8 * found.joined
+        assert_chance(error.p_mean, f"{error.quantity} mean")
+        assert_chance(error.p_rms, f"{error.quantity} rms")
+        assert error.rms**2 == pytest.approx(exact.rms**2 + step**2 / 12, rel=0.2)
 
 
 def test_without_what_was_measured_no_errors_are_told(session: Path, tmp_path: Path) -> None:
@@ -179,28 +185,36 @@ def test_plots_that_contradict_the_ledger_are_not_joined(session: Path, tmp_path
         for each in messages:
             if each.topic.endswith("/plots") and each.stage is Stage.BEFORE:
                 batch = pb.PlotBatch.FromString(each.payload)
-                for plot in batch.plots:
+                for plot in batch.plots[1:]:
                     plot.time_utc_ns += 1
                 yield replace(each, payload=batch.SerializeToString())
             elif each.topic.endswith("/truth"):
                 yield each
 
     found = told(rewritten(session, tmp_path / "a.mcap", shifted))
-    assert {sensor.joined for sensor in found.sensors} == {0}
+    for sensor in found.sensors:
+        assert 0 < sensor.contradicted == sensor.plots - sensor.joined
+    wrong = [(verdict.sensor, verdict.quantity) for verdict in found.verdicts.wrong]
+    assert wrong == [("lossy", "plots"), ("weak", "plots")]
 
 
 def test_what_control_changed_counts_from_then_on(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path, SCENE))
     sensor, settings = scene.sensor[1], RecordedSettings(scene)
-    asked = AskedAlarms(scene, sensor, settings, START_NS)
+    asked = AskedByTime(scene, sensor, settings, START_NS)
     first = START_NS // NS + 1
-    before = asked.in_sector(first, 0)
+
+    def alarms(scan: int) -> float:
+        then = asked.in_sector(scan, 0)
+        return np.nan if then is None else then.false_alarms_per_scan
+
+    before = alarms(first)
     said = {"controlled": {"pfa_factor": 3}, "in_force": {}}
     settings.take(sensor.id, json.dumps(said).encode(), START_NS + 10 * NS)
     settings.take(sensor.id, b"{", START_NS + 11 * NS)
-    assert asked.in_sector(first, 0) == before
-    assert asked.in_sector(first + 20, 0) == pytest.approx(3 * before)
+    assert alarms(first) == before
+    assert alarms(first + 20) == pytest.approx(3 * before)
     settings.take(
         sensor.id, json.dumps({"controlled": {"pfa": "much"}}).encode(), START_NS + 30 * NS
     )
-    assert np.isnan(asked.in_sector(first + 40, 0))
+    assert np.isnan(alarms(first + 40))
