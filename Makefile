@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint bench proto pages pictures constraints clean
+.PHONY: demo test lint bench fuzz proto pages pictures constraints clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -54,6 +54,11 @@ proto: .venv/.ready-test
 # Half an hour; nothing depends on the figures.
 bench: .venv/.ready-test
 	$(BIN)/python tests/benchmarks/write_benchmarks.py
+
+# An hour, or what MINUTES says; what is found is kept in tests/fuzz/seeds.
+fuzz: .venv/.ready-test
+	$(PIP) --editable '.[test,fuzz]'
+	$(BIN)/python tests/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test

@@ -1,0 +1,149 @@
+"""What fuzzing begins with: whatever is well-formed, as our own encoders and scenes make it."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+
+from fuzz.targets import CONTENT_TYPES, NS_2026
+from support.scene_files import DRONE, radar, scene_text
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import parsed
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.state import AltitudeReference
+from plotfeed.replay.files import FORMATS
+from plotfeed.replay.recorded import Recorded, Stage
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+KEPT = Path(__file__).parent / "seeds"
+"""Inputs that once broke something, in a folder for each target."""
+REPORTS = 'report = ["asterix-048", "asterix-015", "asterix-062", "plots", "sapient"]'
+GPX = """<?xml version="1.0"?>
+<gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>
+<trkpt lat="50.0" lon="3.0"><ele>100</ele><time>2022-05-01T00:00:00Z</time></trkpt>
+<trkpt lat="50.0" lon="3.1"><ele>101</ele><time>2022-05-01T00:00:01.5+02:00</time></trkpt>
+</trkseg></trk></gpx>"""
+SRT = """1
+00:00:00,000 --> 00:00:00,033
+<font size="36">SrtCnt : 1, DiffTime : 33ms
+2024-05-01 12:00:00,000,000
+[latitude: 40.45] [longitude: -3.73] [rel_alt: 10.0 abs_alt: 700.0] </font>
+
+"""
+TABLE = """time,latitude_deg,longitude_deg,altitude_m
+2026-01-01T12:00:00Z,40.46,-3.73,900
+2026-01-01T12:00:01.5Z,40.46,-3.74,901
+"""
+COMMANDS = (
+    {"sensor": "active", "set": {"pfa": 1e-4, "link": {"latency_ms": 70.0}}},
+    {"sensor": "active", "reset": True},
+    {"clock": {"paused": True}},
+    {"clock": {"speed": 3.0, "step_s": 1.0}},
+)
+
+
+@cache
+def messages() -> tuple[Message, ...]:
+    """Of a session of two turns, one message of each kind."""
+    found: dict[str, Message] = {}
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=REPORTS), port=1883)
+    scene = parsed(text.encode(), Path("scene.toml"))
+
+    def take(message: Message, _t_utc_ns: int) -> None:
+        found[f"{message.topic} {message.content_type} {len(message.payload) > 20}"] = message
+
+    clock = InstantClock(scene.scene.start_utc_ns)
+    asyncio.run(run(scene, clock=clock, broker="none", duration_s=1.0, tap=take))
+    return tuple(found.values())
+
+
+def seeds_of(target: str) -> Iterator[bytes]:
+    """Seeds for a target, those that were kept among them."""
+    kind, _, form = target.partition("-")
+    yield b""
+    yield from (path.read_bytes() for path in sorted((KEPT / target).glob("*")))
+    yield from (path.read_bytes() for path in sorted((GOLDEN / f"{kind}s").glob(f"*.{form}")))
+    yield from _recordings(form) if kind == "recording" else OF_TARGET.get(target, list)()
+
+
+def _payloads(part: str) -> Iterator[bytes]:
+    return (message.payload for message in messages() if part in message.topic)
+
+
+def _shown() -> Iterator[bytes]:
+    return (m.content_type.encode() + b"\0" + m.payload for m in messages())
+
+
+def _telemetry() -> Iterator[bytes]:
+    for n, content_type in enumerate(CONTENT_TYPES):
+        yield from (bytes([n]) + payload for payload in _reports(content_type))
+
+
+def _page() -> Iterator[bytes]:
+    for number, command in enumerate(COMMANDS):
+        yield json.dumps({"number": number, "command": command}).encode()
+    yield b'{"look": {"truth": true, "watch": ["radar"]}}'
+
+
+OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
+    "asterix": lambda: _payloads("/asterix/"),
+    "plots": lambda: _payloads("/plots"),
+    "sapient": lambda: _payloads("sapient"),
+    "shown": _shown,
+    "telemetry": _telemetry,
+    "fast-telemetry": lambda: _reports(None),
+    "control": lambda: (json.dumps(command).encode() for command in COMMANDS),
+    "page": _page,
+    "scene": lambda: [scene_text(port=1883, drones=DRONE).encode()],
+    "flight-srt": lambda: [SRT.encode()],
+    "flight-gpx": lambda: [GPX.encode()],
+    "flight-csv": lambda: [TABLE.encode()],
+    "flight-txt": lambda: [TABLE.encode()],
+    "flight-tsv": lambda: [TABLE.replace(",", "\t").encode()],
+}
+
+
+def _reports(content_type: str | None) -> Iterator[bytes]:
+    report = PositionReport(
+        t_utc_ns=NS_2026,
+        latitude_deg=40.0,
+        longitude_deg=-3.7,
+        altitude_m=700.0,
+        altitude_reference=AltitudeReference.MEAN_SEA_LEVEL,
+        velocity_enu_m_s=(1.0, 2.0, 3.0),
+        rcs_m2=0.01,
+    )
+    if content_type is None or "json" in content_type:
+        yield encode_json(report)
+    if content_type is None or "protobuf" in content_type:
+        yield encode_protobuf(report)
+
+
+def _recordings(form: str) -> Iterator[bytes]:
+    facts = next(facts for name, facts in FORMATS.items() if str(name) == form)
+    if facts.writer is None:
+        return
+    file = io.BytesIO()
+    writer = facts.writer(file)
+    for n, message in enumerate(messages()):
+        writer.write(
+            Recorded(
+                topic=message.topic,
+                payload=message.payload,
+                log_time_ns=NS_2026 + n,
+                publish_time_ns=NS_2026,
+                content_type=message.content_type,
+                properties=tuple(message.properties),
+                stage=Stage.AFTER,
+            )
+        )
+    writer.close()
+    yield file.getvalue()

@@ -1,0 +1,150 @@
+"""All that takes octets from outside, each as a function that fails only by errors of our own."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from plotfeed.feeds.page.updates import ControlRequest, request_in
+from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.scene.changes import changed, command_of, parsed
+from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.scene.scene import parsed as scene_in
+from plotfeed.feeds.telemetry import decode_reports
+from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
+from plotfeed.feeds.telemetry.flights import _BY_SUFFIX, FlightOptions
+from plotfeed.feeds.telemetry.flights.flight import Log
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.asterix.decode_plots import plots_readable_in
+from plotfeed.proto.batch import plots_in_batch
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.files import FORMATS, FileFormat
+
+Target = Callable[[bytes], object]
+MOST = 2_000
+"""Messages that are looked at of one file."""
+NS_2026 = 1_767_225_600_000_000_000
+SENSOR = example("section-4").sensor[0]
+
+
+def asterix(data: bytes) -> None:
+    """Records, and the plots in them."""
+    decode_lenient(data)
+    plots_readable_in(data, NS_2026)
+
+
+def plots(data: bytes) -> None:
+    """A batch of our own."""
+    plots_in_batch(data)
+
+
+CONTENT_TYPES = (None, "application/json", "application/x-protobuf", "application/asterix")
+
+
+def telemetry(data: bytes) -> None:
+    """A report, by its content type; the fast way says what the careful one says, or nothing."""
+    content_type = CONTENT_TYPES[data[0] % len(CONTENT_TYPES)] if data else None
+    fast = fast_decode(data[1:], content_type)
+    report = decode_reports.decode(data[1:], content_type, now_utc_ns=NS_2026)
+    assert fast is None or repr(fast) == repr(ReportRow.of(report))
+
+
+def fast_telemetry(data: bytes) -> None:
+    """What the fast way takes the careful one takes."""
+    if fast_decode(data, None) is not None:
+        try:
+            decode_reports.decode(data, None)
+        except PlotfeedError as error:
+            raise AssertionError(f"taken, and refused: {error}") from error
+
+
+def control(data: bytes) -> None:
+    """A command from the control topic, and what becomes of a sensor."""
+    command = parsed(data)
+    if command.set is not None:
+        changed(SENSOR, command.set)
+
+
+def page(data: bytes) -> None:
+    """What a browser says."""
+    request = request_in(data.decode("utf-8", "replace"))
+    if isinstance(request, ControlRequest) and isinstance(request.command, dict):
+        command = command_of(request.command)
+        if command.set is not None:
+            changed(SENSOR, command.set)
+
+
+def scene(data: bytes) -> None:
+    """A scene file."""
+    scene_in(data, Path("scene.toml"))
+
+
+def sapient(data: bytes) -> None:
+    """What a SAPIENT middleware says."""
+    from plotfeed.proto.sapient.decode_sapient import decode, decode_heard
+
+    for read in (decode, decode_heard):
+        with contextlib.suppress(PlotfeedError):
+            read(data)
+
+
+def shown(data: bytes) -> None:
+    """A message as `show` prints it, whatever its content type says."""
+    head, _, payload = data.partition(b"\0")
+    content_type = head.decode("utf-8", "replace") or None
+    for as_json in (False, True):
+        for line in message_lines("a/b", payload, content_type, as_json=as_json, categories={}):
+            assert not as_json or json.loads(line)
+
+
+def recording(form: FileFormat) -> Target:
+    """A recording of that format."""
+
+    def read(data: bytes) -> None:
+        reader = FORMATS[form].reader
+        assert reader is not None
+        opened = reader(io.BytesIO(data), 0)
+        opened.attachments()
+        for _, _message in zip(range(MOST), opened.messages(), strict=False):
+            pass
+
+    return read
+
+
+def flight(suffix: str) -> Target:
+    """A flight's log of that kind."""
+
+    def read(data: bytes) -> None:
+        options = FlightOptions(altitude_reference=AltitudeReference.ELLIPSOID)
+        _BY_SUFFIX[suffix](data, options, Log())
+
+    return read
+
+
+TARGETS: Mapping[str, Target] = {
+    "asterix": asterix,
+    "plots": plots,
+    "telemetry": telemetry,
+    "fast-telemetry": fast_telemetry,
+    "control": control,
+    "page": page,
+    "scene": scene,
+    "sapient": sapient,
+    "shown": shown,
+    **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
+    **{f"flight-{suffix[1:]}": flight(suffix) for suffix in _BY_SUFFIX},
+}
+
+
+def attempt(name: str, data: bytes) -> bool:
+    """Whether a target takes that; raises what it must not raise."""
+    try:
+        TARGETS[name](data)
+    except PlotfeedError as error:
+        assert len(str(error)) < 20_000
+        return False
+    return True
