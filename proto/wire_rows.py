@@ -71,20 +71,20 @@ class Doubles:
 
 
 class Integers:
-    """A field of integers or booleans; zero is a default and is left out."""
+    """A field of integers or booleans; zero is a default and is left out, but not of lengths."""
 
     def __init__(self, field: int, values: NDArray[Any], wire_type: int = VARINT) -> None:
         self._tag = np.frombuffer(tag(field, wire_type), np.uint8)
         self._numbers = values.astype(np.uint64)  # a negative one in two's complement
         least, most = int(self._numbers.min()), int(self._numbers.max())
         shortest, longest = varint_octets(least), varint_octets(most)
-        self._held = None if least else self._numbers != 0
-        self.width = len(self._tag) + longest if most else 0
+        self._held = None if least or wire_type == LENGTH else self._numbers != 0
+        self.width = len(self._tag) + longest if most or self._held is None else 0
         self._own: Ints | int = longest
         if shortest < longest:
             self._own = 1 + np.searchsorted(_THRESHOLDS, self._numbers, side="right")
         lengths = len(self._tag) + self._own
-        self.lengths = (lengths if self._held is None else lengths * self._held) if most else 0
+        self.lengths = lengths if self._held is None else lengths * self._held
 
     def fill(self, octets: Octets, mask: Bools) -> None:
         """Write seven bits an octet, the lowest first; the highest bit says that more follow."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from plotfeed.models.state import FALSE_ALARM, Looks, Plots
@@ -105,6 +105,11 @@ def ends(counts: list[int]) -> Any:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
+NOTHING_TOLD = [([], [(-1, 0, 0.0, 0.0, 0.0, 0.0, [])])]
+"""A false alarm at the beginning of 1970: all of its fields are defaults."""
+
+
+@example(sectors=NOTHING_TOLD, with_rates=False, with_merged=False, many=1)
 @given(sectors, st.booleans(), st.booleans(), st.sampled_from([1, 100]))
 def test_looks_and_plots_are_what_protobuf_makes_of_them(
     sectors: list[Any], with_rates: bool, with_merged: bool, many: int
