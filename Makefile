@@ -1,24 +1,41 @@
 # `make demo` and `make test` each do all set-up on a fresh machine with Python 3.11+ and make.
 PYTHON ?= python3
 BIN := .venv/bin
-SOURCES := pyproject.toml Makefile constraints.txt
+SOURCES := pyproject.toml Makefile $(wildcard requirements/*.txt)
 CHROMIUM ?= chromium
 AXE := 4.14.1
 # Two for each processor: where one test waits, another computes.
 JOBS ?= $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+# Nothing is installed but files whose hashes stand in requirements/.
+INSTALL := -m pip install --quiet --disable-pip-version-check --require-hashes
+PIP := $(BIN)/python $(INSTALL) --requirement requirements
+# The package itself, from this folder, with what is here already.
+OURSELVES := --quiet --no-deps --no-build-isolation --editable .
+has = $(shell command -v $(1))
+# Looked for at every call, so that what comes after the set-up is noticed.
+TOOLS := $(if $(call has,c++),.venv/.ready-decoder) $(if $(call has,npm),.node/.ready)
+# What reads, computes, encodes and sends by means of others' packages.
+LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry tests/feeds/formats tests/feeds/accuracy_chart
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+<<<<<<< HEAD
 .PHONY: demo test lint bench fuzz proto pages pictures constraints clean
+=======
+.PHONY: demo test test-lowest lint audit bench proto pages pictures lock clean
+>>>>>>> b78131d (Nothing skips in CI unseen, a clone proves what it proves, and all that is installed has hashes)
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
 # In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test
+test: .venv/.ready-test .venv-libasterix/.ready $(TOOLS)
 	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
+
+# With the lowest versions that pyproject.toml allows.
+test-lowest: .venv-lowest/.ready
+	.venv-lowest/bin/python -m pytest -p no:cacheprovider $(if $(ARGS),$(ARGS),$(LOWEST))
 
 lint: .venv/.ready-test
 	$(BIN)/ruff check .
@@ -27,25 +44,46 @@ lint: .venv/.ready-test
 	$(BIN)/lint-imports
 	$(BIN)/python tests/support/stale_proto.py
 
+# What in the code looks unsafe, and which packages have known holes.
+audit: .venv-audit/.ready
+	.venv-audit/bin/bandit --quiet --recursive feeds models proto replay
+	.venv-audit/bin/python requirements/known_holes.py
+
 .venv/.ready: $(SOURCES)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "plotfeed needs Python 3.11 or newer; set PYTHON=")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(PIP) --editable '.[page]'
+	$(PIP)/run.txt
+	$(PIP)/broker.txt --only-binary iotcore || \
+	echo 'no embedded broker for this machine: demo and run need --broker mqtt://HOST:PORT'
+	$(BIN)/python -m pip install $(OURSELVES)
 	touch $@
 
 .venv/.ready-test: .venv/.ready
 	mkdir -p .typing/plotfeed
 	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
-	extras=test; page=; \
-	if command -v c++ >/dev/null; then extras=$$extras,test-asterix; \
-	else echo 'no C++ compiler: the tests against asterix-decoder will be skipped'; fi; \
-	if command -v $(CHROMIUM) >/dev/null; then page=,test-page; \
-	else echo 'no Chromium: the tests of the page in a browser will be skipped'; fi; \
-	$(PIP) --editable ".[$$extras$$page]" || \
-	{ test "$$page" && $(PIP) --editable ".[$$extras]" && echo 'playwright did not come'; }
-	if command -v npm >/dev/null; then \
-	  npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) || echo 'axe-core did not come'; \
-	else echo 'no npm: the test of accessibility will be skipped'; fi
+	$(PIP)/test.txt
+	$(PIP)/test-page.txt || echo 'no playwright for this machine: the tests of the page in a browser will be skipped'
+	touch $@
+
+.venv/.ready-decoder: .venv/.ready-test
+	$(PIP)/test-asterix.txt --no-build-isolation
+	touch $@
+
+.node/.ready: Makefile
+	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) || \
+	echo 'axe-core did not come: the test of accessibility will be skipped'
+	mkdir -p .node && touch $@
+
+# Each with what may not be in one environment with the rest.
+.venv-libasterix/.ready .venv-audit/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
+	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
+	touch $@
+
+.venv-lowest/.ready: requirements/lowest.txt pyproject.toml .venv-uv/.ready
+	test -x .venv-lowest/bin/python || $(PYTHON) -m venv .venv-lowest
+	.venv-uv/bin/uv pip sync --quiet --python .venv-lowest/bin/python --require-hashes requirements/lowest.txt
+	.venv-uv/bin/uv pip install --python .venv-lowest/bin/python $(OURSELVES)
 	touch $@
 
 proto: .venv/.ready-test
@@ -82,11 +120,9 @@ pictures: pages
 	$(BIN)/python docs/commands/draw_stability.py
 	$(BIN)/python docs/commands/equation_figures.py
 
-constraints: .venv/.ready-test
-	echo "# The versions that the tests run with; made by 'make constraints'." >constraints.new
-	$(BIN)/python -m pip freeze --exclude plotfeed --exclude pip --exclude setuptools \
-	  --exclude asterix_decoder | LC_ALL=C sort -f >>constraints.new
-	mv constraints.new constraints.txt
+# Versions and hashes, after a change of pyproject.toml; with UPGRADE=--upgrade the newest.
+lock: .venv-uv/.ready
+	.venv-uv/bin/python requirements/make_locks.py $(UPGRADE)
 
 clean:
-	rm -rf .venv .venv-ast-tool .venv-libasterix .venv-stonesoup .typing .node
+	rm -rf .venv .venv-* .typing .node

@@ -1,9 +1,15 @@
 from __future__ import annotations
 
+from collections.abc import Generator
 from itertools import chain, groupby, zip_longest
 
 import pytest
 from hypothesis import settings
+from support.allowed_skips import allowed_skips, no_skip
+from support.given_files import more_input
+
+ALLOWED = allowed_skips()
+collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
 # A machine that is busy with something else makes no test wrong.
 settings.register_profile("plotfeed", settings(), deadline=None)
@@ -17,3 +23,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     computing = [tests for tests in files if "feeds" not in tests[0].path.parts]
     pairs = zip_longest(waiting, computing, fillvalue=[])
     items[:] = chain.from_iterable(chain.from_iterable(pairs))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    no_skip(report, ALLOWED)
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    no_skip(report, ALLOWED)
+    return report

@@ -49,7 +49,7 @@ class PageServer:
     def url(self) -> str:
         """The address to look at, with the token if one is needed."""
         host = self._address.host
-        if host in {"0.0.0.0", "::"}:  # noqa: S104 - of an address to print
+        if host in {"0.0.0.0", "::"}:  # noqa: S104 - only printed  # nosec B104
             host = socket.gethostname()
         shown = f"[{host}]" if ":" in host else host
         token = f"?token={self._access.token}" if self._access.token else ""

@@ -62,7 +62,7 @@ class ReplayUdp(UdpTransport):
     def open(self) -> None:
         """Make the socket; raises `UdpError`."""
         super().open()
-        assert self._socket is not None  # noqa: S101 - else it has raised
+        assert self._socket is not None  # noqa: S101 - else it has raised  # nosec B101
         try:
             self._socket.connect(self._target)
         except OSError as error:

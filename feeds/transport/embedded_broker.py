@@ -13,7 +13,7 @@ import json
 import logging
 import os
 import socket
-import subprocess
+import subprocess  # nosec B404
 import sys
 import tempfile
 import time
@@ -42,6 +42,7 @@ AGAIN_AFTER_S = 0.5
 """A child that has ended is made anew no sooner."""
 SEGMENT_OCTETS = 1 << 20
 """Of the broker's log, which keeps ten of them for each filter, in memory."""
+ONE_OF_YOUR_OWN = "give the address of a broker of your own with --broker mqtt://HOST:PORT"
 
 
 class BrokerError(PlotfeedError):
@@ -107,8 +108,13 @@ class EmbeddedBroker:
         """Listen on `preferred_port` and those after it; on free ones where they are taken.
 
         Raises `BrokerError` if they are taken and may not be others, or if it does not listen
-        within ten seconds, twice.
+        within ten seconds, twice, or is not installed.
         """
+        if not find_spec("iotcore"):
+            raise BrokerError(
+                "the embedded broker is not installed (extra broker, which is not there for every "
+                f"machine); {ONE_OF_YOUR_OWN}, or run without one: --broker none"
+            )
         settings = settings or EmbeddedBrokerKeys()
         if settings.websocket_origins is not None and not find_spec("websockets"):
             key = "mqtt.embedded.websocket_origins"
@@ -136,7 +142,7 @@ class EmbeddedBroker:
 
     def _child(self, name: str) -> subprocess.Popen[bytes]:
         orders = {**self._orders[name], "max_memory_mib": self._settings.max_memory_mib}
-        return subprocess.Popen(  # noqa: S603 - our own command
+        return subprocess.Popen(  # noqa: S603 - our own command  # nosec B603
             [sys.executable, "-m", "plotfeed.feeds.transport.broker_process", json.dumps(orders)],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
@@ -160,8 +166,7 @@ class EmbeddedBroker:
         ended = any(child.poll() is not None for child in self._children.values())
         if ended or not in_time:
             raise BrokerError(
-                f"the embedded broker did not start on port {self.ports.mqtt3}; "
-                "give the address of a broker of your own with --broker mqtt://HOST:PORT"
+                f"the embedded broker did not start on port {self.ports.mqtt3}; {ONE_OF_YOUR_OWN}"
             )
 
     async def keep_up(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from digest_wrong import damage, wrong_scenes, wrong_uses
 Job = Callable[[Bench], None]
 
 SCENES = Path(__file__).resolve().parent / "scenes"
-SHARED = Path(__file__).resolve().parents[2].parent / "shared"
+GIVEN = Path(os.environ.get("PLOTFEED_TEST_INPUT", "no input"))
 FLIGHTS = {"flight-srt": "matrice_300.srt", "flight-csv": "UAV_Rot.csv", "flight-bin": "log171.bin"}
 """Scenes that need a file which may not be here."""
 CONVERTED = ("radars", "listeners", "heard")
@@ -34,7 +35,7 @@ START = "start_utc = 2026-01-01T12:00:00Z"
 def jobs(bench: Bench, shipped: list[Path]) -> list[Job]:
     """`shipped` are the example scenes of the project; the longest jobs come first."""
     names = []
-    for path in [*sorted(SCENES.iterdir()), *sorted((SHARED / "flights").glob("*.*"))]:
+    for path in [*sorted(SCENES.iterdir()), *sorted((GIVEN / "flights").glob("*.*"))]:
         bench.write(path.name, path.read_bytes())
         if path.suffix == ".toml" and _is_complete(path.stem):
             names.append(path.stem)
@@ -49,18 +50,18 @@ def jobs(bench: Bench, shipped: list[Path]) -> list[Job]:
     names.sort(key=lambda name: (name not in CONVERTED, name))
     found: list[Job] = [partial(_scene, name=name) for name in names]
     found += [partial(_chart, name=name) for name in CHARTED if name in names]
-    recordings = sorted((SHARED / "recordings").glob("*.*"))
+    recordings = sorted((GIVEN / "recordings").glob("*.*"))
     found += [partial(_foreign, path=path) for path in recordings if path.suffix != ".md"]
     found += [partial(_inject, file=file) for file in _flights()]
     return [*found, _static, _sensors, _udp, _session_over_mqtt, wrong_scenes, wrong_uses]
 
 
 def _is_complete(name: str) -> bool:
-    return name not in FLIGHTS or (SHARED / "flights" / FLIGHTS[name]).exists()
+    return name not in FLIGHTS or (GIVEN / "flights" / FLIGHTS[name]).exists()
 
 
 def _flights() -> list[str]:
-    return ["loop.gpx", *(f for f in FLIGHTS.values() if (SHARED / "flights" / f).exists())]
+    return ["loop.gpx", *(f for f in FLIGHTS.values() if (GIVEN / "flights" / f).exists())]
 
 
 def _scene(bench: Bench, *, name: str) -> None:

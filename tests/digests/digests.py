@@ -12,7 +12,7 @@ where the recorder of a session cuts chunks; times and what is chosen by times i
 `replay`; free ports. The number of the version stands in many outputs: revisions with two of them
 differ.
 
-Scenes are in scenes/. Recordings and flights of ../shared are used where they are there.
+Scenes are in scenes/. Recordings and flights of the folder PLOTFEED_TEST_INPUT are used too.
 """
 
 from __future__ import annotations
@@ -71,18 +71,13 @@ def compare(one: dict[str, Item], other: dict[str, Item]) -> list[str]:
 
 def against(revision: str) -> tuple[dict[str, Item], dict[str, Item]]:
     """The items of a revision, in a worktree of its own, and of what lies here."""
-    pip = [".venv/bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    set_up = [
-        ["make", ".venv/.ready"],
-        [*pip, "--constraint", "constraints.txt", "--editable", ".[test]"],
-    ]
     with TemporaryDirectory(prefix="digests-") as folder:
         worktree = Path(folder) / "worktree"
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--detach", str(worktree), revision], check=True)
         try:
-            for command in set_up:
-                subprocess.run(command, cwd=worktree, check=True)
+            set_up = ["make", ".venv/.ready-test"]
+            subprocess.run(set_up, cwd=worktree, check=True)
             then = make(worktree / ".venv/bin/plotfeed", worktree)
         finally:
             subprocess.run([*git, "remove", "--force", str(worktree)], check=True)

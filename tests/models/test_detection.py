@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from support.shared_files import reference, shared
+from support.given_files import reference, reference_rows
 
 from plotfeed.models import detection
 
@@ -108,14 +108,13 @@ def test_signal_level_monte_carlo_agrees():
 
 
 def test_monte_carlo_closed_forms_are_ours():
-    lines = shared("reference/mc_cacfar.csv").read_text().split()[1:]
-    for n_looks, n_cells, pfa, snr_db, *_, closed, _ in (line.split(",") for line in lines):
-        snr = 0.0 if snr_db == "noise_only" else linear(float(snr_db))
-        k, n, p = int(n_looks), int(n_cells), float(pfa)
-        pd = detection.pd_noncoherent_cfar(snr, p, k, n * k)
-        assert pd == pytest.approx(float(closed), rel=1e-10)
+    for row in reference_rows("mc_cacfar.csv"):
+        snr = 0.0 if row["snr_db"] == "noise_only" else linear(float(row["snr_db"]))
+        k, n, p = int(row["n_integrated"]), int(row["n_ref"]), float(row["pfa"])
+        closed = pytest.approx(float(row["closed_form"]), rel=1e-10)
+        assert detection.pd_noncoherent_cfar(snr, p, k, n * k) == closed
         if k == 1:
-            assert detection.pd_cfar_swerling1(snr, p, n) == pytest.approx(float(closed), rel=1e-10)
+            assert detection.pd_cfar_swerling1(snr, p, n) == closed
 
 
 PAIRS = [

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from support.shared_files import reference
+from support.given_files import reference
 from support.significance import assert_counts, assert_sum
 
 from plotfeed.models import false_alarms

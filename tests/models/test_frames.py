@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.shared_files import reference
+from support.given_files import reference
 
 from plotfeed.models.frames import (
     WGS84_A_M,

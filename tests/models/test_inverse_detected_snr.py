@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import integrate
+from support.given_files import reference
 from support.radar_equations import detected_power_density
-from support.shared_files import reference
 from support.significance import assert_mean
 
 from plotfeed.models.detection import inverse_detected_snr

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.given_files import reference
 from support.passive_equations import passive_snr
-from support.shared_files import reference
 
 from plotfeed.models import propagation
 from plotfeed.models.frames import enu_to_aer, wrap_180

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.given_recordings import CAPTURES, FRAMES
 from support.recordings import block, block_048, message, plots, written
-from support.shared_files import shared
 
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
@@ -110,11 +110,9 @@ def test_a_table_of_plots_is_not_read_and_pcapng_is_not_written(tmp_path: Path) 
         writer_to(io.BytesIO(), FileFormat.PCAPNG)
 
 
-def test_real_recordings_are_told_by_their_content() -> None:
-    assert format_of(shared("recordings/croatia_cat_034_048.pcap")) is FileFormat.PCAP
-    for name in ("jade_062_one.ff", "jade_nats_cat048_tcas.ff"):
-        path = shared(f"recordings/{name}")
-        assert format_of_content(path.read_bytes()) is FileFormat.FINAL
+def test_recordings_of_others_are_told_by_their_content() -> None:
+    assert {format_of(each.path) for each in CAPTURES} == {FileFormat.PCAP}
+    assert {format_of_content(path.read_bytes()) for path in FRAMES} == {FileFormat.FINAL}
 
 
 @pytest.mark.parametrize("form", [FileFormat.PCAP, FileFormat.MCAP])

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import io
 import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.given_recordings import EVERY_FRAME, EVERY_FRAME_048
 from support.recordings import (
     MS,
     START_NS,
@@ -18,7 +20,6 @@ from support.recordings import (
     turned,
     written,
 )
-from support.shared_files import shared
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import DAY_NS, NS
@@ -46,9 +47,9 @@ def got(data: bytes) -> list[Recorded]:
     return messages
 
 
-@pytest.mark.parametrize("name", ["jade_062_one.ff", "jade_nats_cat048_tcas.ff"])
-def test_a_real_recording_comes_out_again_to_the_octet(name: str) -> None:
-    data = shared(f"recordings/{name}").read_bytes()
+@EVERY_FRAME
+def test_a_recording_of_others_comes_out_again_to_the_octet(frame_file: Path) -> None:
+    data = frame_file.read_bytes()
     messages = got(data)
     assert decode(messages[0].payload)
     assert written(FinalWriter, messages) == data
@@ -64,8 +65,9 @@ def test_a_frame_is_a_message_on_the_topic_of_its_line() -> None:
     assert dict(one.properties) == {"final-error": "1", "final-line": "3", "final-day": "31"}
 
 
-def test_a_real_frame_was_received_soon_after_its_plot() -> None:
-    (one,) = got(shared("recordings/jade_nats_cat048_tcas.ff").read_bytes())
+@EVERY_FRAME_048
+def test_a_frame_was_received_soon_after_its_plot(frame_file: Path) -> None:
+    (one,) = got(frame_file.read_bytes())
     time_s = decode(one.payload)[0].items["I048/140"]
     assert isinstance(time_s, float)
     assert 0 <= (one.log_time_ns - DAY) / NS - time_s < 2

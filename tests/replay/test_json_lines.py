@@ -7,8 +7,8 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.given_recordings import CAPTURES, FRAMES_048
 from support.recordings import START_NS, is_read_whatever_it_is, message, plots, read, written
-from support.shared_files import shared
 
 from plotfeed.replay import json_lines
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
@@ -134,11 +134,11 @@ def test_any_octets_are_messages_or_damage(data: bytes) -> None:
     assert len(messages) + len(reader.damage) == len(lines)
 
 
-def test_real_recordings_keep_everything() -> None:
-    data = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
-    messages, _ = read(PcapReader, data)
-    assert read(JsonLinesReader, written(JsonLinesWriter, messages))[0] == messages
-    frame = shared("recordings/jade_nats_cat048_tcas.ff").read_bytes()
-    messages, _ = read(FinalReader, frame)
-    again, _ = read(JsonLinesReader, written(JsonLinesWriter, messages))
-    assert written(FinalWriter, again) == frame
+def test_recordings_of_others_keep_everything() -> None:
+    for capture in CAPTURES:
+        messages, _ = read(PcapReader, capture.path.read_bytes())
+        assert read(JsonLinesReader, written(JsonLinesWriter, messages))[0] == messages
+    for path in FRAMES_048:
+        messages, _ = read(FinalReader, path.read_bytes())
+        again, _ = read(JsonLinesReader, written(JsonLinesWriter, messages))
+        assert written(FinalWriter, again) == path.read_bytes()

@@ -7,8 +7,8 @@ from functools import partial
 
 import dpkt
 from support.asterix_readers import blocks_of
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import MS, START_NS, block, message, plots, read, written
-from support.shared_files import shared
 
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.pcap.libpcap import PcapReader
@@ -58,11 +58,12 @@ def test_the_blocks_in_files_are_those_that_were_written() -> None:
     assert found[-1].records == [{"010": "190d", "000": "01", "030": "546000", "020": "00"}]
 
 
-def test_the_records_of_a_real_recording_are_in_every_format() -> None:
-    messages, _ = read(PcapReader, shared("recordings/croatia_cat_034_048.pcap").read_bytes())
+@EVERY_CAPTURE
+def test_the_records_of_a_capture_are_in_every_format(capture: RadarCapture) -> None:
+    messages, _ = read(PcapReader, capture.path.read_bytes())
     octets = octets_of(messages)
     assert octets == b"".join(each.payload for each in messages)
     found = blocks_of(octets)
-    assert sum(len(each.records) for each in found if each.category == 48) == 128
-    assert sum(len(each.records) for each in found if each.category == 34) == 34
+    assert sum(len(each.records) for each in found if each.category == 48) == capture.plots
+    assert sum(len(each.records) for each in found if each.category == 34) == capture.services
     assert b"".join(each.octets for each in found) == octets

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import (
     START_NS,
     block,
@@ -17,7 +18,6 @@ from support.recordings import (
     read,
     written,
 )
-from support.shared_files import shared
 from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -170,9 +170,11 @@ def test_any_octets_are_blocks_and_at_most_one_damage(data: bytes) -> None:
     assert [each.offset for each in reader.damage] == ([len(whole)] if whole != data else [])
 
 
-def test_an_independent_decoder_reads_every_record_of_a_real_recording_made_raw() -> None:
-    capture = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
-    messages, _ = read(PcapReader, capture)
+@EVERY_CAPTURE
+def test_an_independent_decoder_reads_every_record_of_a_capture_made_raw(
+    capture: RadarCapture,
+) -> None:
+    messages, _ = read(PcapReader, capture.path.read_bytes())
     (records,) = read_blocks([written(RawWriter, messages)])
     ours = [record for each in messages for record in decode(each.payload)]
     assert [record["category"] for record in records] == [record.category for record in ours]

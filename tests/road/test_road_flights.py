@@ -1,4 +1,4 @@
-"""Real flights flown by a scene: plots lie about the recorded path with the errors they state."""
+"""Logs of flights flown by a scene: plots lie about the path with the errors they state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.real_flights import FLIGHTS
+from support.given_flights import EVERY_FLIGHT, GivenFlight
 from support.road import NS, START_NS, Road, Table, fly, rotating, staring
 from support.significance import assert_standard_normal
 
@@ -14,20 +14,18 @@ from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 
 SENSORS = ({"id": "staring", "scan": staring(0.2)}, {"id": "turning", "scan": rotating(0.4, 4)})
 LONGEST_GAP_S = 3.0
-EVERY_FLIGHT = pytest.mark.parametrize("name", FLIGHTS)
 EVERY_SENSOR = pytest.mark.parametrize("sensor", ["staring", "turning"])
 
 
 @cache
-def road(name: str) -> Road:
-    flight = FLIGHTS[name]
+def road(flight: GivenFlight) -> Road:
     parsed = flight.scene(*SENSORS, seed=101, drone=[flight.as_drone()])
     return fly(parsed, min(flight.flight.duration_s, 250.0))
 
 
-def detections(name: str, sensor: str) -> Table:
+def detections(flight: GivenFlight, sensor: str) -> Table:
     """Those while the recording goes on without a gap that is not bridged."""
-    plots, times_s = road(name).plots(sensor), FLIGHTS[name].times_s
+    plots, times_s = road(flight).plots(sensor), flight.times_s
     t_s = (plots.time_utc_ns - START_NS) / NS
     segment = np.clip(np.searchsorted(times_s, t_s, side="right"), 1, len(times_s) - 1)
     bridged = times_s[segment] - times_s[segment - 1] <= LONGEST_GAP_S
@@ -36,19 +34,18 @@ def detections(name: str, sensor: str) -> Table:
 
 @EVERY_SENSOR
 @EVERY_FLIGHT
-def test_the_ledger_has_the_recorded_path(name: str, sensor: str) -> None:
+def test_the_ledger_has_the_recorded_path(flight: GivenFlight, sensor: str) -> None:
     """To a millimetre, at the time that each plot bears."""
-    plots = detections(name, sensor)
+    plots = detections(flight, sensor)
     assert len(plots) > 450
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
-    path = FLIGHTS[name].path((plots.time_utc_ns - START_NS) / NS)
+    path = flight.path((plots.time_utc_ns - START_NS) / NS)
     assert np.linalg.norm(true - path, axis=1).max() < 1e-3
 
 
 @EVERY_FLIGHT
-def test_the_path_is_that_of_the_file(name: str) -> None:
+def test_the_path_is_that_of_the_file(flight: GivenFlight) -> None:
     """Smoothing leaves it within the steps in which the log writes positions."""
-    flight = FLIGHTS[name]
     apart_m = np.linalg.norm(flight.knots_enu_m - flight.recorded_enu_m, axis=1)
     assert np.median(apart_m) < flight.step_m / 2
     assert apart_m.max() < flight.step_m * 1.5
@@ -56,9 +53,11 @@ def test_the_path_is_that_of_the_file(name: str) -> None:
 
 @EVERY_SENSOR
 @EVERY_FLIGHT
-def test_plots_lie_about_the_path_with_the_errors_they_state(name: str, sensor: str) -> None:
-    plots = detections(name, sensor)
-    path = FLIGHTS[name].path((plots.time_utc_ns - START_NS) / NS)
+def test_plots_lie_about_the_path_with_the_errors_they_state(
+    flight: GivenFlight, sensor: str
+) -> None:
+    plots = detections(flight, sensor)
+    path = flight.path((plots.time_utc_ns - START_NS) / NS)
     azimuth_deg, elevation_deg, range_m = enu_to_aer(path)
     off_deg = wrap_180(plots.azimuth_deg - azimuth_deg)
     assert_standard_normal((plots.range_m - range_m) / plots.sigma_range_m, "range")
@@ -68,10 +67,10 @@ def test_plots_lie_about_the_path_with_the_errors_they_state(name: str, sensor: 
 
 
 @EVERY_FLIGHT
-def test_category_048_lies_about_the_path_too(name: str) -> None:
+def test_category_048_lies_about_the_path_too(flight: GivenFlight) -> None:
     """Within half an LSB and five standard deviations, which one in a million errors leaves."""
-    plots = detections(name, "turning")
-    azimuth_deg, _, range_m = enu_to_aer(FLIGHTS[name].path((plots.time_utc_ns - START_NS) / NS))
+    plots = detections(flight, "turning")
+    azimuth_deg, _, range_m = enu_to_aer(flight.path((plots.time_utc_ns - START_NS) / NS))
     off_m = np.abs(plots.rho_nm * 1852 - range_m)
     assert (off_m < 1852 / 512 + 5 * plots.sigma_range_m).all()
     off_deg = np.abs(wrap_180(plots.theta_deg - azimuth_deg))

@@ -1,6 +1,6 @@
-"""Real flights injected over a real broker into sessions that run by the clock on the wall.
+"""Logs of flights injected over a real broker into sessions that run by the clock on the wall.
 
-Three sessions at once, each with its own embedded broker and a process of its own that injects.
+As many sessions at once, each with its own embedded broker and a process of its own that injects.
 """
 
 from __future__ import annotations
@@ -10,11 +10,9 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 import pytest_asyncio
-from support.real_flights import FLIGHTS, RealFlight
+from support.given_flights import EVERY_FLIGHT, FLIGHTS, GivenFlight
 from support.road import Road, Table, staring
-from support.shared_files import shared
 from support.significance import assert_standard_normal
 from support.waiting import until
 
@@ -28,7 +26,6 @@ SHORT_S = 12.0
 """A flight that takes less is injected to its end."""
 LOOKS = 90
 """Of the others, until so many."""
-EVERY_FLIGHT = pytest.mark.parametrize("name", FLIGHTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +40,12 @@ class Live:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def sessions() -> dict[str, Live]:
-    for name in FLIGHTS:
-        shared(f"flights/{name}")
-    flown = (_live(flight, 21_883 + 10 * i) for i, flight in enumerate(FLIGHTS.values()))
-    return dict(zip(FLIGHTS, await asyncio.gather(*flown), strict=True))
+    flown = (_live(flight, 21_883 + 10 * i) for i, flight in enumerate(FLIGHTS))
+    files = (flight.file for flight in FLIGHTS)
+    return dict(zip(files, await asyncio.gather(*flown), strict=True))
 
 
-async def _live(flight: RealFlight, port: int) -> Live:
+async def _live(flight: GivenFlight, port: int) -> Live:
     messages: list[Message] = []
     stop = asyncio.Event()
     injecting: list[asyncio.Task[tuple[int | None, str]]] = []
@@ -72,13 +68,13 @@ async def _live(flight: RealFlight, port: int) -> Live:
 
 
 async def _inject(
-    flight: RealFlight, broker: str, totals: SessionCounters, stop: asyncio.Event
+    flight: GivenFlight, broker: str, totals: SessionCounters, stop: asyncio.Event
 ) -> tuple[int | None, str]:
     """Run the command to its end, or until there are looks enough; then stop the session."""
     more = ["--altitude-reference", flight.reference.value] if flight.reference else []
     process = await asyncio.create_subprocess_exec(
         sys.executable,
-        *("-m", "plotfeed.feeds.cli", "inject", str(shared(f"flights/{flight.file}"))),
+        *("-m", "plotfeed.feeds.cli", "inject", str(flight.log)),
         *("--broker", broker, "--drone", "d", "--now", "--speed", str(SPEED), *more),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,
@@ -97,30 +93,32 @@ async def _inject(
     return code, told.decode()
 
 
-def detections(sessions: dict[str, Live], name: str) -> Table:
-    plots = sessions[name].road.plots()
+def detections(sessions: dict[str, Live], flight: GivenFlight) -> Table:
+    plots = sessions[flight.file].road.plots()
     return plots.rows(plots.drone == "d")
 
 
 @EVERY_FLIGHT
-def test_every_report_is_taken(sessions: dict[str, Live], name: str) -> None:
-    live = sessions[name]
+def test_every_report_is_taken(sessions: dict[str, Live], flight: GivenFlight) -> None:
+    live = sessions[flight.file]
     assert live.totals.refused == 0, live.totals.last_refusal
     assert live.totals.telemetry > 100
     assert live.totals.undelivered == 0
     if live.injected is not None:
         assert live.injected == 0, live.told
-        assert live.totals.telemetry == len(FLIGHTS[name].flight.reports)
+        assert live.totals.telemetry == len(flight.flight.reports)
 
 
 def test_a_short_flight_is_injected_to_its_end(sessions: dict[str, Live]) -> None:
-    assert sessions["log171.bin"].injected == 0
+    assert sessions["eight.bin"].injected == 0
 
 
 @EVERY_FLIGHT
-def test_plots_have_the_errors_that_they_state(sessions: dict[str, Live], name: str) -> None:
+def test_plots_have_the_errors_that_they_state(
+    sessions: dict[str, Live], flight: GivenFlight
+) -> None:
     """Against where the ledger has the drone; chi-square of range, azimuth and elevation."""
-    plots = detections(sessions, name)
+    plots = detections(sessions, flight)
     assert len(plots) > 60
     residuals = [
         (plots.range_m - plots.true_range_m) / plots.sigma_range_m,
@@ -134,10 +132,10 @@ def test_plots_have_the_errors_that_they_state(sessions: dict[str, Live], name: 
 
 @EVERY_FLIGHT
 def test_the_drone_is_taken_to_be_on_the_path_that_was_recorded(
-    sessions: dict[str, Live], name: str
+    sessions: dict[str, Live], flight: GivenFlight
 ) -> None:
     """In space, whatever the hour: a report that comes late leaves it flying straight on."""
-    flight, plots = FLIGHTS[name], detections(sessions, name)
+    plots = detections(sessions, flight)
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     path = flight.path(np.arange(0, flight.flight.duration_s, 0.1))
     apart_m = np.array([np.linalg.norm(path - place, axis=1).min() for place in true])

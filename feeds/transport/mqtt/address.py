@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from plotfeed.proto.errors import PlotfeedError
 
 USERNAME_VARIABLE = "PLOTFEED_MQTT_USERNAME"
-PASSWORD_VARIABLE = "PLOTFEED_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
+PASSWORD_VARIABLE = "PLOTFEED_MQTT_PASSWORD"  # noqa: S105 - its name, not its value  # nosec B105
 MAX_OCTETS = 65_535
 """Of a text in MQTT."""
 MAX_FILE_OCTETS = 1 << 16

@@ -175,7 +175,7 @@ class _WillConnection(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Say who it is, and its will."""
-        assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream
+        assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream  # nosec B101
         self._transport = transport
         transport.write(self._connect)
 

@@ -180,7 +180,7 @@ def _after_repetitive(item: Repetitive, body: bytes, at: int) -> int:
 
 
 def _elements(item: Item, body: bytes, at: int) -> list[int]:
-    assert isinstance(item, Repetitive)  # noqa: S101 - the layout says it
+    assert isinstance(item, Repetitive)  # noqa: S101 - the layout says it  # nosec B101
     return [at + 1 + i * item.group.octets for i in range(body[at])]
 
 

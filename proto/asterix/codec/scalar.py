@@ -120,8 +120,9 @@ def compiled(
     }
     names |= {f"text{column}": rule.integer for column, rule in enumerate(rules) if rule.text}
     stamped = [word for word in words if not word.pieces or any(map(word.of, templates))]
-    # The text holds numbers and our own variable names only: nothing of the caller's gets in.
-    exec(_source(rules, words, stamped), names)  # noqa: S102 - as dataclasses do, from our layouts
+    # The text holds numbers and our own variable names only: nothing of the caller's gets in;
+    # dataclasses do the same.
+    exec(_source(rules, words, stamped), names)  # noqa: S102  # nosec B102
     constants = [tuple(word.of(template) for word in stamped) for template in templates]
     return cast(Few, names["few"]), constants
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.chart_cases import MIMO, RADAR, case_of_ratios, case_with, places_at
-from support.shared_files import reference
+from support.given_files import reference
 
 from plotfeed.feeds.accuracy_chart.stage import ChartStage
 from plotfeed.feeds.accuracy_chart.stage_detection import detection_stage

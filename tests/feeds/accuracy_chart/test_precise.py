@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from typing import Any
 
 import numpy as np
 import pytest
-from support.shared_files import shared
+from support.given_files import reference_rows
 
 from plotfeed.feeds.accuracy_chart import precise
 from plotfeed.feeds.accuracy_chart.precise import number
-
-
-def rows(name: str) -> list[dict[str, str]]:
-    return list(csv.DictReader(shared(f"reference/{name}").read_text().splitlines()))
 
 
 def linear(decibels: str) -> Any:
@@ -26,26 +21,26 @@ def relative(found: Any, expected: str) -> float:
 
 
 def test_one_look_has_the_digits_of_the_reference() -> None:
-    for row in rows("pd_cacfar_sw1.csv"):
+    for row in reference_rows("pd_cacfar_sw1.csv"):
         pd = precise.pd_cfar_swerling1(linear(row["snr_db"]), number(row["pfa"]), int(row["n_ref"]))
         assert relative(pd, row["pd"]) < 1e-19
 
 
 def test_sums_of_looks_have_the_digits_of_the_reference() -> None:
-    for row in rows("nci_cacfar_pd_sw2.csv"):
+    for row in reference_rows("nci_cacfar_pd_sw2.csv"):
         snrs = [linear(row["snr_db"])] * int(row["n_integrated"])
         pd = precise.pd_sum_cfar(snrs, number(row["pfa"]), int(row["n_ref_samples"]))
         assert relative(pd, row["pd"]) < 1e-19
 
 
 def test_energies_have_the_digits_of_the_reference() -> None:
-    for row in rows("nci_pd_sw2.csv"):
+    for row in reference_rows("nci_pd_sw2.csv"):
         pd = precise.pd_energy(linear(row["snr_db"]), number(row["pfa"]), int(row["n_integrated"]))
         assert relative(pd, row["pd"]) < 1e-19
 
 
 def test_places_have_the_digits_of_the_reference() -> None:
-    for row in rows("geodesy_local.csv"):
+    for row in reference_rows("geodesy_local.csv"):
         here, there = (
             [float(row[f"{whose}_{part}"]) for part in ("lat", "lon", "h")]
             for whose in ("sensor", "target")
@@ -62,7 +57,7 @@ def test_places_have_the_digits_of_the_reference() -> None:
 
 
 def test_bistatic_ranges_agree_with_the_reference() -> None:
-    for row in rows("bistatic.csv"):
+    for row in reference_rows("bistatic.csv"):
         target, transmitter = (
             [number(row[f"{whose}_{axis}"]) for axis in "enu"] for whose in ("t", "tx")
         )
@@ -72,7 +67,7 @@ def test_bistatic_ranges_agree_with_the_reference() -> None:
 
 
 def test_the_logistic_law_has_the_digits_of_the_reference() -> None:
-    for row in rows("logistic.csv"):
+    for row in reference_rows("logistic.csv"):
         pd = precise.pd_logistic(number(row["snr_minus_sens_db"]), number(0), number(1))
         assert relative(pd, row["pd"]) < 1e-19
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from support.command import PLOTFEED, plotfeed_here
+from support.given_recordings import CAPTURES, EVERY_CAPTURE, EVERY_RECORDING, RadarCapture
 from support.recordings import MS, START_NS, block_048, message, plots, written
-from support.shared_files import shared
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
@@ -71,8 +71,11 @@ def test_every_format_becomes_every_other_and_payloads_stay(
     assert [each.log_time_ns for each in got] == [each.log_time_ns for each in sent]
 
 
-def test_a_real_capture_keeps_its_payloads_through_every_format(tmp_path: Path) -> None:
-    source = shared("recordings/croatia_cat_034_048.pcap")
+@EVERY_CAPTURE
+def test_a_capture_keeps_its_payloads_through_every_format(
+    capture: RadarCapture, tmp_path: Path
+) -> None:
+    source = capture.path
     whole = read(source)
     for to in (FileFormat.MCAP, FileFormat.JSON, FileFormat.PCAP, FileFormat.FINAL):
         target = tmp_path / f"out.{to}"
@@ -84,14 +87,12 @@ def test_a_real_capture_keeps_its_payloads_through_every_format(tmp_path: Path) 
     assert (tmp_path / "out.ast").read_bytes() == b"".join(each.payload for each in whole)
 
 
-@pytest.mark.parametrize(
-    "name", ["jade_062_one.ff", "jade_nats_cat048_tcas.ff", "croatia_cat_034_048.pcap"]
-)
+@EVERY_RECORDING
 @pytest.mark.parametrize("by_way_of", [None, "mcap", "jsonl"])
-def test_a_real_recording_comes_back_to_the_octet(
-    name: str, by_way_of: str | None, tmp_path: Path
+def test_a_recording_of_others_comes_back_to_the_octet(
+    recording: Path, by_way_of: str | None, tmp_path: Path
 ) -> None:
-    source = between = shared(f"recordings/{name}")
+    source = between = recording
     again = tmp_path / f"again{source.suffix}"
     if by_way_of is not None:
         between = tmp_path / f"between.{by_way_of}"
@@ -101,7 +102,7 @@ def test_a_real_recording_comes_back_to_the_octet(
 
 
 def test_the_official_reader_reads_what_a_capture_became(tmp_path: Path) -> None:
-    source = shared("recordings/croatia_cat_034_048.pcap")
+    source = CAPTURES[-1].path
     target = tmp_path / "out.mcap"
     assert convert(source, target) == 0
     with target.open("rb") as file:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 from support.brokers import has_ipv6
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import plots
 from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
@@ -25,6 +25,7 @@ from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.replay.files import open_repeatable
 from plotfeed.replay.recorded import Recorded
 
 
@@ -198,18 +199,14 @@ def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_
     assert is_datagram(given) == is_one
 
 
+@EVERY_CAPTURE
 @pytest.mark.asyncio
-async def test_a_file_of_others_goes_out_as_it_is(tmp_path: Path) -> None:
-    from support.shared_files import shared
-
-    from plotfeed.replay.files import open_repeatable
-
-    path = shared("recordings/croatia_cat_034_048.pcap")
-    with receiver() as ears, open_repeatable(path) as source:
+async def test_a_file_of_others_goes_out_as_it_is(capture: RadarCapture) -> None:
+    with receiver() as ears, open_repeatable(capture.path) as source:
         recorded = list(source.messages(None, None))
         link = opened(place(ears))
         settings = ReplaySettings(fastest=True)
         totals = await replay(source, [link], settings)
         link.close()
         assert heard(ears) == [r.payload for r in recorded]
-    assert totals.messages == len(recorded) == 100
+    assert totals.messages == len(recorded) == capture.messages

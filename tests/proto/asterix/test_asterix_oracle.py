@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.shared_files import shared
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
@@ -22,8 +22,6 @@ from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, 
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.units import FOOT_M, NM_M
-
-RECORDING = "recordings/croatia_cat_034_048.pcap"
 
 REGISTERS = "I048/250"
 """Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers."""
@@ -110,16 +108,20 @@ def _comparable(value: Any) -> Any:
     return pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value
 
 
-def test_a_recording_of_real_radars_reads_the_same() -> None:
-    payloads = udp_payloads(shared(RECORDING))
+@EVERY_CAPTURE
+def test_a_recording_of_radars_reads_the_same(capture: RadarCapture) -> None:
+    payloads = udp_payloads(capture.path)
     records = [record for payload in payloads for record in decode(payload)]
-    assert [sum(r.category == c for r in records) for c in (48, 34)] == [128, 34]
+    counts = [sum(r.category == c for r in records) for c in (48, 34)]
+    assert counts == [capture.plots, capture.services]
     theirs = [record for payload in read_blocks(payloads) for record in payload]
-    assert assert_agree(records, theirs, {ADVISORY}) > 4000
+    values = 30 * capture.plots + 4 * capture.services
+    assert assert_agree(records, theirs, {ADVISORY}) > values
 
 
-def test_real_radars_send_a_sector_message_after_its_plots() -> None:
-    payloads = udp_payloads(shared(RECORDING))
+@EVERY_CAPTURE
+def test_radars_send_a_sector_message_after_its_plots(capture: RadarCapture) -> None:
+    payloads = udp_payloads(capture.path)
     mixed = 0
     for payload in payloads:
         records = decode(payload)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_input import udp_payloads
-from support.shared_files import shared
+from support.given_recordings import CAPTURES, FRAMES
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, blocks, decode, records_in
@@ -304,10 +304,8 @@ def test_planned_times_that_are_none_are_left_alone(data: bytes) -> None:
 
 def foreign_blocks() -> list[bytes]:
     """Data of recordings that others made."""
-    payloads = udp_payloads(shared("recordings/croatia_cat_034_048.pcap"))
-    for name in ("jade_062_one.ff", "jade_nats_cat048_tcas.ff"):
-        payloads.append(shared(f"recordings/{name}").read_bytes()[8:-4])
-    return payloads
+    payloads = [octets for each in CAPTURES for octets in udp_payloads(each.path)]
+    return payloads + [path.read_bytes()[8:-4] for path in FRAMES]
 
 
 @pytest.mark.parametrize("shift_s", [1, 43_200, -70_000, 10**9])

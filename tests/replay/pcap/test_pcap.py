@@ -9,6 +9,7 @@ import dpkt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import (
     START_NS,
     block_048,
@@ -18,7 +19,6 @@ from support.recordings import (
     read,
     written,
 )
-from support.shared_files import shared
 from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
@@ -299,10 +299,11 @@ def test_tshark_finds_checksums_addresses_and_records_right(tmp_path: Path) -> N
         assert line[6] == ""
 
 
-def test_a_real_recording_keeps_payloads_times_and_places(tmp_path: Path) -> None:
-    data = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
+@EVERY_CAPTURE
+def test_a_capture_of_others_keeps_payloads_times_and_places(capture: RadarCapture) -> None:
+    data = capture.path.read_bytes()
     got, reader = read(PcapReader, data)
-    assert (len(got), reader.damage, reader.skipped) == (100, [], 0)
+    assert (len(got), reader.damage, reader.skipped) == (capture.messages, [], 0)
     theirs = list(dpkt.pcap.Reader(io.BytesIO(data)))
     for each, (t, octets) in zip(got, theirs, strict=True):
         ip = dpkt.ethernet.Ethernet(octets).data
@@ -310,6 +311,6 @@ def test_a_real_recording_keeps_payloads_times_and_places(tmp_path: Path) -> Non
         assert each.log_time_ns == round(t * 1_000_000) * 1000
         assert each.topic == f"udp/{'.'.join(map(str, ip.dst))}/{ip.data.dport}"
     records = [record for each in got for record in decode(each.payload)]
-    assert sum(record.category == 48 for record in records) == 128
-    assert sum(record.category == 34 for record in records) == 34
+    assert sum(record.category == 48 for record in records) == capture.plots
+    assert sum(record.category == 34 for record in records) == capture.services
     assert written(PcapWriter, got) == data

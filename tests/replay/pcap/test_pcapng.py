@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import (
     START_NS,
     block_048,
@@ -17,7 +18,6 @@ from support.recordings import (
     read,
     written,
 )
-from support.shared_files import shared
 from support.tshark import program
 
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
@@ -178,8 +178,11 @@ def test_what_wireshark_converts_is_what_it_was(tmp_path: Path) -> None:
     assert got(converted(tmp_path, data)) == read(PcapReader, data)[0]
 
 
-def test_a_real_recording_that_wireshark_converts_is_what_it_was(tmp_path: Path) -> None:
-    data = shared("recordings/croatia_cat_034_048.pcap").read_bytes()
+@EVERY_CAPTURE
+def test_a_capture_that_wireshark_converts_is_what_it_was(
+    capture: RadarCapture, tmp_path: Path
+) -> None:
+    data = capture.path.read_bytes()
     for one, other in zip(got(converted(tmp_path, data)), read(PcapReader, data)[0], strict=True):
         properties = dict(one.properties) | {FILE: dict(other.properties)[FILE]}
         assert replace(one, properties=tuple(properties.items())) == other

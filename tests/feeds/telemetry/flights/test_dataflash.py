@@ -2,14 +2,11 @@ from __future__ import annotations
 
 import struct
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.shared_files import shared
 
-from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.autopilot_logs import gps_to_utc_ns, read_dataflash
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
@@ -106,28 +103,3 @@ def test_arbitrary_formats_give_a_clear_error(format_body: bytes, rest: bytes) -
 def test_a_format_without_length_cannot_stall_the_reader() -> None:
     with pytest.raises(PlotfeedError):
         flown(fmt(0x90, 0, b"ZERO", b"", b"") + b"\xa3\x95\x90" * 1000)
-
-
-def test_the_pixhawk_flight() -> None:
-    flight = read(shared("flights/log171.bin"))
-    assert len(flight.reports) == 1037
-    assert flight.duration_s == 209.0
-    assert sum("GPS status 1" in line for line in flight.skipped) == 161
-    assert sum("same time" in line for line in flight.skipped) == 1
-    assert all(580 < r.altitude_m < 610 for r in flight.reports)
-
-
-def test_the_pixhawk_flight_agrees_with_pymavlink(capfd: pytest.CaptureFixture[str]) -> None:
-    path: Path = shared("flights/log171.bin")
-    reader = pytest.importorskip("pymavlink.DFReader")
-    with reader.DFReader_binary(str(path)) as log:
-        fixes = {}
-        while (m := log.recv_match(type="GPS")) is not None:
-            if m.Status >= 3:
-                fixes.setdefault(m.TimeMS, (m.Lat, m.Lng, m.Alt, -m.VZ))
-    ours = [
-        (r.latitude_deg, r.longitude_deg, r.altitude_m, r.velocity_enu_m_s[2])
-        for r in read(path).reports
-        if r.velocity_enu_m_s
-    ]
-    assert ours == [pytest.approx(fix, abs=1e-9) for fix in fixes.values()]

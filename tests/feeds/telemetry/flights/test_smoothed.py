@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.shared_files import shared
+from support.smoothing import moved_m, speeds
 
-from plotfeed.feeds.telemetry.flights import read, smoothed
-from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
+from plotfeed.feeds.telemetry.flights import smoothed
+from plotfeed.feeds.telemetry.flights.flight import Flight
 from plotfeed.feeds.telemetry.flights.smoothed import (
     DEGREE_DECIMALS,
     METRE_DECIMALS,
@@ -17,7 +17,6 @@ from plotfeed.feeds.telemetry.flights.smoothed import (
     samples_per_step,
 )
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
@@ -39,20 +38,6 @@ def flight(t_s: Floats, north_m: Floats, decimals: int = 12, east_deg: float = 3
         for t, latitude in zip(t_s, latitudes, strict=True)
     )
     return Flight(name="a", reports=reports)
-
-
-def speeds(flown: Flight) -> Floats:
-    return np.array(
-        [math.hypot(*r.velocity_enu_m_s[:2]) for r in flown.reports if r.velocity_enu_m_s]
-    )
-
-
-def moved_m(a: Flight, b: Flight) -> float:
-    first, second = (
-        geodetic_to_ecef(*np.array([(r.latitude_deg, r.longitude_deg, 0.0) for r in f.reports]).T)
-        for f in (a, b)
-    )
-    return float(np.linalg.norm(first - second, axis=1).max())
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 5.0, 30.0])
@@ -145,36 +130,3 @@ def test_samples_of_one_value_in_a_row_are_counted() -> None:
     assert samples_per_step(np.repeat(np.arange(9.0), 4)) == 4.0
     assert samples_per_step(np.arange(9.0)) == 1.0
     assert samples_per_step(np.zeros(9)) == 1.0
-
-
-def test_the_matrice_flight_is_plausible() -> None:
-    recorded = read(shared("flights/matrice_300.srt"))
-    smooth = smoothed(recorded)
-    quantum_m = math.hypot(11.1, 8.9)
-    assert moved_m(recorded, smooth) < quantum_m
-    assert speeds(smooth).max() < 20
-    ups = [r.velocity_enu_m_s[2] for r in smooth.reports if r.velocity_enu_m_s]
-    assert -7 < min(ups) < -4
-    assert 4 < max(ups) < 7
-
-
-def test_the_pixhawk_flight_is_untouched_and_its_own_velocity_agrees() -> None:
-    recorded = read(shared("flights/log171.bin"))
-    bare = replace(
-        recorded, reports=tuple(replace(r, velocity_enu_m_s=None) for r in recorded.reports)
-    )
-    assert moved_m(bare, smoothed(bare)) < 0.02
-    fitted = np.array([r.velocity_enu_m_s for r in smoothed(bare).reports])
-    own = np.array([r.velocity_enu_m_s for r in recorded.reports])
-    assert np.sqrt(np.mean((fitted - own) ** 2, axis=0)) == pytest.approx([0.3, 0.3, 0.2], abs=0.1)
-
-
-def test_the_rotary_flight_is_untouched_and_its_own_velocity_agrees() -> None:
-    columns = {"velocity_east_m_s": "Vx m/s", "velocity_north_m_s": "Vy m/s"}
-    path = shared("flights/UAV_Rot.csv")
-    recorded = read(path, FlightOptions(altitude_reference=SEA))
-    own = read(path, FlightOptions(altitude_reference=SEA, columns=columns))
-    assert moved_m(recorded, smoothed(recorded)) < 0.02
-    fitted = np.array([r.velocity_enu_m_s for r in smoothed(recorded).reports])[:, :2]
-    told = np.array([r.velocity_enu_m_s for r in own.reports])[:, :2]
-    assert np.sqrt(np.mean((fitted - told) ** 2)) < 1.0

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.shared_files import shared
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
@@ -150,15 +149,6 @@ def test_a_file_cut_or_damaged_anywhere_gives_what_is_whole(data: st.DataObject)
 def test_arbitrary_text_gives_a_flight_or_a_clear_error(text: str) -> None:
     with suppress(PlotfeedError):
         assert flown(text).reports
-
-
-def test_the_matrice_flight() -> None:
-    flight = read(shared("flights/matrice_300.srt"))
-    assert len(flight.reports) == 381
-    assert flight.duration_s == 380.0
-    assert flight.skipped == ()
-    assert positions(flight)[0] == (36.6146, -6.112, 0.3)
-    assert max(r.altitude_m for r in flight.reports) == 87.9
 
 
 def test_a_byte_order_mark_and_an_odd_suffix_do_not_matter(tmp_path: Path) -> None:

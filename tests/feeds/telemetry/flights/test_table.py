@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.shared_files import shared
 
 from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
@@ -132,17 +131,6 @@ def test_a_table_cut_or_damaged_anywhere_gives_what_is_whole(data: st.DataObject
 def test_arbitrary_text_gives_a_flight_or_a_clear_error(text: str) -> None:
     with pytest.raises(PlotfeedError):
         flown(text)
-
-
-def test_the_rotary_flight() -> None:
-    path = shared("flights/UAV_Rot.csv")
-    with pytest.raises(PlotfeedError, match="--altitude-reference"):
-        read(path)
-    flight = read(path, FlightOptions(altitude_reference=SEA))
-    assert len(flight.reports) == 965
-    assert flight.duration_s == 964.0
-    assert flight.reports[0].t_utc_ns == START
-    assert flight.skipped == ()
 
 
 def test_a_file_is_read_by_its_suffix(tmp_path: Path) -> None:

@@ -1,15 +1,17 @@
-"""Recorded flights and what their files do not say, as scenes and as paths through space."""
+"""Logs of flights and what their files do not say, as scenes and as paths through space."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.interpolate import CubicHermiteSpline
+from support.given_files import more_input, places
 from support.road import NS, radar
-from support.shared_files import shared
 from support.significance import Array
 
 from plotfeed.feeds.scene.scene import Scene, from_tree
@@ -20,7 +22,7 @@ from plotfeed.models.state import AltitudeReference
 
 
 @dataclass(frozen=True, eq=False)
-class RealFlight:
+class GivenFlight:
     """A file, the datum of its altitudes, and a radar a kilometre or so to the south."""
 
     file: str
@@ -33,10 +35,14 @@ class RealFlight:
     step_m: float = 1.0
     """About how coarsely the log writes positions."""
 
+    @property
+    def log(self) -> Path:
+        (path,) = places(f"flights/{self.file}")
+        return path
+
     @cached_property
     def recorded(self) -> Flight:
-        path = shared(f"flights/{self.file}")
-        return read(path, FlightOptions(altitude_reference=self.reference))
+        return read(self.log, FlightOptions(altitude_reference=self.reference))
 
     @cached_property
     def flight(self) -> Flight:
@@ -89,23 +95,23 @@ class RealFlight:
         }
         general = {"name": "flight", "seed": seed, "site": site}
         tree = {"scene": general, "sensor": [radar(**s) for s in sensors]} | more
-        return from_tree(tree, shared("flights") / "scene.toml")
+        return from_tree(tree, self.log.with_name("scene.toml"))
 
     def as_drone(self) -> dict[str, Any]:
         reference = {"altitude_reference": self.reference.value} if self.reference else {}
         return {"id": "d", "flight": {"file": self.file} | self.datum | reference}
 
 
-FLIGHTS = {
-    f.file: f
-    for f in (
-        RealFlight("matrice_300.srt", 62.0, {"takeoff_height_m": 62.0}, step_m=11.0),
-        RealFlight(
-            "UAV_Rot.csv",
-            57.0,
-            {"geoid_undulation_m": 57.0},
-            AltitudeReference.MEAN_SEA_LEVEL,
-        ),
-        RealFlight("log171.bin", 19.0, {"geoid_undulation_m": 19.0}),
-    )
-}
+SEA = AltitudeReference.MEAN_SEA_LEVEL
+FLIGHTS = [
+    GivenFlight("eight.srt", 172.0, {"takeoff_height_m": 172.0}, step_m=11.0),
+    GivenFlight("eight.csv", 52.0, {"geoid_undulation_m": 52.0}, SEA),
+    GivenFlight("eight.bin", 52.0, {"geoid_undulation_m": 52.0}),
+]
+if more_input():
+    FLIGHTS += [
+        GivenFlight("matrice_300.srt", 62.0, {"takeoff_height_m": 62.0}, step_m=11.0),
+        GivenFlight("UAV_Rot.csv", 57.0, {"geoid_undulation_m": 57.0}, SEA),
+        GivenFlight("log171.bin", 19.0, {"geoid_undulation_m": 19.0}),
+    ]
+EVERY_FLIGHT = pytest.mark.parametrize("flight", FLIGHTS, ids=lambda each: each.file)

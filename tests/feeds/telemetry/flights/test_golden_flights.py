@@ -1,0 +1,79 @@
+"""Logs in the layouts of real ones, of a path that is known at every instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from golden.make_flights import DURATION_S, START, WITHOUT_FIX, geodetic, velocity_m_s
+from support.given_flights import FLIGHTS, GivenFlight
+from support.smoothing import moved_m
+
+from plotfeed.feeds.telemetry.flights import read
+from plotfeed.feeds.telemetry.flights.flight import Flight
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.errors import PlotfeedError
+
+NS = 1_000_000_000
+SRT, CSV, BIN = FLIGHTS[:3]
+EACH = pytest.mark.parametrize("given", [SRT, CSV, BIN], ids=lambda each: each.file)
+
+
+def times_s(flight: Flight) -> list[float]:
+    start_ns = round(START.timestamp()) * NS
+    return [(r.t_utc_ns - start_ns) / NS for r in flight.reports]
+
+
+@EACH
+def test_a_log_gives_the_path_that_was_flown(given: GivenFlight) -> None:
+    flight, start_m = given.recorded, 0.0 if given is SRT else 120.0
+    expected = [*range(DURATION_S + 1)] if given is not BIN else np.arange(421) / 2
+    assert times_s(flight) == list(expected)
+    digits_deg, digits_m = (0.5e-4, 0.05) if given is SRT else (1e-7, 0.05)
+    for report, t_s in zip(flight.reports, expected, strict=True):
+        latitude_deg, longitude_deg, up_m = geodetic(float(t_s))
+        assert report.latitude_deg == pytest.approx(latitude_deg, abs=digits_deg * 1.001)
+        assert report.longitude_deg == pytest.approx(longitude_deg, abs=digits_deg * 1.001)
+        assert report.altitude_m == pytest.approx(start_m + up_m, abs=digits_m * 1.001)
+
+
+@EACH
+def test_smoothing_finds_the_velocity_that_was_flown(given: GivenFlight) -> None:
+    """Of 11 m steps each second what is left is half a metre each second."""
+    flown = np.array([velocity_m_s(t_s) for t_s in times_s(given.flight)])
+    found = np.array([r.velocity_enu_m_s for r in given.flight.reports])
+    assert np.sqrt(np.mean((found - flown) ** 2)) < (0.6 if given is SRT else 0.03)
+    assert np.abs(found - flown).max() < (3.5 if given is SRT else 0.2)
+    assert moved_m(given.recorded, given.flight) < (15.0 if given is SRT else 0.05)
+
+
+def test_what_a_log_leaves_open_is_asked_for_or_told() -> None:
+    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+        read(CSV.log)
+    assert CSV.recorded.skipped == SRT.recorded.skipped == ()
+    references = [each.recorded.reports[0].altitude_reference for each in (SRT, CSV, BIN)]
+    sea = AltitudeReference.MEAN_SEA_LEVEL
+    assert references == [AltitudeReference.ABOVE_TAKEOFF, sea, sea]
+    told = BIN.recorded.skipped
+    assert sum("GPS status 1" in line for line in told) == WITHOUT_FIX
+    assert sum("same time" in line for line in told) == len(told) - WITHOUT_FIX == 1
+
+
+@pytest.mark.parametrize(
+    "given", [f for f in FLIGHTS if f.file.endswith(".bin")], ids=lambda each: each.file
+)
+def test_a_dataflash_log_reads_as_pymavlink_reads_it(
+    given: GivenFlight, capfd: pytest.CaptureFixture[str]
+) -> None:
+    reader = pytest.importorskip("pymavlink.DFReader")
+    with reader.DFReader_binary(str(given.log)) as log:
+        fixes = {}
+        while (m := log.recv_match(type="GPS")) is not None:
+            if m.Status >= 3:
+                of_week_ms = m.GMS if hasattr(m, "GMS") else m.TimeMS
+                fixes.setdefault(of_week_ms, (m.Lat, m.Lng, m.Alt, -m.VZ))
+    ours = [
+        (r.latitude_deg, r.longitude_deg, r.altitude_m, r.velocity_enu_m_s[2])
+        for r in given.recorded.reports
+        if r.velocity_enu_m_s
+    ]
+    assert ours == [pytest.approx(fix, abs=1e-9) for fix in fixes.values()]

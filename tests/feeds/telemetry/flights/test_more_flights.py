@@ -1,0 +1,82 @@
+"""Logs of a Matrice 300, a rotary UAV and a Pixhawk, in a folder that is not ours."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.given_files import places
+from support.smoothing import moved_m, speeds
+
+from plotfeed.feeds.telemetry.flights import read, smoothed
+from plotfeed.feeds.telemetry.flights.flight import FlightOptions
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.errors import PlotfeedError
+
+SEA = AltitudeReference.MEAN_SEA_LEVEL
+(MATRICE,), (ROTARY,), (PIXHAWK,) = (
+    places(f"flights/{name}") for name in ("matrice_300.srt", "UAV_Rot.csv", "log171.bin")
+)
+
+
+def test_the_matrice_flight() -> None:
+    flight = read(MATRICE)
+    assert len(flight.reports) == 381
+    assert flight.duration_s == 380.0
+    assert flight.skipped == ()
+    first = flight.reports[0]
+    assert (first.latitude_deg, first.longitude_deg, first.altitude_m) == (36.6146, -6.112, 0.3)
+    assert max(r.altitude_m for r in flight.reports) == 87.9
+
+
+def test_the_rotary_flight() -> None:
+    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+        read(ROTARY)
+    flight = read(ROTARY, FlightOptions(altitude_reference=SEA))
+    assert len(flight.reports) == 965
+    assert flight.duration_s == 964.0
+    assert flight.reports[0].t_utc_ns == 1_575_888_575 * 10**9
+    assert flight.skipped == ()
+
+
+def test_the_pixhawk_flight() -> None:
+    flight = read(PIXHAWK)
+    assert len(flight.reports) == 1037
+    assert flight.duration_s == 209.0
+    assert sum("GPS status 1" in line for line in flight.skipped) == 161
+    assert sum("same time" in line for line in flight.skipped) == 1
+    assert all(580 < r.altitude_m < 610 for r in flight.reports)
+
+
+def test_the_matrice_flight_is_plausible() -> None:
+    recorded = read(MATRICE)
+    smooth = smoothed(recorded)
+    quantum_m = math.hypot(11.1, 8.9)
+    assert moved_m(recorded, smooth) < quantum_m
+    assert speeds(smooth).max() < 20
+    ups = [r.velocity_enu_m_s[2] for r in smooth.reports if r.velocity_enu_m_s]
+    assert -7 < min(ups) < -4
+    assert 4 < max(ups) < 7
+
+
+def test_the_pixhawk_flight_is_untouched_and_its_own_velocity_agrees() -> None:
+    recorded = read(PIXHAWK)
+    bare = replace(
+        recorded, reports=tuple(replace(r, velocity_enu_m_s=None) for r in recorded.reports)
+    )
+    assert moved_m(bare, smoothed(bare)) < 0.02
+    fitted = np.array([r.velocity_enu_m_s for r in smoothed(bare).reports])
+    own = np.array([r.velocity_enu_m_s for r in recorded.reports])
+    assert np.sqrt(np.mean((fitted - own) ** 2, axis=0)) == pytest.approx([0.3, 0.3, 0.2], abs=0.1)
+
+
+def test_the_rotary_flight_is_untouched_and_its_own_velocity_agrees() -> None:
+    columns = {"velocity_east_m_s": "Vx m/s", "velocity_north_m_s": "Vy m/s"}
+    recorded = read(ROTARY, FlightOptions(altitude_reference=SEA))
+    own = read(ROTARY, FlightOptions(altitude_reference=SEA, columns=columns))
+    assert moved_m(recorded, smoothed(recorded)) < 0.02
+    fitted = np.array([r.velocity_enu_m_s for r in smoothed(recorded).reports])[:, :2]
+    told = np.array([r.velocity_enu_m_s for r in own.reports])[:, :2]
+    assert np.sqrt(np.mean((fitted - told) ** 2)) < 1.0

@@ -1,0 +1,43 @@
+"""Recordings that tests read: those of tests/golden, and of a folder of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from support.given_files import more_input, places
+
+
+@dataclass(frozen=True)
+class RadarCapture:
+    """A pcap of a radar's datagrams, and how much is in it."""
+
+    path: Path
+    messages: int
+    plots: int
+    """Records of category 048."""
+    services: int
+    """Records of category 034."""
+
+
+def _path(name: str) -> Path:
+    (path,) = places(f"recordings/{name}")
+    return path
+
+
+CAPTURES = [RadarCapture(_path("turning_radar.pcap"), 160, 160, 130)]
+FRAMES_048 = [_path("two_plots.ff")]
+"""FINAL files of one frame."""
+FRAMES_062 = [_path("one_track.ff")]
+if more_input():
+    CAPTURES.append(RadarCapture(_path("croatia_cat_034_048.pcap"), 100, 128, 34))
+    FRAMES_048.append(_path("jade_nats_cat048_tcas.ff"))
+    FRAMES_062.append(_path("jade_062_one.ff"))
+FRAMES = FRAMES_048 + FRAMES_062
+EVERY_CAPTURE = pytest.mark.parametrize("capture", CAPTURES, ids=lambda each: each.path.name)
+EVERY_FRAME = pytest.mark.parametrize("frame_file", FRAMES, ids=lambda each: each.name)
+EVERY_FRAME_048 = pytest.mark.parametrize("frame_file", FRAMES_048, ids=lambda each: each.name)
+EVERY_RECORDING = pytest.mark.parametrize(
+    "recording", [each.path for each in CAPTURES] + FRAMES, ids=lambda each: each.name
+)

@@ -1,0 +1,72 @@
+"""Under CI=true a test that skips fails, unless the list says why it may."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.allowed_skips import LIST, allowed_skips
+
+TESTS = LIST.parent
+CASES = """
+import pytest
+
+def test_without_a_reason():
+    pytest.skip("because")
+
+def test_of_a_network():
+    pytest.skip("this machine has no IPv6")
+
+@pytest.mark.skipif(True, reason="so it is")
+def test_by_a_mark():
+    pass
+
+@pytest.mark.xfail(reason="known")
+def test_that_is_expected_to_fail():
+    assert False
+"""
+WHOLE_FILE = "import pytest\npytest.importorskip('no_such_module')\ndef test_a(): pass\n"
+
+
+@pytest.mark.parametrize("workers", [(), ("--numprocesses", "1")], ids=["alone", "in a process"])
+@pytest.mark.parametrize("ci", ["true", ""])
+def test_a_skip_without_an_entry_fails_where_nothing_may_be_missing(
+    tmp_path: Path, ci: str, workers: tuple[str, ...]
+) -> None:
+    (tmp_path / "support").mkdir()
+    for name in ("conftest.py", LIST.name, "support/allowed_skips.py", "support/given_files.py"):
+        shutil.copy(TESTS / name, tmp_path / name)
+    (tmp_path / "test_cases.py").write_text(CASES)
+    (tmp_path / "test_whole.py").write_text(WHOLE_FILE)
+    (tmp_path / "pytest.ini").write_text("[pytest]\npythonpath = .\n")
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *workers]
+    for file, counts in (
+        (
+            "test_cases.py",
+            "1 failed, 1 skipped, 1 xfailed, 1 error" if ci else "3 skipped, 1 xfailed",
+        ),
+        ("test_whole.py", "1 error" if ci else "1 skipped"),
+    ):
+        done = subprocess.run(
+            [*command, file],
+            cwd=tmp_path,
+            env=os.environ | {"CI": ci},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+        assert counts in done.stdout, done.stdout + done.stderr
+        assert done.returncode in ((1, 2) if ci else (0, 5))
+
+
+def test_each_entry_of_the_list_names_tests_that_are_there() -> None:
+    for entry in allowed_skips():
+        assert entry.why
+        assert entry.says
+        file = entry.tests.removesuffix("*")
+        assert not file or (TESTS.parent / file).is_file(), entry

@@ -1,0 +1,31 @@
+"""What lies in tests/golden is what its scripts make."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.asterix_readers import libasterix
+from support.given_files import GOLDEN
+
+MADE_APART = {"mc_cacfar.csv"}
+"""By make_trials.py, in half a minute."""
+
+
+@pytest.mark.parametrize(
+    ("script", "folder"),
+    [
+        ("make_reference.py", "reference"),
+        ("make_flights.py", "flights"),
+        ("make_recordings.py", "recordings"),
+    ],
+)
+def test_golden_files_are_what_their_script_makes(script: str, folder: str, tmp_path: Path) -> None:
+    python = libasterix() if folder == "recordings" else sys.executable
+    subprocess.run([python, GOLDEN / script, tmp_path], check=True, timeout=300)
+    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    here = {path.name: path.read_bytes() for path in (GOLDEN / folder).iterdir()}
+    assert set(here) - MADE_APART == set(made)
+    assert [name for name, octets in made.items() if here[name] != octets] == []
