@@ -20,11 +20,7 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry tests/feeds/for
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-<<<<<<< HEAD
-.PHONY: demo test lint bench fuzz proto pages pictures constraints clean
-=======
-.PHONY: demo test test-lowest lint audit bench proto pages pictures lock clean
->>>>>>> b78131d (Nothing skips in CI unseen, a clone proves what it proves, and all that is installed has hashes)
+.PHONY: demo test test-lowest lint audit bench fuzz proto pages pictures lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
