@@ -28,6 +28,7 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
+from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.feeds.transport.udp import UdpTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -90,7 +91,7 @@ class Outputs:
         self.brokers: list[MqttTransport] = []
         """The links that a broker may hold up."""
         self._sapient: list[Transport] = []
-        self._sapient_intake: SapientIntake | None = None
+        self._middleware: tuple[SapientIntake, SapientNews] | None = None
         self._on_message: OnMessage | None = None
         """Told of what comes in, over whatever connection."""
         self._addresses = addresses
@@ -154,20 +155,21 @@ class Outputs:
     def _to_middleware(
         self, middleware: str, sensor: Sensor, announcer: Announcer, node: SapientCounters
     ) -> SapientTcpTransport:
-        """A sensor's own connection; what may be said over all of them is one limit."""
+        """A sensor's own connection; all of them share a limit of what is heard, and who tells."""
         from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
 
         settings = self._scene.sapient.model_copy(update={"middleware": middleware})
-        if self._sapient_intake is None:
-            self._sapient_intake = SapientIntake(
-                settings.max_messages_per_s, settings.max_octets_per_s
-            )
+        if self._middleware is None:
+            limits = settings.max_messages_per_s, settings.max_octets_per_s
+            self._middleware = SapientIntake(*limits), SapientNews()
+        intake, news = self._middleware
         return SapientTcpTransport(
             sensor.id,
             settings,
             announcer,
             clock=self._clock,
-            intake=self._sapient_intake,
+            intake=intake,
+            news=news,
             counters=node,
             on_task=self._on_message and partial(self._on_message, announcer.inbox),
         )

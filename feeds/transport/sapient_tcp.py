@@ -18,11 +18,10 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import SapientKeys, split_address
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
+from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.feeds.transport.sapient_wire import SapientWire
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
-
-log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 2.0
 ACK_TIMEOUT_S = 2.0
@@ -51,6 +50,7 @@ class SapientTcpTransport:
         *,
         clock: Clock,
         intake: SapientIntake,
+        news: SapientNews,
         counters: SapientCounters,
         on_task: Callable[[bytes, str | None], object] | None = None,
     ) -> None:
@@ -65,6 +65,7 @@ class SapientTcpTransport:
         self._announcer = announcer
         self._clock = clock
         self._intake = intake
+        self._news = news
         self._on_task = on_task
         self._wire: SapientWire | None = None
         self._up = asyncio.Event()
@@ -95,7 +96,7 @@ class SapientTcpTransport:
                 except SapientError as error:
                     self.last_error = str(error)
                     if attempt == 0 and self.counters.connections:  # else whoever waits is told
-                        log.warning("%s: lost %s (%s)", self.name, self.address, error)
+                        self._tell(f"lost {self.address} ({error})")
                         self._loss_told = True
                 attempt = 0 if loop.time() - began_s > STEADY_S else attempt
                 await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
@@ -156,7 +157,7 @@ class SapientTcpTransport:
             self.counters.count("connections")
             self._up.set()
             if self._loss_told:
-                log.info("%s: connected to %s again", self.name, self.address)
+                self._tell(f"connected to {self.address} again", logging.INFO)
                 self._loss_told = False
             while not wire.lost.done():
                 await asyncio.wait({wire.lost}, timeout=REGISTER_AGAIN_S)
@@ -200,7 +201,7 @@ class SapientTcpTransport:
         if wire.lost.done():
             raise SapientError(wire.reason or "the connection was closed at the registration")
         if not self._answered.is_set():
-            log.warning("%s: %s did not acknowledge the registration", self.name, self.address)
+            self._tell(f"{self.address} did not acknowledge the registration")
             self._report()
 
     def _say_registration(self, wire: SapientWire) -> None:
@@ -236,13 +237,8 @@ class SapientTcpTransport:
         self.counters.count("refusals")
         self._is_refused, self.counters.reporting = True, False
         if _is_told(self.counters.refusals):
-            log.warning(
-                "%s: %s refused the registration%s%s",
-                self.name,
-                self.address,
-                _so_far(self.counters.refusals),
-                _said(heard),
-            )
+            so_far = _so_far(self.counters.refusals)
+            self._tell(f"{self.address} refused the registration{so_far}{_said(heard)}")
 
     def _complained(self, heard: Heard) -> None:
         """Count it, and tell of some, by their number in the session."""
@@ -250,7 +246,10 @@ class SapientTcpTransport:
         number = self.counters.totals.sapient_errors
         if _is_told(number):
             so_far = _so_far(number)
-            log.warning("%s: the middleware complains%s%s", self.name, so_far, _said(heard))
+            self._tell(f"the middleware complains{so_far}{_said(heard)}")
+
+    def _tell(self, what: str, level: int = logging.WARNING) -> None:
+        self._news.tell(self.name, what, level)
 
     async def _hang_up(self) -> None:
         """Let what is not sent yet leave, and close."""

@@ -20,6 +20,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
+from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
 
 SCENE = scene([radar(report=["sapient"])], seed=1)
@@ -106,7 +107,13 @@ async def linked(
     intake = SapientIntake(keys.max_messages_per_s, keys.max_octets_per_s)
     counters = SapientCounters(SessionCounters())
     link = SapientTcpTransport(
-        "radar", keys, ANNOUNCER, clock=WallClock(), intake=intake, counters=counters
+        "radar",
+        keys,
+        ANNOUNCER,
+        clock=WallClock(),
+        intake=intake,
+        news=SapientNews(),
+        counters=counters,
     )
     link.publish(Delivery(ANNOUNCER.opening(WallClock().now_ns())[0], WallClock(), 1))
     running = asyncio.create_task(link.run())

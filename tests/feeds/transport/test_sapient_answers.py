@@ -24,8 +24,9 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.transport import sapient_tcp, sapient_wire
+from plotfeed.feeds.transport import sapient_news, sapient_tcp, sapient_wire
 from plotfeed.feeds.transport.sapient_intake import AT_ONCE_S, SapientIntake
+from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.proto import plotfeed_pb2 as pb
 
 ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
@@ -261,6 +262,25 @@ async def test_a_middleware_that_never_stops_talking_is_made_to_wait() -> None:
     assert totals.undelivered == 0
     assert sorted(heard) == sorted(found.total() for found in fates.of.values())
     assert all(set(found) == {pb.SENT} for found in fates.of.values())
+
+
+@pytest.mark.asyncio
+async def test_what_happens_to_all_sensors_at_once_is_few_lines(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sapient_news, "GATHER_S", 0.05)
+    news = SapientNews()
+    for i in range(200):
+        news.tell(f"sapient-{i}", "lost it")
+    news.tell("sapient-3", "found it")
+    await until(lambda: len(told(caplog)) == 3)
+    assert told(caplog) == [
+        "sapient-0: lost it",
+        "sapient-3: found it",
+        "sapient: lost it, and so 199 more sensors",
+    ]
+    news.tell("sapient-0", "lost it")
+    assert told(caplog)[3:] == ["sapient-0: lost it"]
 
 
 class Talker:
