@@ -70,6 +70,11 @@ class SessionCollector(Observer):
             yield CounterMetricFamily(f"plotfeed_{name}", text, value=getattr(totals, name))
         yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
         yield GaugeMetricFamily(
+            "plotfeed_other_sessions",
+            "Other sessions that publish on the same prefix",
+            value=totals.other_sessions,
+        )
+        yield GaugeMetricFamily(
             "plotfeed_inbox",
             "Messages that wait to be taken in",
             value=session.input_queue.waiting,

@@ -294,6 +294,7 @@ def _line(totals: SessionCounters) -> str:
         f"on the way at the end {totals.ended}": totals.ended,
         f"undelivered {totals.undelivered}": totals.undelivered,
         f"missed scans {totals.missed_scans}": totals.missed_scans,
+        f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }
     return "  ".join([text, *(told for told, count in more.items() if count)])
 

@@ -48,6 +48,8 @@ class SessionCounters:
     last_refusal: str = ""
     intake_behind_s: float = 0.0
     """How long the oldest of what came in had waited when some was last taken in."""
+    other_sessions: int = 0
+    """That publish on the same prefix now, as far as is known."""
     controls: int = 0
     """Changes that were asked for while the session ran, and made."""
     sapient_connections: int = 0

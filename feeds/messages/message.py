@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from plotfeed.feeds.messages.user_properties import Pair, dashed, type_of
+from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
@@ -43,6 +44,21 @@ def attributes(
         ("type", type_of(kind)),
         ("time", iso_utc(t_utc_ns)),
         *[(name, str(value)) for name, value in more.items()],
+    )
+
+
+def retained_message(
+    source: str, kind: str, payload: bytes, now_utc_ns: int, **more: str
+) -> Message:
+    """A message in JSON for whoever comes later, of QoS 1, on the topic {source}/{kind}."""
+    return Message(
+        topic=f"{source}/{kind}",
+        payload=payload,
+        content_type=JSON,
+        due_utc_ns=now_utc_ns,
+        properties=attributes(source, kind, str(now_utc_ns), now_utc_ns, **more),
+        retain=True,
+        qos=1,
     )
 
 

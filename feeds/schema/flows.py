@@ -166,11 +166,15 @@ def _of_session() -> Iterator[Flow]:
         name="session",
         address="{prefix}/session",
         content_type=JSON,
-        summary="Which scene runs, and since when.",
+        summary="Which scene runs, or has run: at the start, at the end, as a last will, and when "
+        "another session is heard.",
         kind="plotfeed.session",
         qos=1,
         retain=True,
         schema=_object(
+            session="string",
+            state="string",
+            heard="array",
             scene="string",
             seed="integer",
             start_utc="string",

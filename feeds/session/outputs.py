@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
 
 NO_BROKER = "none"
+SESSION = "session"
+"""Whose will is that of the session itself; no sensor has that name."""
 LINGER_S = 0.3
 """The embedded broker stays on for so long, to pass on the last messages."""
 
@@ -104,9 +106,14 @@ class Outputs:
         self._of_sensor: dict[str, Outbox] = {}
         self._announcers: list[Announcer] = []
         self._wills: dict[str, Message] = {}
+        """By whose they are, first that of the session."""
+        self._last_wills: list[LastWills] = []
 
-    def of_session(self, topics: Sequence[str], on_message: OnMessage) -> Outbox:
-        """The session's own: it receives what comes on those topics. Asked for before any other."""
+    def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
+        """The session's own: it receives what comes on those topics. Asked for before any other.
+
+        `will` is what a broker is to say should the session die.
+        """
         self._on_message = on_message
         self.brokers = [
             MqttTransport(
@@ -122,7 +129,10 @@ class Outputs:
         self.connected.extend(self.brokers)
         for link in self.brokers:
             if not link.address.ends_with_us:
-                self.connected.append(LastWills(link, self._wills, partial(self._is_back, link)))
+                self._wills[SESSION] = will
+                wills = LastWills(link, self._wills, partial(self._is_back, link))
+                self._last_wills.append(wills)
+                self.connected.append(wills)
         self._of_session = Outbox(self._clock, self.brokers, after_link=self._after_link)
         return self._of_session
 
@@ -183,6 +193,11 @@ class Outputs:
         transports = [*self.brokers, *self._sapient, *self.udp]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
 
+    def forget_wills(self) -> None:
+        """All that there is to say at the end is said: no broker shall say that all have died."""
+        for wills in self._last_wills:
+            wills.forget()
+
     def give_up(self) -> None:
         """Settle what brokers have not taken by now, which the session's end leaves undelivered."""
         for link in self.brokers:
@@ -220,8 +235,9 @@ class Outputs:
         for message in anew:
             link.publish(Delivery(message, self._clock, 1))
 
-    def _is_back(self, link: MqttTransport, sensor: str) -> None:
-        """Say again how a sensor is: its will was lost, and the broker has published that."""
-        outbox, topic = self._of_sensor[sensor], self._wills[sensor].topic
+    def _is_back(self, link: MqttTransport, whose: str) -> None:
+        """Say again how a sensor, or the session, is: the broker has published its last will."""
+        outbox = self._of_session if whose == SESSION else self._of_sensor[whose]
+        topic = self._wills[whose].topic
         if topic in outbox.retained:
             link.publish(Delivery(outbox.retained[topic], self._clock, 1, client=outbox.counters))

@@ -8,20 +8,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from functools import partial
-from importlib.metadata import version
 from typing import Any
 
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Departure, Outbox
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import instants_ns, merged
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS, EmulatedSensors
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import status_of
@@ -29,7 +27,6 @@ from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS, iso_utc
 
 STATUS_EVERY_NS = 5 * NS
@@ -177,7 +174,7 @@ class SensorTask:
         now_ns = self._context.clock.now_ns()
         source, sensor = f"{self._prefix}/{self.sensor.id}", self.sensor.id
         payload = to_json(self._description)
-        return _retained(source, "description", payload, now_ns, sensor=sensor)
+        return retained_message(source, "description", payload, now_ns, sensor=sensor)
 
     @property
     def status(self) -> pb.SensorStatus:
@@ -260,7 +257,9 @@ def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Mes
     """A sensor's status."""
     status.time_utc.FromNanoseconds(now_utc_ns)
     sensor = status.sensor
-    return _retained(f"{prefix}/{sensor}", "status", to_json(status), now_utc_ns, sensor=sensor)
+    return retained_message(
+        f"{prefix}/{sensor}", "status", to_json(status), now_utc_ns, sensor=sensor
+    )
 
 
 def settings_message(
@@ -274,31 +273,4 @@ def settings_message(
         "in_force": sensor.model_dump(mode="json", exclude_unset=True, exclude={"event"}),
     }
     payload, source = json.dumps(said).encode(), f"{prefix}/{sensor.id}"
-    return _retained(source, "settings", payload, now_utc_ns, sensor=sensor.id)
-
-
-def session_message(scene: Scene, start_utc_ns: int) -> Message:
-    """Which scene runs, and since when."""
-    said = {
-        "scene": scene.scene.name,
-        "seed": scene.scene.seed,
-        "start_utc": iso_utc(start_utc_ns),
-        "start_utc_ns": start_utc_ns,
-        "tick_ms": AHEAD_NS // NS_IN_MS,
-        "sensors": [sensor.id for sensor in scene.sensor],
-        "site": scene.scene.site.model_dump(),
-        "plotfeed": version("plotfeed"),
-    }
-    return _retained(scene.mqtt.prefix, "session", json.dumps(said).encode(), start_utc_ns)
-
-
-def _retained(source: str, kind: str, payload: bytes, now_utc_ns: int, **more: str) -> Message:
-    return Message(
-        topic=f"{source}/{kind}",
-        payload=payload,
-        content_type=JSON,
-        due_utc_ns=now_utc_ns,
-        properties=attributes(source, kind, str(now_utc_ns), now_utc_ns, **more),
-        retain=True,
-        qos=1,
-    )
+    return retained_message(source, "settings", payload, now_utc_ns, sensor=sensor.id)

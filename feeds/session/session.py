@@ -21,8 +21,9 @@ from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
+from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
-from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask, session_message
+from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
 from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
@@ -30,6 +31,8 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.utc import NS
 
 FIRST_CONNECTION_S = 5.0
+ECHO_S = 5.0
+"""By then a session has heard from its broker what it has said itself."""
 FLUSH_S = 0.5
 """A session that is told to stop waits so long for what its links still hold."""
 FAREWELL_S = 0.8
@@ -143,7 +146,10 @@ class Session:
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
         self._outputs = Outputs(context, addresses)
-        self._outbox = self._outputs.of_session(self._inputs.topics, self._loop.queue_input)
+        self._presence = SessionPresence(scene, clock, totals, self._publish)
+        topics = [*self._inputs.topics, self._presence.topic]
+        will = self._presence.will(self.start_ns)
+        self._outbox = self._outputs.of_session(topics, self._hear, will)
         sensors = EmulatedSensors(scene, self.trajectories)
         for i, sensor in enumerate(scene.sensor):
             outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
@@ -191,6 +197,7 @@ class Session:
                 try:
                     await _first_of(self._connected(), stop)
                     if stop.is_set():
+                        self._outputs.forget_wills()
                         return  # nothing has begun
                     on_ready()
                     self.start_ns = self.clock.start()
@@ -204,6 +211,12 @@ class Session:
     async def _connected(self) -> None:
         for transport in self._outputs.connected:
             await transport.wait_until_up(FIRST_CONNECTION_S)
+
+    def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        if topic == self._presence.topic:
+            self._presence.hear(payload)
+        else:
+            self._loop.queue_input(topic, payload, content_type)
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
@@ -232,7 +245,10 @@ class Session:
         self.totals.drones = len(self.trajectories)
         for observer in self._observers:
             observer.begun(self)
-        self._outbox.send_past_link(session_message(self.scene, self.start_ns))
+        self._presence.begin(self.start_ns)
+        if any(link.is_up and not link.address.ends_with_us for link in self._outputs.brokers):
+            loop = asyncio.get_running_loop()
+            loop.call_later(ECHO_S, self._presence.complain_if_unheard)
         self._ticks.start(self.start_ns)
         for task in self.sensor_tasks.values():
             task.start(self.start_ns)
@@ -256,7 +272,9 @@ class Session:
             sensor_task.end()
         if self._cooperative is not None:
             self._cooperative.outbox.end()
+        self._presence.end()
         await self._drain()
+        self._outputs.forget_wills()
         for task in sensors:
             task.cancel()
         await asyncio.gather(*sensors, return_exceptions=True)

@@ -36,6 +36,9 @@ TOGETHER_OCTETS = 1 << 16
 """Of QoS 1: beyond, what is to leave in one write leaves at once."""
 HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
+MOST_COMPLAINTS = 10
+"""Topics of a connection on which a broker refuses messages, and that are named."""
+TLS_TIMEOUT_S = 1.0
 REFUSED = 128
 """The codes of SUBACK and PUBACK from here on."""
 VERSION_NAMES = {5: "5", 4: "3.1.1"}
@@ -78,7 +81,9 @@ class MqttConnection:
         self._packed_octets = 0
         self._buffer: SocketBuffer
         """There is one as soon as it is open."""
-        self._complained = False
+        self._subscriptions: dict[int, str] = {}
+        """Filters that the broker has not answered for, by the number of their subscription."""
+        self._refused_topics: set[str] = set()
         self._largest_payload: int | None = None
         self._client = GmqttClient(
             client_id,
@@ -112,7 +117,8 @@ class MqttConnection:
     def subscribe(self, topic_filter: str) -> None:
         """Have what comes there."""
         as_published = self._on_received is not None and self.version >= 5
-        self._client.subscribe(topic_filter, as_published=as_published)
+        number = self._client.subscribe(topic_filter, as_published=as_published)
+        self._subscriptions[number] = topic_filter
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
@@ -221,7 +227,8 @@ class MqttConnection:
             if greeting.done():
                 greeting.result()
             if lost.done():
-                raise hung_up(address, self.version, self._client.what_broke())
+                lost_by = self._client.what_broke()
+                raise hung_up(address, self.version, lost_by, speaks_tls=await _speaks_tls(address))
             if not greeting.done():
                 raise no_answer()
         except CONNECT_ERRORS as error:
@@ -256,15 +263,22 @@ class MqttConnection:
         if len(packet) <= 2 or packet[2] < REFUSED:
             self._window.acknowledge(number)
         else:
-            self._window.refuse(number)
-            if not self._complained:
-                self._complained = True
+            topic = self._window.refuse(number)
+            if topic not in self._refused_topics and len(self._refused_topics) < MOST_COMPLAINTS:
+                self._refused_topics.add(topic)
                 reason = reason_name(packet[2])
-                log.warning("%s refuses what is published: %s", self._address, reason)
+                log.warning("%s refuses what is published on %s: %s", self._address, topic, reason)
 
-    def _subscribed(self, granted: Sequence[int]) -> None:
-        if any(code >= REFUSED for code in granted):
-            log.warning("%s does not grant a subscription", self._address)
+    def _subscribed(self, number: int, granted: Sequence[int]) -> None:
+        topic_filter = self._subscriptions.pop(number, "")
+        for code in granted:
+            if code >= REFUSED:
+                log.warning(
+                    "%s does not grant the subscription to %s (%s): what comes there is not heard",
+                    self._address,
+                    topic_filter,
+                    "refused" if code == REFUSED else reason_name(code),
+                )
 
     def _received(
         self, topic: str, payload: bytes, qos: int, retain: bool, properties: Mapping[str, Any]
@@ -317,19 +331,38 @@ def failure(error: Exception) -> MqttError:
     return MqttError(str(error) or type(error).__name__)
 
 
-def hung_up(address: BrokerAddress, version: int, lost: BaseException | None) -> MqttError:
+def hung_up(
+    address: BrokerAddress, version: int, lost: BaseException | None, *, speaks_tls: bool
+) -> MqttError:
     """The error for a broker that hangs up instead of answering; `lost` is what broke it."""
     if isinstance(lost, ssl.SSLError):
         return failure(lost)
-    access, may_want = address.access, []
-    if not address.tls:
-        may_want.append("TLS (mqtts://)")
-    else:
+    access, answer = address.access, "it hung up without an answer"
+    if speaks_tls and not address.tls:
+        return MqttError(f"{answer}: it wants TLS (mqtts://)")
+    may_want = []
+    if address.tls:
         may_want.append(f"{'a' if access.certificate_file is None else 'another'} certificate")
     may_want.append(f"{'a' if access.username is None else 'another'} user name and password")
     may_want.append(f"another version of MQTT than {VERSION_NAMES[version]}")
-    guess = f"it may want {', '.join(may_want[:-1])}, or {may_want[-1]}"
-    return MqttError(f"it hung up without an answer: {guess}", versions=True)
+    guess = f"it may have as many connections as it takes, or want {', or '.join(may_want)}"
+    return MqttError(f"{answer}: {guess}", versions=True)
+
+
+async def _speaks_tls(address: BrokerAddress) -> bool:
+    """Whether it answers TLS where it was spoken to without, whatever its certificate."""
+    if address.tls:
+        return True
+    anybody = ssl.create_default_context()
+    anybody.check_hostname = False
+    anybody.verify_mode = ssl.CERT_NONE
+    try:
+        async with asyncio.timeout(TLS_TIMEOUT_S):
+            _, writer = await asyncio.open_connection(address.host, address.port, ssl=anybody)
+    except (OSError, TimeoutError):
+        return False
+    writer.transport.abort()
+    return True
 
 
 def no_answer() -> MqttError:

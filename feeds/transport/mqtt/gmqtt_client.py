@@ -64,7 +64,7 @@ class GmqttClient:
         username: str | None,
         password: str | None,
         on_accepted: Callable[[Mapping[str, Any]], object],
-        on_granted: Callable[[Sequence[int]], object],
+        on_granted: Callable[[int, Sequence[int]], object],
         on_message: Callable[[str, bytes, int, bool, Mapping[str, Any]], object],
         on_acknowledged: Callable[[bytes], object],
         on_ended: Callable[[bytes], object],
@@ -72,6 +72,7 @@ class GmqttClient:
         """`on_accepted` and `on_message` are given properties of MQTT 5, the latter last of all.
 
         Before them, of a message: topic, payload, QoS, and whether it is retained.
+        `on_granted` is given the number of a subscription, and the codes for its filters.
         `on_acknowledged` is given a PUBACK, `on_ended` a DISCONNECT or nothing.
         """
         self._version = version
@@ -97,7 +98,7 @@ class GmqttClient:
 
         self._client.on_connect = accepted
         self._client.on_disconnect = lambda _client, packet, *_: on_ended(packet or b"")
-        self._client.on_subscribe = lambda _client, _id, granted, _properties: on_granted(granted)
+        self._client.on_subscribe = lambda _client, number, granted, _: on_granted(number, granted)
         self._client.on_message = received
         # gmqtt takes a PUBACK that refuses for one that accepts, and knows nothing of our ids.
         handler._handler_cache[PUBACK] = lambda _command, packet: on_acknowledged(packet)
@@ -109,9 +110,13 @@ class GmqttClient:
             host, port, ssl=tls or False, version=self._version, keepalive=KEEP_ALIVE_S
         )
 
-    def subscribe(self, topic_filter: str, *, as_published: bool) -> None:
-        """Have what comes there; `as_published` says that retained messages are marked."""
-        self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
+    def subscribe(self, topic_filter: str, *, as_published: bool) -> int:
+        """Have what comes there; `as_published` says that retained messages are marked.
+
+        The number by which the answer names the subscription.
+        """
+        number: int = self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
+        return number
 
     def write(self, octets: bytes) -> None:
         """Send packets that are packed."""

@@ -59,6 +59,7 @@ class LastWills:
         self._placed = asyncio.Event()
         """All wills have been placed once, or it has been tried."""
         self._complained = False
+        self._forgotten = False
 
     @property
     def placed(self) -> int:
@@ -72,7 +73,10 @@ class LastWills:
                 await self._placed.wait()
 
     async def run(self) -> None:
-        """Connect, and connect again those that were lost, until cancelled; then say goodbye."""
+        """Connect, and connect again those that were lost, until cancelled.
+
+        Then say goodbye if the wills are to be forgotten, and else leave them to the broker.
+        """
         loop = asyncio.get_running_loop()
         failures, again_s = 0, 0.0
         try:
@@ -88,7 +92,14 @@ class LastWills:
                 await asyncio.sleep(LOOK_EVERY_S)
         finally:
             for connection in [*self._up.values()]:
-                connection.end()
+                if self._forgotten:
+                    connection.end()
+                else:
+                    connection.abort()
+
+    def forget(self) -> None:
+        """No will shall be published any more when its connection ends."""
+        self._forgotten = True
 
     async def _connect_missing(self) -> bool:
         """Place all wills that are not placed, some at a time; whether that could be done."""
@@ -194,7 +205,8 @@ class _WillConnection(asyncio.Protocol):
 
     def connection_lost(self, error: Exception | None) -> None:
         """Nobody is there any more."""
-        self._answered((error and str(error)) or "it hung up without an answer")
+        hung_up = "it hung up without an answer: it may have as many connections as it takes"
+        self._answered((error and str(error)) or hung_up)
         if not self.lost.done():
             self.lost.set_result(None)
 

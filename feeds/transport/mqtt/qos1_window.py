@@ -54,9 +54,11 @@ class Qos1Window:
         """The broker has taken it; an id that nobody has is passed over."""
         self._answered(number, delivered=True)
 
-    def refuse(self, number: int) -> None:
-        """The broker has answered that it does not take it."""
+    def refuse(self, number: int) -> str:
+        """The broker has answered that it does not take it; its topic, empty for an unknown id."""
+        delivery = self._deliveries.get(number)
         self._counts.refused += self._answered(number, delivered=False)
+        return "" if delivery is None else delivery.message.topic
 
     def take_all(self) -> list[Delivery]:
         """All that is unacknowledged, in the order in which it was sent; it is kept no longer."""

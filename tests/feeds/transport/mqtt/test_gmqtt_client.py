@@ -38,7 +38,7 @@ class Used:
             username=None,
             password=None,
             on_accepted=lambda _: None,
-            on_granted=lambda _: None,
+            on_granted=lambda *_: None,
             on_message=lambda *_: None,
             on_acknowledged=self.answers.append,
             on_ended=self.ended.append,

@@ -85,7 +85,10 @@ def status(sensor: str, state: str) -> Message:
 
 @asynccontextmanager
 async def placed(
-    port: int, sensors: Sequence[str] = SENSORS, versions: tuple[int, ...] = (5, 4)
+    port: int,
+    sensors: Sequence[str] = SENSORS,
+    versions: tuple[int, ...] = (5, 4),
+    says_goodbye: bool = True,
 ) -> AsyncIterator[tuple[LastWills, list[str]]]:
     """With a link that says ONLINE, and whose wills came back."""
     link = MqttTransport(BrokerAddress("127.0.0.1", port, versions), "test")
@@ -106,6 +109,8 @@ async def placed(
             yield there, back
         finally:
             await link.drain(PATIENCE_S)
+            if says_goodbye:
+                there.forget()
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
 
@@ -151,6 +156,17 @@ async def test_wills_that_say_goodbye_are_forgotten(start: Start, tmp_path: Path
             await until(lambda: all_states(ears) == were("ONLINE"))
         await asyncio.sleep(0.2)
         assert all_states(ears) == were("ONLINE")
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_wills_that_say_no_goodbye_are_told(start: Start, tmp_path: Path) -> None:
+    """As of a session that broke."""
+    port = free_port()
+    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+        async with placed(port, says_goodbye=False):
+            await until(lambda: all_states(ears) == were("ONLINE"))
+        await until(lambda: all_states(ears) == were("ONLINE", "OFFLINE"))
 
 
 @pytest.mark.asyncio

@@ -236,7 +236,7 @@ async def test_a_name_must_be_the_brokers_too(brokers: Brokers) -> None:
 @pytest.mark.asyncio
 async def test_tls_where_there_is_none_and_none_where_there_is_are_told(brokers: Brokers) -> None:
     plain = f"mqtt://127.0.0.1:{brokers.ports['tls']}"
-    assert "it may want TLS (mqtts://)" in await refusal(BrokerAddress.parse(plain))
+    assert "it wants TLS (mqtts://)" in await refusal(BrokerAddress.parse(plain))
     secured = f"mqtts://127.0.0.1:{brokers.ports['anyone']}"
     assert await refusal(BrokerAddress.parse(secured, access=brokers.access()))
 

@@ -173,7 +173,7 @@ async def test_what_a_broker_answers_with_a_refusal_is_not_delivered(
         assert (deliveries.delivered, deliveries.given_up) == ([0, 2, 4], [1, 3])
         assert (link.counts.refused, link.counts.dropped, link.connections) == (2, 0, 1)
     (line,) = [r.getMessage() for r in caplog.records]
-    assert line.endswith("refuses what is published: quota exceeded")
+    assert line.endswith("refuses what is published on t: quota exceeded")
 
 
 @pytest.mark.asyncio

@@ -49,7 +49,7 @@ class Ears:
             username=None,
             password=None,
             on_accepted=lambda _: None,
-            on_granted=lambda _: None,
+            on_granted=lambda *_: None,
             on_message=self.came,
             on_acknowledged=lambda _: None,
             on_ended=lambda _: None,

@@ -1,0 +1,107 @@
+"""What mosquitto's access list or its limit on connections denies a session, and what it tells."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port, mosquitto, password_file
+from support.command import plotfeed, running
+from support.mqtt_client import listening
+from support.scene_files import radar, scene_file, scene_text
+
+DOCUMENTED = Path(__file__).parents[4] / "docs" / "mqtt.md"
+
+
+@pytest.fixture(autouse=True)
+def credentials(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", "plotfeed")
+    monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", "secret")
+
+
+@contextmanager
+def mosquitto_with(folder: Path, access: str) -> Iterator[int]:
+    """Its port, where plotfeed has that access and who does not say his name has all."""
+    port = free_port()
+    list_file = folder / "access"
+    list_file.write_text(f"topic readwrite #\n\n{access}\n")
+    list_file.chmod(0o600)
+    settings = (
+        f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+        f"password_file {password_file(folder, 'plotfeed', 'secret')}\nacl_file {list_file}\n"
+    )
+    with mosquitto(folder, port, settings):
+        yield port
+
+
+def scene(folder: Path, version: str = "any") -> Path:
+    mqtt = f'prefix = "north/site/7"\nversion = "{version}"'
+    return scene_file(folder, scene_text(sensors=radar(period_s=0.2, sectors=8), mqtt=mqtt))
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_the_access_list_of_the_documentation_is_enough(tmp_path: Path, version: str) -> None:
+    (access,) = re.findall(r"^user plotfeed\n.*?(?=^```)", DOCUMENTED.read_text(), re.M | re.S)
+    with (
+        mosquitto_with(tmp_path, access) as port,
+        listening(port, 5, "north/#") as client,
+        running("run", scene(tmp_path, version), "--broker", f"mqtt://127.0.0.1:{port}") as session,
+    ):
+        client.wait_for(lambda m: m.topic.endswith("/plots"))
+        command = b'{"sensor": "radar", "set": {"enabled": false}}'
+        client.publish("north/site/7/control", command)
+        client.wait_for(
+            lambda m: m.topic.endswith("/settings") and bool(json.loads(m.payload)["controlled"])
+        )
+        client.publish("north/site/7/telemetry/x", b"rubbish")
+        client.wait_for(lambda m: m.topic.endswith("/errors"))
+        assert session.end(signal.SIGTERM)[2] == ""
+
+
+@pytest.mark.parametrize("version", ["5", "3.1.1"])
+def test_a_broker_that_passes_nothing_on_is_told(tmp_path: Path, version: str) -> None:
+    """It grants the subscriptions that its access list denies."""
+    with (
+        mosquitto_with(tmp_path, "user plotfeed\ntopic write north/site/7/#") as port,
+        running("run", scene(tmp_path, version), "--broker", f"mqtt://127.0.0.1:{port}") as session,
+    ):
+        assert session.process.stderr is not None
+        told = session.process.stderr.readline()
+        session.end(signal.SIGTERM)
+    assert told.startswith("plotfeed: nothing comes back from north/site/7/session: ")
+    assert "north/site/7/control" in told
+
+
+def test_topics_that_may_not_be_written_are_named(tmp_path: Path) -> None:
+    access = "user plotfeed\ntopic readwrite north/site/7/session\ntopic read north/site/7/#"
+    with mosquitto_with(tmp_path, access) as port:
+        url = f"mqtt://127.0.0.1:{port}"
+        done = plotfeed("run", scene(tmp_path, "5"), "--broker", url, "--duration", 1)
+    for topic in ("radar/status", "radar/settings"):
+        line = f"{url} refuses what is published on north/site/7/{topic}: "
+        assert done.stderr.count(line) == 1
+    assert "session" not in done.stderr
+
+
+def test_a_limit_on_connections_is_told_as_that(tmp_path: Path) -> None:
+    port = free_port()
+    url, limit = f"mqtt://127.0.0.1:{port}", "max_connections 1\n"  # some take one more
+    settings = f"{limit}listener {port} 127.0.0.1\n{limit}allow_anonymous true\n"
+    hint = "it hung up without an answer: it may have as many connections as it takes"
+    with mosquitto(tmp_path, port, settings), ExitStack() as others:
+        done = plotfeed("run", scene(tmp_path), "--broker", url, "--duration", 1)
+        assert done.returncode == 0
+        assert done.stderr == f"plotfeed: plotfeed-session-wills: no last will at {url} ({hint})\n"
+        for _ in range(2):
+            with suppress(ConnectionResetError):
+                others.enter_context(listening(port, 5))
+        done = plotfeed("run", scene(tmp_path), "--broker", url, "--duration", 1)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"plotfeed: MQTT broker {url}: {hint}, or want ")
+    assert "TLS" not in done.stderr
+    assert len(done.stderr.splitlines()) == 1
