@@ -18,7 +18,8 @@ from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message, OnReceived
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
+from plotfeed.feeds.transport.mqtt.no_connection import MqttError, no_answer
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 
 log = logging.getLogger(__name__)

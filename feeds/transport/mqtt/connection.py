@@ -1,7 +1,6 @@
 """One connection to an MQTT broker: it lives once, and knows whether it is up and has room.
 
-What has not arrived when it is over is handed back. Why there is none is told in words, without
-secrets.
+What has not arrived when it is over is handed back.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import ssl
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,12 +18,17 @@ from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
     GmqttClient,
     reason_name,
-    refusal_code,
+)
+from plotfeed.feeds.transport.mqtt.no_connection import (
+    MqttError,
+    failure,
+    hung_up,
+    no_answer,
+    speaks_tls,
 )
 from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
 from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
-from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
@@ -38,14 +41,8 @@ HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 MOST_COMPLAINTS = 10
 """Topics of a connection on which a broker refuses messages, and that are named."""
-TLS_TIMEOUT_S = 1.0
 REFUSED = 128
 """The codes of SUBACK and PUBACK from here on."""
-VERSION_NAMES = {5: "5", 4: "3.1.1"}
-UNKNOWN_VERSION = frozenset({1, 132})
-"""CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak."""
-TRANSIENT = frozenset({3, 131, 136, 137, 151, 159})
-"""CONNACK's codes for what a broker may think better of: busy, not available yet."""
 
 OnMessage = Callable[[str, bytes, str | None], None]
 """Called with topic, payload and content type."""
@@ -227,16 +224,22 @@ class MqttConnection:
             if greeting.done():
                 greeting.result()
             if lost.done():
-                lost_by = self._client.what_broke()
-                raise hung_up(address, self.version, lost_by, speaks_tls=await _speaks_tls(address))
+                raise await self._hung_up()
             if not greeting.done():
                 raise no_answer()
+        except ConnectionResetError:
+            raise await self._hung_up() from None
         except CONNECT_ERRORS as error:
             raise failure(error) from None
         finally:
             for task in (greeting, lost):
                 task.cancel()
             await asyncio.gather(greeting, lost, return_exceptions=True)
+
+    async def _hung_up(self) -> MqttError:
+        wants_tls = await speaks_tls(self._address)
+        broke = self._client.what_broke()
+        return hung_up(self._address, self.version, broke, wants_tls=wants_tls)
 
     def _write_packets(self) -> None:
         octets = b"".join(self._packets)
@@ -297,78 +300,3 @@ class MqttConnection:
                     qos=qos,
                 )
             )
-
-
-class MqttError(PlotfeedError):
-    """A broker with which there is no connection."""
-
-    exit_code = 1
-
-    def __init__(self, reason: str, *, final: bool = False, versions: bool = False) -> None:
-        super().__init__(reason)
-        self.final = final
-        """It would be no better a second time."""
-        self.other_version = versions
-        """It may be better with another version of MQTT."""
-
-
-def failure(error: Exception) -> MqttError:
-    """The error for what went wrong before the broker had an answer, or for its answer."""
-    if (code := refusal_code(error)) is not None:
-        return MqttError(
-            f"it refuses: {reason_name(code)}",
-            final=code not in TRANSIENT,
-            versions=code in UNKNOWN_VERSION,
-        )
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return MqttError(f"its certificate is not good: {error.verify_message}", final=True)
-    if isinstance(error, ssl.SSLError):
-        return MqttError(f"TLS failed: {_words(error.reason) or 'no more is known'}")
-    if isinstance(error, UnicodeError):
-        return MqttError("no host can have this name", final=True)
-    if isinstance(error, OSError):
-        return MqttError(error.strerror or str(error) or type(error).__name__)
-    return MqttError(str(error) or type(error).__name__)
-
-
-def hung_up(
-    address: BrokerAddress, version: int, lost: BaseException | None, *, speaks_tls: bool
-) -> MqttError:
-    """The error for a broker that hangs up instead of answering; `lost` is what broke it."""
-    if isinstance(lost, ssl.SSLError):
-        return failure(lost)
-    access, answer = address.access, "it hung up without an answer"
-    if speaks_tls and not address.tls:
-        return MqttError(f"{answer}: it wants TLS (mqtts://)")
-    may_want = []
-    if address.tls:
-        may_want.append(f"{'a' if access.certificate_file is None else 'another'} certificate")
-    may_want.append(f"{'a' if access.username is None else 'another'} user name and password")
-    may_want.append(f"another version of MQTT than {VERSION_NAMES[version]}")
-    guess = f"it may have as many connections as it takes, or want {', or '.join(may_want)}"
-    return MqttError(f"{answer}: {guess}", versions=True)
-
-
-async def _speaks_tls(address: BrokerAddress) -> bool:
-    """Whether it answers TLS where it was spoken to without, whatever its certificate."""
-    if address.tls:
-        return True
-    anybody = ssl.create_default_context()
-    anybody.check_hostname = False
-    anybody.verify_mode = ssl.CERT_NONE
-    try:
-        async with asyncio.timeout(TLS_TIMEOUT_S):
-            _, writer = await asyncio.open_connection(address.host, address.port, ssl=anybody)
-    except (OSError, TimeoutError):
-        return False
-    writer.transport.abort()
-    return True
-
-
-def no_answer() -> MqttError:
-    """The error for a broker that takes the connection and says nothing."""
-    return MqttError("no answer to CONNECT", versions=True)
-
-
-def _words(reason: str | None) -> str:
-    return (reason or "").replace("_", " ").lower()

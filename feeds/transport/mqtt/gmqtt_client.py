@@ -144,6 +144,8 @@ class GmqttClient:
 
     def what_broke(self) -> BaseException | None:
         """The error that ended the connection."""
+        if self._client._connection is None:
+            return None
         closed: asyncio.Future[None] = self._client._connection._protocol.closed
         return closed.exception() if closed.done() and not closed.cancelled() else None
 

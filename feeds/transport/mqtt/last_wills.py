@@ -206,7 +206,8 @@ class _WillConnection(asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         """Nobody is there any more."""
         hung_up = "it hung up without an answer: it may have as many connections as it takes"
-        self._answered((error and str(error)) or hung_up)
+        was_reset = error is None or isinstance(error, ConnectionResetError)
+        self._answered(hung_up if was_reset else str(error))
         if not self.lost.done():
             self.lost.set_result(None)
 

@@ -88,20 +88,34 @@ def test_topics_that_may_not_be_written_are_named(tmp_path: Path) -> None:
     assert "session" not in done.stderr
 
 
-def test_a_limit_on_connections_is_told_as_that(tmp_path: Path) -> None:
-    port = free_port()
-    url, limit = f"mqtt://127.0.0.1:{port}", "max_connections 1\n"  # some take one more
+HINT = "it hung up without an answer: it may have as many connections as it takes"
+
+
+@contextmanager
+def mosquitto_of_few(folder: Path) -> Iterator[int]:
+    """Its port, where it takes one connection; or two, as some count."""
+    port, limit = free_port(), "max_connections 1\n"
     settings = f"{limit}listener {port} 127.0.0.1\n{limit}allow_anonymous true\n"
-    hint = "it hung up without an answer: it may have as many connections as it takes"
-    with mosquitto(tmp_path, port, settings), ExitStack() as others:
-        done = plotfeed("run", scene(tmp_path), "--broker", url, "--duration", 1)
-        assert done.returncode == 0
-        assert done.stderr == f"plotfeed: plotfeed-session-wills: no last will at {url} ({hint})\n"
-        for _ in range(2):
-            with suppress(ConnectionResetError):
+    with mosquitto(folder, port, settings):
+        yield port
+
+
+def test_a_limit_on_connections_is_told_as_that(tmp_path: Path) -> None:
+    with mosquitto_of_few(tmp_path) as port, ExitStack() as others:
+        with suppress(ConnectionResetError):
+            for _ in range(10):
                 others.enter_context(listening(port, 5))
+        url = f"mqtt://127.0.0.1:{port}"
         done = plotfeed("run", scene(tmp_path), "--broker", url, "--duration", 1)
     assert done.returncode == 1
-    assert done.stderr.startswith(f"plotfeed: MQTT broker {url}: {hint}, or want ")
+    assert done.stderr.startswith(f"plotfeed: MQTT broker {url}: {HINT}, or want ")
     assert "TLS" not in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_limit_that_has_no_room_for_wills_is_told_as_that(tmp_path: Path) -> None:
+    with mosquitto_of_few(tmp_path) as port:
+        url = f"mqtt://127.0.0.1:{port}"
+        done = plotfeed("run", scene(tmp_path), "--broker", url, "--duration", 1)
+    assert done.returncode == 0
+    assert done.stderr == f"plotfeed: plotfeed-session-wills: no last will at {url} ({HINT})\n"
