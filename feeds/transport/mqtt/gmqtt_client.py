@@ -190,9 +190,11 @@ class _Publications:
         end = place = place + 2 if qos else place
         if self._has_properties:
             end = place + 1 + packet[place]
+            if packet[place] >= MORE:  # iotcore cuts us off where gmqtt acknowledges it
+                end = _end_of_long(packet, place)
             octets = packet[place:end]
             properties = self._known.get(octets)
-            if properties is None and octets[0] < MORE and len(octets) == octets[0] + 1:
+            if properties is None and end <= len(packet):
                 properties = self._learnt(octets)
         if properties is None or not topic or qos > 1 or end > len(packet):
             self._by_gmqtt(command, packet)
@@ -224,6 +226,17 @@ class _Publications:
         connection = self._client._connection
         if connection is not None and not connection._transport.is_closing():
             connection.send_package(octets)
+
+
+def _end_of_long(packet: bytes, place: int) -> int:
+    """Where what has its length at that place ends; beyond the packet, if it is no length."""
+    length = 0
+    for octet in range(4):
+        found = packet[place + octet] if place + octet < len(packet) else MORE
+        length |= (found & MORE - 1) << 7 * octet
+        if found < MORE:
+            return place + octet + 1 + length
+    return len(packet) + 1
 
 
 def refusal_code(error: Exception) -> int | None:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.brokers import free_port
+from support.sessions import Start, every_broker
+from support.waiting import PATIENCE_S, until
 
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.gmqtt_client import PUBLISH, GmqttClient
 from plotfeed.proto.varint import varint
 
@@ -140,3 +150,27 @@ def test_messages_that_come_together_are_acknowledged_together() -> None:
         return count
 
     assert asyncio.run(writes()) == 1
+
+
+@every_broker
+@pytest.mark.parametrize("octets", [100, 127, 128, 200, 16_383, 16_384, 60_000])
+@pytest.mark.asyncio
+async def test_however_long_properties_are_the_connection_stays(
+    start: Start, tmp_path: Path, octets: int
+) -> None:
+    port = free_port()
+    heard: list[bytes] = []
+    with start(tmp_path, port):
+        link = MqttTransport(
+            BrokerAddress("127.0.0.1", port, (5,)),
+            "test",
+            subscribe=["a"],
+            on_message=lambda _topic, payload, _type: heard.append(payload),
+        )
+        async with link.connected(PATIENCE_S):
+            pairs = [("k", "v" * (octets - 6))]
+            for payload in (b"1", b"2"):
+                message = Message("a", payload, "", 0, properties=pairs, qos=1)
+                link.publish(Delivery(message, WallClock(), 1))
+                await until(lambda payload=payload: payload in heard)  # type: ignore[misc]
+            assert link.connections == 1
