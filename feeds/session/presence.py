@@ -53,7 +53,7 @@ class SessionPresence:
         self._say(RUNNING)
 
     def end(self) -> None:
-        """It has come to its end."""
+        """The session has come to its end."""
         self._say(ENDED)
         self._start_ns = None
 
