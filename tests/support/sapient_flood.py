@@ -1,5 +1,7 @@
 """A SAPIENT middleware in a process of its own that never stops talking, and still listens.
 
+    python tests/support/sapient_flood.py errors|empty|tasks
+
 It prints its port, and whenever a node has said goodbye, how many detections that node reported.
 """
 
@@ -13,6 +15,14 @@ from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 
 ACK = SapientMessage(registration_ack={"acceptance": True}).SerializeToString()
 ERROR = SapientMessage(error={"packet": b"x", "error_message": ["no"]}).SerializeToString()
+TASK = SapientMessage(
+    task={
+        "task_id": "01J00000000000000000000000",
+        "control": "CONTROL_START",
+        "command": {"request": "Status"},
+    }
+).SerializeToString()
+SAYS = {"errors": ERROR, "empty": b"", "tasks": TASK}
 AT_ONCE = 200
 
 
@@ -22,7 +32,7 @@ def framed(message: bytes) -> bytes:
 
 async def talk(writer: asyncio.StreamWriter) -> None:
     while True:
-        writer.write(framed(ERROR) * AT_ONCE)
+        writer.write(framed(SAYS[sys.argv[1]]) * AT_ONCE)
         await writer.drain()
         await asyncio.sleep(0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import socket
 import subprocess
@@ -21,6 +22,8 @@ from support.road import held, radar, scene, staring
 from support.sapient_middleware import Peer, linked, listening, polite, status_report
 from support.waiting import PATIENCE_S, until
 
+from plotfeed.feeds.formats.sapient.sapient_tasks import MAX_TASKS_PER_S
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
@@ -188,13 +191,19 @@ async def test_the_system_gives_up_a_host_that_is_gone_without_a_word() -> None:
 
 
 class Fates(Observer):
-    """Fates of messages, by sensor."""
+    """Fates of messages, and how statuses say that it goes with the middleware, by sensor."""
 
     def __init__(self) -> None:
         self.of: dict[str, Counter[int]] = {}
+        self.statuses: dict[str, list[dict[str, Any]]] = {}
 
     def settled(self, report: SectorReport, sent: Any) -> None:
         self.of.setdefault(report.sensor, Counter()).update(one.fate for one in sent)
+
+    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
+        if message.topic.endswith("/status"):
+            status = json.loads(message.payload)
+            self.statuses.setdefault(status["sensor"], []).append(status["sapient"])
 
 
 @pytest.mark.asyncio
@@ -217,6 +226,9 @@ async def test_a_node_that_is_refused_costs_no_other_anything() -> None:
         )
         totals = await run(flown, broker="none", duration_s=2.0, observers=[fates])
     assert totals.sapient_refusals == 1
+    good, bad = fates.statuses["good"][0], fates.statuses["bad"][0]
+    assert (good["reporting"], good["connections"], good["refusals"]) == (True, "1", "0")
+    assert (bad.get("reporting", False), bad["connections"], bad["refusals"]) == (False, "1", "1")
     assert set(fates.of["good"]) == {pb.SENT}
     assert set(fates.of["bad"]) == {pb.UNDELIVERED}
     assert totals.undelivered == fates.of["bad"].total() > 5
@@ -226,9 +238,9 @@ async def test_a_node_that_is_refused_costs_no_other_anything() -> None:
 
 
 @contextmanager
-def flooding() -> Iterator[subprocess.Popen[str]]:
+def flooding(says: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [sys.executable, str(Path(sapient_flood.__file__))],
+        [sys.executable, str(Path(sapient_flood.__file__)), says],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -240,11 +252,12 @@ def flooding() -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
+@pytest.mark.parametrize("says", ["errors", "empty", "tasks"])
 @pytest.mark.asyncio
-async def test_a_middleware_that_never_stops_talking_is_made_to_wait() -> None:
+async def test_a_middleware_that_never_stops_talking_is_made_to_wait(says: str) -> None:
     """It says as much as it may in a second, however many connections it says it over."""
     most_per_s, fates = 200, Fates()
-    with flooding() as flood:
+    with flooding(says) as flood:
         assert flood.stdout is not None
         port = int(flood.stdout.readline())
         flown = scene(
@@ -258,7 +271,10 @@ async def test_a_middleware_that_never_stops_talking_is_made_to_wait() -> None:
         totals = await run(flown, broker="none", duration_s=3.0, observers=[fates])
         took_s = loop.time() - began_s
         heard = [int(flood.stdout.readline()) for _ in flown.sensor]
-    assert 0.5 * most_per_s < totals.sapient_errors <= most_per_s * (took_s + AT_ONCE_S)
+    taken = totals.sapient_errors + totals.sapient_tasks + totals.sapient_rejected
+    assert 0.5 * most_per_s < taken <= most_per_s * (took_s + AT_ONCE_S)
+    assert totals.sapient_tasks <= MAX_TASKS_PER_S * len(flown.sensor) * (took_s + 1)
+    assert (totals.sapient_tasks > 0) == (says == "tasks")
     assert totals.undelivered == 0
     assert sorted(heard) == sorted(found.total() for found in fates.of.values())
     assert all(set(found) == {pb.SENT} for found in fates.of.values())
