@@ -292,6 +292,33 @@ def test_cover_takes_distance_azimuth_and_elevation():
     assert len(radar.observe(targets_at(position[3:]), np.random.default_rng(9))[0]) == 0
 
 
+def test_each_channel_has_a_floor_of_its_own():
+    """In quadrature, on detections, on false alarms and in what is predicted; seed 13."""
+    radar = section_4(
+        transmitter(90.0, range_floor_m=3.0),
+        transmitter(-90.0, bandwidth_hz=2e6, range_floor_m=50.0),
+        pfa=0.05,
+        azimuth_floor_deg=0.5,
+    )
+    rng = np.random.default_rng(13)
+    _, seen = radar.observe(targets_at(np.tile(in_the_north(2000.0), (50, 1))), rng)
+    false = type(seen).joined([radar.draw_false_alarms(SCAN, rng) for _ in range(3)])
+    for plots in (seen, false):
+        noise = 1 / np.sqrt(2 * plots.snr)
+        for channel, (bandwidth_hz, floor_m) in enumerate(((7.61e6, 3.0), (2e6, 50.0))):
+            mine = plots.channel == channel
+            assert mine.sum() > 20
+            noise_m = C_M_S / bandwidth_hz / 1.63 * noise[mine]
+            stated_m = plots.sigma_bistatic_range_m[mine]
+            np.testing.assert_allclose(stated_m, np.hypot(noise_m, floor_m), rtol=1e-12)
+        np.testing.assert_allclose(plots.sigma_azimuth_deg, np.hypot(2 / 1.6 * noise, 0.5))
+    level = dataclasses.replace(radar, azimuth_floor_deg=0.0)
+    strong = level.predict(targets_at(in_the_north(500.0), rcs_m2=1e6))
+    excess_m = propagation.bistatic_range(in_the_north(500.0), radar.positions_enu_m[:1])
+    by_range = flat_solution(excess_m, np.zeros(1), radar.positions_enu_m[:1]).by_bistatic_range
+    assert strong.sigma_range_m[0] == pytest.approx(3.0 * by_range[0], rel=0.05)
+
+
 def test_amplitude_is_the_echo_that_such_a_detection_is_of():
     """Before the correlator; averaged over fluctuation it is the mean echo, within the noise."""
     radar = section_4()
