@@ -20,7 +20,7 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry tests/feeds/for
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest lint audit bench fuzz proto pages pictures lock clean
+.PHONY: demo test test-lowest lint audit bench fuzz mutations proto pages pictures lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -91,8 +91,12 @@ bench: .venv/.ready-test
 
 # An hour, or what MINUTES says; what is found is kept in tests/fuzz/seeds.
 fuzz: .venv/.ready-test
-	$(PIP) --editable '.[test,fuzz]'
+	$(PIP)/fuzz.txt
 	$(BIN)/python tests/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
+
+# Which of the faults in tests/mutations/faults.toml no test notices: an hour; ARGS chooses some.
+mutations: .venv/.ready-test
+	$(BIN)/python tests/mutations/plant_faults.py $(ARGS)
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test
