@@ -1,7 +1,8 @@
 """Plants the faults of `faults.toml`, one after the other, and says which of them no test notices.
 
-`make mutations` does it in an hour or so, in a copy of the tree; nothing here is changed. Each fault is a
-place where a wrong sign, unit, index, key or order would hurt a user, and names the tests to ask.
+`make mutations` does it in an hour, in a copy of the tree; nothing here is changed. Each fault
+is a place where a wrong sign, unit, index, key or order would hurt a user, and names the tests that
+are asked.
 """
 
 from __future__ import annotations
@@ -106,7 +107,8 @@ def main() -> None:
     with copied() as copy:
         for fault in chosen:
             noticed = is_noticed(fault, copy)
-            print("noticed " if noticed else "SURVIVES", fault.file, fault.what, sep="  ", flush=True)
+            verdict = "noticed " if noticed else "SURVIVES"
+            print(verdict, fault.file, fault.what, sep="  ", flush=True)
             if not noticed:
                 survivors.append(fault)
     print(f"{len(chosen) - len(survivors)} of {len(chosen)} faults are noticed")
