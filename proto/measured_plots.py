@@ -46,6 +46,7 @@ class MeasuredPlots(Columns):
     sigma_bistatic_range_m: Floats
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
+    sigma_range_rate_m_s: Floats
 
     @classmethod
     def of(cls, plots: Iterable[Mapping[str, Any]]) -> Self:

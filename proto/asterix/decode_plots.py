@@ -43,6 +43,7 @@ PLOT_ITEMS: dict[int, PlotItems] = {
             "sigma_elevation_deg": "I015/628/SDEL",
             "height_m": "I015/601/GH",
             "range_rate_m_s": "I015/626/DV",
+            "sigma_range_rate_m_s": "I015/626/SDDV",
             "amplitude_dbm": "I015/630/RPP",
             "snr_db": "I015/630/RPS",
             "channel": "I015/400/PID",

@@ -113,12 +113,20 @@ def written(path: Path, messages: Iterable[Recorded]) -> Path:
 
 
 def changed(
-    path: Path, other: Path, change: Callable[[Iterable[Recorded]], Iterable[Recorded]]
+    path: Path,
+    other: Path,
+    change: Callable[[Iterable[Recorded]], Iterable[Recorded]],
+    *,
+    scene: Path | None = None,
 ) -> Path:
-    """Another record with the same attachments, and what the change makes of the messages."""
-    with McapReader(path) as log, other.open("wb") as file:
+    """Another record with what the change makes of the messages, and all attachments.
+
+    Those are of the record `scene`, if that is given.
+    """
+    with McapReader(scene or path) as log:
         names = [entry.name for entry in log.attachments()]
         attachments = [a for a in map(log.attachment, names) if a is not None]
+    with McapReader(path) as log, other.open("wb") as file:
         writer = McapWriter(file, attachments=attachments)
         for message in change(log.messages()):
             writer.write(message)
