@@ -22,7 +22,7 @@ COUNTERS = {
     "lost": "Messages that links lost, as the scene asks",
     "duplicated": "Messages that links doubled",
     "stale": "Messages too late for whom they were for",
-    "undelivered": "Messages for which there was no connection",
+    "undelivered": "Messages that no destination got",
     "missed_scans": "Scans skipped because the machine was late",
     "telemetry": "Telemetry messages taken",
     "conflated": "Telemetry messages that gave way to later ones of their drone",
@@ -68,6 +68,13 @@ class SessionCollector(Observer):
         session, totals = self._session, self._session.totals
         for name, text in COUNTERS.items():
             yield CounterMetricFamily(f"plotfeed_{name}", text, value=getattr(totals, name))
+        text = "Messages that a destination did not get, whatever others did"
+        by_destination = CounterMetricFamily(
+            "plotfeed_undelivered_to", text, labels=["destination"]
+        )
+        for destination, count in totals.undelivered_to.items():
+            by_destination.add_metric([destination], count)
+        yield by_destination
         yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
         yield GaugeMetricFamily(
             "plotfeed_other_sessions",

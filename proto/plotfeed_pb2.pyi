@@ -203,7 +203,7 @@ class PlotTruth(_message.Message):
     def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., range_rate_m_s: _Optional[float] = ..., merged_drones: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class Sent(_message.Message):
-    __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered", "fate", "link_due_utc_ns", "number", "copy", "flipped_bit")
+    __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered", "fate", "link_due_utc_ns", "number", "copy", "flipped_bit", "not_to")
     TOPIC_FIELD_NUMBER: _ClassVar[int]
     DUE_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     SENT_UTC_NS_FIELD_NUMBER: _ClassVar[int]
@@ -214,6 +214,7 @@ class Sent(_message.Message):
     NUMBER_FIELD_NUMBER: _ClassVar[int]
     COPY_FIELD_NUMBER: _ClassVar[int]
     FLIPPED_BIT_FIELD_NUMBER: _ClassVar[int]
+    NOT_TO_FIELD_NUMBER: _ClassVar[int]
     topic: str
     due_utc_ns: int
     sent_utc_ns: int
@@ -224,7 +225,8 @@ class Sent(_message.Message):
     number: int
     copy: int
     flipped_bit: int
-    def __init__(self, topic: _Optional[str] = ..., due_utc_ns: _Optional[int] = ..., sent_utc_ns: _Optional[int] = ..., octets: _Optional[int] = ..., delivered: _Optional[bool] = ..., fate: _Optional[_Union[Fate, str]] = ..., link_due_utc_ns: _Optional[int] = ..., number: _Optional[int] = ..., copy: _Optional[int] = ..., flipped_bit: _Optional[int] = ...) -> None: ...
+    not_to: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, topic: _Optional[str] = ..., due_utc_ns: _Optional[int] = ..., sent_utc_ns: _Optional[int] = ..., octets: _Optional[int] = ..., delivered: _Optional[bool] = ..., fate: _Optional[_Union[Fate, str]] = ..., link_due_utc_ns: _Optional[int] = ..., number: _Optional[int] = ..., copy: _Optional[int] = ..., flipped_bit: _Optional[int] = ..., not_to: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class Refusal(_message.Message):
     __slots__ = ("time_utc", "topic", "drone", "reason", "detail", "count")
@@ -243,7 +245,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient", "latitude_deg", "longitude_deg", "height_m")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient", "latitude_deg", "longitude_deg", "height_m", "undelivered_to")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -252,6 +254,13 @@ class SensorStatus(_message.Message):
     STATE_UNSPECIFIED: SensorStatus.State
     ONLINE: SensorStatus.State
     OFFLINE: SensorStatus.State
+    class UndeliveredToEntry(_message.Message):
+        __slots__ = ("key", "value")
+        KEY_FIELD_NUMBER: _ClassVar[int]
+        VALUE_FIELD_NUMBER: _ClassVar[int]
+        key: str
+        value: int
+        def __init__(self, key: _Optional[str] = ..., value: _Optional[int] = ...) -> None: ...
     SENSOR_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_FIELD_NUMBER: _ClassVar[int]
@@ -275,6 +284,7 @@ class SensorStatus(_message.Message):
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
     LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
     HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    UNDELIVERED_TO_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -298,7 +308,8 @@ class SensorStatus(_message.Message):
     latitude_deg: float
     longitude_deg: float
     height_m: float
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ...) -> None: ...
+    undelivered_to: _containers.ScalarMap[str, int]
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., undelivered_to: _Optional[_Mapping[str, int]] = ...) -> None: ...
 
 class SapientStatus(_message.Message):
     __slots__ = ("reporting", "connections", "stalls", "refusals", "errors", "tasks", "rejected")

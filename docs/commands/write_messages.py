@@ -20,7 +20,9 @@ since 1970. Azimuth is clockwise from true north, elevation above the sensor's h
 optional field that is absent was not measured or is not known; zero is a value. JSON is
 protobuf's own mapping, with these names.
 """
-FIELD = re.compile(r"^\s+(?:(optional|repeated) )?([\w.]+) (\w+) = (\d+);(?:\s*// (.*))?$")
+FIELD = re.compile(
+    r"^\s+(?:(optional|repeated) )?([\w.]+|map<\w+, \w+>) (\w+) = (\d+);(?:\s*// (.*))?$"
+)
 VALUE = re.compile(r"^\s+(\w+) = (\d+);(?:\s*// (.*))?$")
 
 

@@ -293,6 +293,7 @@ def _line(totals: SessionCounters) -> str:
         f"SAPIENT errors {totals.sapient_errors}": totals.sapient_errors,
         f"on the way at the end {totals.ended}": totals.ended,
         f"undelivered {totals.undelivered}": totals.undelivered,
+        **{f"not to {to} {count}": count for to, count in totals.undelivered_to.items()},
         f"missed scans {totals.missed_scans}": totals.missed_scans,
         f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -33,7 +34,9 @@ class SessionCounters:
     stale: int = 0
     """Not sent, because who they were for would not take them so late."""
     undelivered: int = 0
-    """For want of a connection, or of room to wait for one."""
+    """That no destination got, for want of a connection, or of room to wait for one."""
+    undelivered_to: Counter[str] = field(default_factory=Counter)
+    """By destination, whatever others got."""
     ended: int = 0
     """Still on their way when the session ended."""
     missed_scans: int = 0
@@ -121,6 +124,7 @@ class ClientCounters:
     lost: int = 0
     duplicated: int = 0
     undelivered: int = 0
+    undelivered_to: Counter[str] = field(default_factory=Counter)
     lateness_ns: LastLateness = field(default_factory=LastLateness)
     sapient: SapientCounters | None = None
     """Of a sensor that reports in it."""

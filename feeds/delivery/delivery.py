@@ -32,6 +32,7 @@ class Delivery:
         "flipped_bit",
         "link_due_utc_ns",
         "message",
+        "not_to",
         "number",
         "owner",
         "sent_utc_ns",
@@ -62,8 +63,10 @@ class Delivery:
         self.flipped_bit: int | None = None
         """Of the payload, where the link has corrupted it."""
         self.fate: pb.Fate = pb.FATE_UNSPECIFIED
-        self.delivered = True
-        """Whether every transport that has settled so far has delivered it."""
+        self.delivered = False
+        """Whether a transport has delivered it."""
+        self.not_to: tuple[str, ...] = ()
+        """Destinations that did not get it."""
         self.sent_utc_ns: int | None = None
         """When the last transport began to send it; None before any has."""
         self.since_s = 0.0
@@ -80,12 +83,19 @@ class Delivery:
         self.sent_utc_ns = max(self.sent_utc_ns or sent_utc_ns, sent_utc_ns)
         self.settle(delivered=True)
 
-    def settle(self, *, delivered: bool) -> None:
-        """A transport is done with it: delivered as far as it can know, or given up."""
-        self.delivered &= delivered
+    def settle(self, *, delivered: bool | None, to: str = "") -> None:
+        """A transport is done with it: delivered as far as it can know, or given up.
+
+        `to` is what the transport calls its destination; None where that is for others.
+        It is sent if a destination got it, or if none was to.
+        """
+        if delivered:
+            self.delivered = True
+        elif delivered is not None:
+            self.not_to += (to,)
         self._unsettled -= 1
         if not self._unsettled:
-            self.end(pb.SENT if self.delivered else pb.UNDELIVERED)
+            self.end(pb.SENT if self.delivered or not self.not_to else pb.UNDELIVERED)
 
     def end(self, fate: pb.Fate) -> None:
         """Note its fate, which is known now."""
@@ -113,6 +123,7 @@ class Delivery:
             number=self.number,
             copy=self.copy,
             flipped_bit=self.flipped_bit,
+            not_to=self.not_to,
         )
 
 
@@ -122,6 +133,9 @@ MakeDeliveries = Callable[[], Sequence[Delivery]]
 
 class Transport(Protocol):
     """Something that carries messages away."""
+
+    def carries(self, message: Message) -> bool:
+        """Whether such a message is for its destination."""
 
     def waiting_of(self, client: ClientCounters) -> int:
         """Messages of that client that wait for a connection, or for room on it."""
@@ -219,6 +233,9 @@ class LedgerEntry:
         """The fate of one of its deliveries is known."""
         self._counters.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
         self._totals.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
+        for to in delivery.not_to:
+            self._counters.undelivered_to[to] += 1
+            self._totals.undelivered_to[to] += 1
         self._unsettled -= 1
         if self._closed and not self._unsettled:
             self._complete()

@@ -262,10 +262,10 @@ def _leave(leaving: Sequence[_Leaving]) -> None:
         made = partial(_deliveries, some)
         sent_utc_ns = some[0].outbox.now_ns()
         if transport.publish_together(messages, made):
-            taken.append((some, sent_utc_ns))
-    for some, sent_utc_ns in taken:
+            taken.append((some, sent_utc_ns, transport))
+    for some, sent_utc_ns, transport in taken:
         for one in some:
-            one.taken(sent_utc_ns)
+            one.taken(sent_utc_ns, transport)
 
 
 def _deliveries(leaving: Sequence[_Leaving]) -> list[Delivery]:
@@ -300,11 +300,14 @@ class _Leaving:
             entry.close()
         return self._deliveries
 
-    def taken(self, sent_utc_ns: int) -> None:
-        """A transport has delivered all of it, handed over then."""
+    def taken(self, sent_utc_ns: int, transport: Transport) -> None:
+        """A transport has delivered all of it that it carries, handed over then."""
         self.sent_utc_ns = max(self.sent_utc_ns, sent_utc_ns)
         for delivery in self._deliveries or ():
-            delivery.taken(sent_utc_ns)
+            if transport.carries(delivery.message):
+                delivery.taken(sent_utc_ns)
+            else:
+                delivery.settle(delivered=None)
 
     def tell(self) -> list[int]:
         """Tell and count what became of it, as far as that is known.

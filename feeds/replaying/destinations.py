@@ -119,7 +119,7 @@ class RecordedUdp:
         for delivery in deliveries:
             link = self._links.get(delivery.message.topic)
             if link is None:
-                delivery.settle(delivered=True)
+                delivery.settle(delivered=None)
             else:
                 link.publish(delivery)
 

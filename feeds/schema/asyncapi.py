@@ -41,6 +41,9 @@ def json_schema(message: Descriptor, required: Sequence[str] | None = None) -> d
 
 
 def _field(field: FieldDescriptor) -> dict[str, Any]:
+    if field.message_type is not None and field.message_type.GetOptions().map_entry:
+        values = _one(field.message_type.fields_by_name["value"])
+        return {"type": "object", "additionalProperties": values}
     one = _one(field)
     return {"type": "array", "items": one} if field.is_repeated else one
 

@@ -185,6 +185,7 @@ class SensorTask:
         status.flooded, status.late = totals.flooded, totals.late
         status.intake_behind_s = totals.intake_behind_s
         status.undelivered = counts.undelivered
+        status.undelivered_to.update(counts.undelivered_to)
         status.lost = counts.lost
         status.duplicated = counts.duplicated
         status.on_the_way = self.outbox.on_the_way

@@ -105,13 +105,17 @@ class SapientTcpTransport:
             self._ended()
             await self._hang_up()
 
+    def carries(self, message: Message) -> bool:
+        """Whether it is SAPIENT."""
+        return message.content_type == CONTENT_TYPE
+
     def publish(self, *deliveries: Delivery) -> None:
         """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
         for delivery in deliveries:
-            delivered = True
-            if delivery.message.content_type == CONTENT_TYPE:
+            delivered = None
+            if self.carries(delivery.message):
                 delivered = self._sent(delivery)
-            delivery.settle(delivered=delivered)
+            delivery.settle(delivered=delivered, to="SAPIENT")
 
     def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
         """Send what is SAPIENT, and settle each."""

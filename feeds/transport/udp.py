@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import logging
 import socket
 import struct
 from collections.abc import Sequence
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from plotfeed.feeds.messages.message import Message
 
 
+log = logging.getLogger(__name__)
+
+
 class UdpError(PlotfeedError):
     """A destination that cannot be sent to."""
 
@@ -30,7 +34,9 @@ class UdpTransport:
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
         """`key` is the destination's place in the scene."""
         self.settings = settings
+        self.name = f"{key} {settings.destination}"
         self._key = key
+        self._fails = False
         self._socket: socket.socket | None = None
         self._target: tuple[object, ...] = ()
 
@@ -58,12 +64,12 @@ class UdpTransport:
     def publish(self, *deliveries: Delivery) -> None:
         """Send what it carries, and settle at once whether the system took it."""
         for delivery in deliveries:
-            delivered = True
+            delivered = None
             if self.carries(delivery.message):
                 delivered = self.send(delivery.message.payload)
                 if delivered:
                     delivery.leave()
-            delivery.settle(delivered=delivered)
+            delivery.settle(delivered=delivered, to=self.name)
 
     def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
         """Send what it carries; whether the system took all of it."""
@@ -76,9 +82,10 @@ class UdpTransport:
         if not refused:
             return True
         for place, delivery in enumerate(made()):
-            if place not in refused:
+            delivered = place not in refused if carries(delivery.message) else None
+            if delivered:
                 delivery.leave()
-            delivery.settle(delivered=place not in refused)
+            delivery.settle(delivered=delivered, to=self.name)
         return False
 
     def waiting_of(self, _client: ClientCounters) -> int:
@@ -109,8 +116,14 @@ class UdpTransport:
             self._socket.sendto(datagram, self._target)
         except ConnectionRefusedError:  # nobody listened to an earlier one: that is their affair
             return True
-        except OSError:
+        except OSError as error:
+            if not self._fails:  # which is not told of each datagram
+                self._fails = True
+                log.warning("%s gets nothing: %s; others do", self.name, _why(error))
             return False
+        if self._fails:
+            self._fails = False
+            log.warning("%s gets what is sent again", self.name)
         return True
 
     def _prepare_multicast(self, opened: socket.socket) -> None:

@@ -24,9 +24,9 @@ class FollowedDelivery(Delivery):
         super().__init__(message, WallClock(), 1, number=number)
         self.said: list[bool] = []
 
-    def settle(self, *, delivered: bool) -> None:
-        self.said.append(delivered)
-        super().settle(delivered=delivered)
+    def settle(self, *, delivered: bool | None, to: str = "") -> None:
+        self.said.append(delivered is not False)
+        super().settle(delivered=delivered, to=to)
 
     @property
     def was_delivered(self) -> bool | None:

@@ -139,6 +139,12 @@ class BrokerAddress:
     ends_with_us: bool = False
     """Whether it is the embedded one: nobody is left to be told when its session dies."""
 
+    @property
+    def destination(self) -> str:
+        """What counts and ledger call it: MQTT, with its version where it is spoken to in one."""
+        names = [name for name, versions in VERSIONS.items() if versions == self.versions]
+        return "MQTT" if len(self.versions) > 1 or not names else f"MQTT {names[0]}"
+
     @classmethod
     def parse(
         cls,

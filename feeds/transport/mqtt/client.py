@@ -1,7 +1,4 @@
-"""A link to an MQTT broker: kept up, and sending by the connection that there is.
-
-What is published while there is none waits.
-"""
+"""A link to an MQTT broker: kept up, and sending by its connection; else messages wait."""
 
 from __future__ import annotations
 
@@ -57,7 +54,7 @@ class MqttTransport:
         if address.tls:
             address.access.tls_context()  # files that cannot be used are an error at once
         self.address = address
-        self.counts = QueueCounts()
+        self.counts = QueueCounts(address.destination)
         self.name = name
         self.connections = 0
         self.last_error = ""
@@ -161,6 +158,10 @@ class MqttTransport:
             self._room.clear()
             await self._room.wait()
 
+    def carries(self, _message: Message) -> bool:
+        """Say that it is for the broker, as everything is."""
+        return True
+
     def publish(self, *deliveries: Delivery) -> None:
         """Send each, let it wait, or drop it; it is settled as soon as its fate is known.
 
@@ -200,7 +201,7 @@ class MqttTransport:
         qos = delivery.message.qos
         queue, connection = self._queues[qos], self._connection
         if self._ended:
-            delivery.settle(delivered=False)
+            delivery.settle(delivered=False, to=self.counts.destination)
         elif connection is None or queue or not connection.has_room(qos):
             queue.put(delivery)
         else:
@@ -274,7 +275,7 @@ class MqttTransport:
     ) -> None:
         if not connection.takes(delivery.message):
             self.counts.dropped += 1
-            delivery.settle(delivered=False)
+            delivery.settle(delivered=False, to=self.counts.destination)
         elif delivery.message.qos:
             self.counts.repeated += sent_before
             connection.send_until_acknowledged(delivery)

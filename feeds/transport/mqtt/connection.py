@@ -182,7 +182,7 @@ class MqttConnection:
 
     def give_up(self) -> list[Delivery]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
-        self._counts.dropped += self._buffer.give_up()
+        self._counts.dropped += self._buffer.give_up(self._counts.destination)
         return self._window.take_all()
 
     def end_if_stuck(self) -> None:

@@ -71,6 +71,6 @@ class Qos1Window:
         if delivery is None:
             return False
         self._octets -= len(delivery.message.payload)
-        delivery.settle(delivered=delivered)
+        delivery.settle(delivered=delivered, to=self._counts.destination)
         self._on_room()
         return True

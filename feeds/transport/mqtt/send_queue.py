@@ -24,6 +24,8 @@ OVERRUN = 10_000
 class QueueCounts:
     """What a link has done with messages other than deliver them."""
 
+    destination: str = "MQTT"
+    """What the link's broker is called."""
     dropped: int = 0
     """Given up before they left: by the policy, too old, too large for the broker, or still in the
     socket's buffer when a connection was lost."""
@@ -170,11 +172,11 @@ class SendQueue:
 
     def _drop(self, delivery: Delivery) -> None:
         self._counts.dropped += 1
-        delivery.settle(delivered=False)
+        delivery.settle(delivered=False, to=self._counts.destination)
 
     def _supersede(self, delivery: Delivery) -> None:
         self._counts.superseded += 1
-        delivery.settle(delivered=False)
+        delivery.settle(delivered=False, to=self._counts.destination)
 
 
 MAX_UNSENT_OCTETS = 8 << 20
@@ -253,11 +255,11 @@ class SocketBuffer:
         self._deliveries.append((self._given - octets_behind, delivery))
         self._settle_taken()
 
-    def give_up(self) -> int:
+    def give_up(self, destination: str = "") -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""
         lost = len(self._deliveries)
         while self._deliveries:
-            self._deliveries.popleft()[1].settle(delivered=False)
+            self._deliveries.popleft()[1].settle(delivered=False, to=destination)
         return lost
 
     def is_stuck(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import socket
 import struct
 from pathlib import Path
@@ -25,8 +27,11 @@ from support.udp_receiver import (
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.scene import SceneError, load
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.udp import UdpError, UdpTransport
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"
@@ -246,3 +251,67 @@ def test_a_run_says_where_datagrams_go(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "  UDP         127.0.0.1:8600 (ASTERIX of radar)\n" in done.stdout
     assert f"  UDP         {GROUP_4}:8600 (ASTERIX, multicast with TTL 2)\n" in done.stdout
+
+
+NO_ROUTE = "192.0.2.1:9"
+"""Of documentation, RFC 5737."""
+
+
+class Unrouted(socket.socket):
+    """Has no route there, whatever this machine has."""
+
+    def sendto(self, data: bytes, address: tuple[str, int]) -> int:  # type: ignore[override]
+        if address[0] == "192.0.2.1":
+            raise OSError(errno.ENETUNREACH, os.strerror(errno.ENETUNREACH))
+        return super().sendto(data, address)
+
+
+@pytest.fixture
+def no_route(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("plotfeed.feeds.transport.udp.socket.socket", Unrouted)
+
+
+@pytest.mark.asyncio
+async def test_a_destination_without_a_route_takes_nothing_from_others(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, no_route: None
+) -> None:
+    """What arrived elsewhere was sent; who did not get it is told by name, and once in the log."""
+    with receiver() as ears:
+        udp = destination(place(ears)) + destination(NO_ROUTE)
+        entries = Entries()
+        scene = load(scene_file(tmp_path, scene_with(udp)))
+        totals = await run(
+            scene,
+            clock=InstantClock(scene.scene.start_utc_ns),
+            broker="none",
+            duration_s=4.0,
+            observers=[entries],
+        )
+        got = heard(ears)
+    name = f"udp[1] {NO_ROUTE}"
+    sent = [one for entry in entries.made for one in entry.messages]
+    of_asterix = [one for one in sent if "/asterix/" in one.topic]
+    assert len(got) == len(of_asterix) > 10
+    assert {one.fate for one in sent} == {pb.SENT}
+    assert {(*one.not_to,) for one in of_asterix} == {(name,)}
+    assert {(*one.not_to,) for one in sent if one not in of_asterix} == {()}
+    assert (totals.undelivered, totals.undelivered_to) == (0, {name: len(got)})
+    assert totals.messages == len(sent)
+    (line,) = [r.getMessage() for r in caplog.records]
+    assert line == f"{name} gets nothing: Network is unreachable; others do"
+
+
+@pytest.mark.asyncio
+async def test_what_no_destination_got_is_undelivered(tmp_path: Path, no_route: None) -> None:
+    totals, _, _ = await simulated(tmp_path, scene_with(destination(NO_ROUTE)))
+    assert totals.undelivered == totals.undelivered_to[f"udp[0] {NO_ROUTE}"] > 10
+
+
+class Entries(Observer):
+    """Of the ledger."""
+
+    def __init__(self) -> None:
+        self.made: list[pb.Ledger] = []
+
+    def ledger(self, message: Message) -> None:
+        self.made.append(pb.Ledger.FromString(message.payload))
