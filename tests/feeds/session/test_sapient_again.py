@@ -73,4 +73,5 @@ async def test_tasks_are_recorded_and_done_again(tmp_path: Path) -> None:
     )
     missed = set(octets(again)) - set(octets(first))  # scans, if the machine was late
     assert len(octets(first)) > 20
-    assert [one for one in octets(again) if one not in missed] == octets(first)
+    # What is asked just before a tick is answered before what is due at it, or after.
+    assert sorted(one for one in octets(again) if one not in missed) == sorted(octets(first))

@@ -16,6 +16,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.inputs import AT_ONCE, SessionInputs
 from plotfeed.feeds.session.observer import Observer, SessionContext
+from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.position_report import PositionReport
@@ -83,6 +84,7 @@ class Intake(Observer):
             totals=self.totals,
             observers=[self],
             keep_ledger=lambda *_: None,
+            describer=SensorDescriber(scene),
         )
         self.inputs = SessionInputs(context, self.trajectories, {}, self.errors.append)
 
