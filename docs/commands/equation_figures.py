@@ -21,7 +21,7 @@ from plotfeed.models import detection, propagation
 from plotfeed.models.accuracy import paired_snr, sigma_rate_m_s
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.passive_radar import flat_solution
+from plotfeed.models.sensors.bistatic_places import flat_solution
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 

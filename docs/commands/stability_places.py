@@ -21,7 +21,7 @@ from plotfeed.models.frames import (
     wrap_180,
     wrap_360,
 )
-from plotfeed.models.sensors.passive_radar import flat_solution
+from plotfeed.models.sensors.bistatic_places import flat_solution
 
 BASELINE_M = 20_000.0
 TRANSMITTER_M = np.array([BASELINE_M, 0.0, 0.0])

@@ -29,8 +29,8 @@ from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import bistatic_range
-from plotfeed.models.sensors.height_prior import HeightPrior
-from plotfeed.models.sensors.passive_radar import PassiveRadar, flat_solution
+from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
+from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
 from plotfeed.proto.measured_plots import MeasuredPlots

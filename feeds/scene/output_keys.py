@@ -123,6 +123,19 @@ def _address(text: str) -> str:
     return text
 
 
+class SapientPriorKeys(SceneTable):
+    """Drones as sensors expect them: anywhere within range alike, up to 120 m above the sensor."""
+
+    drones: Annotated[float, Field(gt=0, le=10_000)] = 1.0
+    """How many there are within a sensor's directions and range, on average."""
+    rcs_m2: Annotated[float, Field(gt=0, le=1000)] = 0.01
+    """Radar cross-section, mean over fluctuation."""
+    sound_power_db: Annotated[float, Field(ge=0, le=200)] = 80.0
+    """Re 1 pW."""
+    eirp_dbm: Annotated[float, Field(ge=-100, le=100)] = 20.0
+    """Of one emission, in the middle of an RF sensor's band."""
+
+
 class SapientKeys(SceneTable):
     """Concerns the sensors whose `report` names sapient."""
 
@@ -149,7 +162,9 @@ class SapientKeys(SceneTable):
     takes stamps up to 0.9 s old would refuse it: it is dropped, stamped with the time at which it
     leaves, or sent as it is."""
     detection_confidence: Confidence | None = None
-    """Of every detection; without it, one less the sensor's pfa."""
+    """Of every detection; without it, how probable its SNR makes it that it is of a drone."""
+    prior: SapientPriorKeys = SapientPriorKeys()
+    """What drones are expected before anything is detected."""
 
 
 Corner = Annotated[tuple[Latitude, Longitude], Field(strict=False)]

@@ -14,104 +14,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from plotfeed.models import detection, false_alarms, propagation
 from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
-from plotfeed.models.frames import aer_to_enu, distance_m, enu_to_aer, wrap_360
-from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.propagation import dot
-from plotfeed.models.sensors.height_prior import HeightPrior
+from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.passive_signals import PassiveSignals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlatSolution:
-    """Distances in the receiver's horizontal plane, and how they change with what was measured.
-
-    Metres, metres per metre of bistatic range, metres per radian of azimuth; all (...). Beside
-    them are the lines of sight, and what is to the right of these, (..., 3).
-    """
-
-    outwards: Floats
-    rightwards: Floats
-    range_m: Floats
-    by_bistatic_range: Floats
-    by_azimuth_m: Floats
-
-    @nan_without_warnings
-    def sigma_m(self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats) -> Floats:
-        """Standard deviation of the distance, to first order."""
-        return np.hypot(
-            self.by_bistatic_range * sigma_bistatic_range_m,
-            self.by_azimuth_m * np.radians(sigma_azimuth_deg),
-        )
-
-    @nan_without_warnings
-    def covariance_m2(
-        self, sigma_bistatic_range_m: Floats, sigma_azimuth_deg: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Covariances of the position: east, north, and east with north (eqs 32, 33)."""
-        sigma_azimuth = np.radians(sigma_azimuth_deg)
-        along, across = [], []  # of east and of north
-        for i in range(2):
-            outwards, rightwards = self.outwards[..., i], self.rightwards[..., i]
-            by_azimuth = self.by_azimuth_m * outwards + self.range_m * rightwards
-            along.append(self.by_bistatic_range * outwards * sigma_bistatic_range_m)
-            across.append(by_azimuth * sigma_azimuth)
-        return (
-            along[0] ** 2 + across[0] ** 2,
-            along[1] ** 2 + across[1] ** 2,
-            along[0] * along[1] + across[0] * across[1],
-        )
-
-    @nan_without_warnings
-    def chance_between(
-        self, low_m: float, high_m: float, sigma_m: Floats, excess_over_sigma: Floats
-    ) -> Floats:
-        """Probability that noise leaves a distance between those; Gaussian, to first order.
-
-        0 where the distance is undefined, or not known better than to `high_m`. The last argument
-        is the bistatic range over its sigma: noise may leave nothing of it, and so of the distance.
-        """
-        too_near = np.maximum(ndtr((low_m - self.range_m) / sigma_m), ndtr(-excess_over_sigma))
-        within = ndtr((high_m - self.range_m) / sigma_m) - too_near
-        return np.where(sigma_m <= high_m, np.maximum(np.nan_to_num(within), 0.0), 0.0)
-
-
-@nan_without_warnings
-def flat_solution(
-    bistatic_range_m: Floats, azimuth_deg: Floats, transmitter_enu_m: Floats
-) -> FlatSolution:
-    """Where a target in the receiver's horizontal plane would be measured so (eqs 34, 35).
-
-    (...), (...) and (..., 3). The transmitter may be above or below that plane. Undefined for a
-    bistatic range of zero or less, which noise makes of targets near the baseline: NaN there.
-    """
-    outwards = aer_to_enu(azimuth_deg, 0.0, 1.0)
-    rightwards = aer_to_enu(azimuth_deg + 90.0, 0.0, 1.0)
-    baseline_m = distance_m(transmitter_enu_m)
-    towards = transmitter_enu_m / baseline_m[..., None]
-    angle_rad = 2 * np.arctan2(distance_m(outwards - towards), distance_m(outwards + towards))
-    measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
-    range_m, by_range, by_angle = propagation.range_from_bistatic_with_slopes(
-        measured, baseline_m, np.degrees(angle_rad)
-    )
-    # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
-    sine = np.sin(angle_rad)
-    turn = np.where(sine > 0, -dot(rightwards, towards) / sine, 0.0)
-    return FlatSolution(
-        outwards=outwards,
-        rightwards=rightwards,
-        range_m=range_m,
-        by_bistatic_range=by_range,
-        by_azimuth_m=by_angle * turn,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,6 +170,11 @@ class PassiveRadar(PassiveSignals):
             return np.ones((len(targets), channels))
         return self.doppler.share_passed(rate_m_s, channel).reshape(-1, channels)
 
+    def draw_false_snr(self, n: int, rng: np.random.Generator) -> Floats:
+        """Ratios of cells of noise that were detected; (n,)."""
+        snr, _ = detection.draw_detected_snr_swerling1(np.zeros(n), self.pfa, self.n_reference, rng)
+        return snr
+
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over each channel's cells, uniform in them.
 
@@ -271,7 +189,7 @@ class PassiveRadar(PassiveSignals):
         n = len(azimuth_deg)
         if not n:
             return NO_PLOTS
-        snr, _ = detection.draw_detected_snr_swerling1(np.zeros(n), self.pfa, self.n_reference, rng)
+        snr = self.draw_false_snr(n, rng)
         channel = np.repeat(np.arange(len(found)), [len(a) for a in found])
         columns = {}
         if self.doppler is not None:

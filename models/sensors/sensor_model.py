@@ -199,6 +199,10 @@ class SensorModel(Stackable, ABC):
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector of a scan, with the times at which they came."""
 
+    def draw_false_snr(self, n: int, _rng: np.random.Generator) -> Floats:
+        """The ratios that n false alarms show; (n,). NaN, unless a kind of sensor knows better."""
+        return np.full(n, np.nan)
+
     @abstractmethod
     def predict(self, targets: Targets) -> Prediction:
         """What `observe` comes to over many scans, had the targets stayed there; all in cover.
@@ -239,6 +243,10 @@ class CellSensor(SensorModel, ABC):
         if not len(azimuth_deg):
             return NO_PLOTS
         return self.false_plots(beam_times_ns(sector, azimuth_deg), azimuth_deg, rng)
+
+    def draw_false_snr(self, n: int, rng: np.random.Generator) -> Floats:
+        """Ratios of false plots; (n,)."""
+        return self.false_plots(np.zeros(n, np.int64), np.zeros(n), rng).snr
 
     @abstractmethod
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:

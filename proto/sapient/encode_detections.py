@@ -142,11 +142,21 @@ class DetectionEncoder:
         self._kind: str | None = None
 
     def messages(
-        self, t_utc_ns: int, plots: Plots, positions: Positions | None = None
+        self,
+        t_utc_ns: int,
+        plots: Plots,
+        positions: Positions | None = None,
+        confidence: Floats | None = None,
     ) -> list[bytes]:
-        """Serialised SapientMessages, one a plot, all stamped that time; raises `EncodeError`."""
+        """Serialised SapientMessages, one a plot, all stamped that time; raises `EncodeError`.
+
+        `confidence` is that of each detection, where the manner has none for all.
+        """
         if not len(plots):
             return []
+        confidences = None
+        if confidence is not None:
+            confidences = measured("detection_confidence", confidence, 0, 1)
         if 2 * len(plots) > MAX_IDS:
             raise EncodeError(f"{len(plots)} plots at one time", field="report_id")
         set_stamp(self._message, t_utc_ns)
@@ -159,6 +169,8 @@ class DetectionEncoder:
         for i, (kind, identity) in enumerate(zip(plots.kind, plots.identity, strict=True)):
             report.report_id = ids[2 * i]
             report.object_id = ids[2 * i + 1]
+            if confidences is not None and (found := confidences[i]) is not None:
+                report.detection_confidence = found
             locations.write(i, report)
             self._classify(kind)
             self._fill_infos(infos, i)

@@ -14,6 +14,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam import Sector
+from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
 from plotfeed.models.frames import aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Signature
@@ -89,12 +90,8 @@ def groups_of(sensor: Sensor) -> Groups:
 def manner_of(scene: Scene, sensor: Sensor) -> Manner:
     """How a sensor's detections are told."""
     settings = scene.sapient
-    confidence = settings.detection_confidence
-    pfa = sensor.false_alarm_probability
-    if confidence is None and pfa is not None:
-        confidence = 1.0 - pfa
     return Manner(
-        detection_confidence=confidence,
+        detection_confidence=settings.detection_confidence,
         default_class=settings.default_class,
         class_confidence=settings.default_class_confidence,
         band_hz=sensor.band_hz,
@@ -177,6 +174,26 @@ def _predicted(site: Site, sensor: Sensor) -> Prediction:
         emitters=(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),),
     )
     return sensor.model(site).predict(Targets.of_one(signature, enu_m))
+
+
+def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
+    """How probable it is that detections are of drones; None where the scene says that itself."""
+    if scene.sapient.detection_confidence is not None:
+        return None
+    keys, field = scene.sapient.prior, _field(sensor)
+    emitters: tuple[Emitter, ...] = ()
+    if sensor.band_hz is not None:
+        emitters = (Emitter(frequency_hz=sum(sensor.band_hz) / 2, eirp_dbm=keys.eirp_dbm),)
+    signature = Signature(rcs_m2=keys.rcs_m2, sound_power_db=keys.sound_power_db, emitters=emitters)
+    prior = TargetPrior(mean_number=keys.drones, signature=signature)
+    half_deg = field.horizontal_extent_deg / 2
+    azimuths_deg = (field.azimuth_deg - half_deg, field.azimuth_deg + half_deg)
+    return confidence_of(
+        sensor.model(scene.scene.site),
+        prior,
+        azimuths_deg,
+        np.random.Generator(np.random.Philox(0)),
+    )
 
 
 def _field(sensor: Sensor) -> FieldOfView:

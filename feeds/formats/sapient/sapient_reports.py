@@ -9,6 +9,7 @@ import numpy as np
 from plotfeed.feeds.formats.message_format import SectorFormat, message_to
 from plotfeed.feeds.formats.sapient.sapient_node import (
     CONTENT_TYPE,
+    detection_confidence_of,
     groups_of,
     manner_of,
     measures_of,
@@ -102,6 +103,7 @@ class SapientReports(SectorFormat):
         self._address = self.topics.address("sapient", CONTENT_TYPE)
         self._groups = groups_of(sensor)
         self._encoder = DetectionEncoder(node_of(scene, sensor), manner_of(scene, sensor))
+        self._confidence = detection_confidence_of(scene, sensor)
         self._frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self._range_max_m = sensor.range_max_m
         measures = measures_of(scene, sensor)
@@ -121,7 +123,12 @@ class SapientReports(SectorFormat):
             return []
         together, self._waiting = Plots.joined(self._waiting), []
         together = _with_finite_errors(together)
-        payloads = self._encoder.messages(sector.end_ns, together, self._positions(together))
+        payloads = self._encoder.messages(
+            sector.end_ns,
+            together,
+            self._positions(together),
+            None if self._confidence is None else self._confidence.of(together.snr),
+        )
         return [
             message_to(self._address, payload, seen.stamp, n) for n, payload in enumerate(payloads)
         ]

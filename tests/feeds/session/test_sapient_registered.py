@@ -5,7 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.road import fly, held, radar, rotating, scene, staring
@@ -110,3 +112,36 @@ def _declared(registration: Registration) -> list[str]:
         registration.mode_definition[0].detection_definition[0].detection_class_definition
     )
     return [each.type for each in definition.class_definition]
+
+
+@pytest.mark.parametrize("sensor", ["turning", "names-all", "gate"])
+def test_detections_of_drones_are_surer_than_false_alarms(sensor: str) -> None:
+    """As the ledger tells them apart, in the order of reports; a gate has no false alarms."""
+    drones, alarms = confidences(sensor)
+    assert len(drones) > 20
+    assert np.mean(drones) > 0.8
+    if sensor == "gate":
+        assert (drones == 1).all()
+    else:
+        assert len(alarms) > 10
+        assert np.mean(alarms) < 0.3
+
+
+def test_a_scene_may_state_one_confidence_for_all() -> None:
+    drones, alarms = confidences("turning", detection_confidence=0.625)
+    assert {*drones, *alarms} == {0.625}
+
+
+def confidences(name: str, **settings: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Of detections of drones, and of false alarms."""
+    sensor = {**SENSORS[name.replace("-", " ")], "id": name, "report": ["sapient"]}
+    if "pfa" in sensor:
+        sensor["pfa"] = 1e-3 if name == "names-all" else 1e-4
+    road = fly(scene([sensor], DRONES, seed=10, sapient=settings), 4.0)
+    plots = [plot for entry in road.ledgers for plot in entry.plots]
+    reports = [checked(payload) for payload in road.payloads(f"{name}/sapient")]
+    told = np.array(
+        [m.detection_report.detection_confidence for m in reports if m.HasField("detection_report")]
+    )
+    is_drone = np.array([bool(plot.drone) for plot in plots])[: len(told)]
+    return told[is_drone], told[~is_drone]

@@ -20,7 +20,8 @@ from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.detection import pd_cfar_swerling1
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.passive_radar import PassiveRadar, flat_solution
+from plotfeed.models.sensors.bistatic_places import flat_solution
+from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import Illuminator
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Signatures

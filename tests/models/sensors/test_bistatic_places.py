@@ -13,8 +13,8 @@ from support.significance import Array, assert_mean
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.propagation import bistatic_range
-from plotfeed.models.sensors.height_prior import HeightPrior, ground_range_m
-from plotfeed.models.sensors.passive_radar import PassiveRadar, flat_solution
+from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution, ground_range_m
+from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import Illuminator
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Plots, Signature
