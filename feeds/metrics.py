@@ -27,6 +27,7 @@ COUNTERS = {
     "telemetry": "Telemetry messages taken",
     "conflated": "Telemetry messages that gave way to later ones of their drone",
     "refused": "Telemetry and control messages refused",
+    "forgotten": "Drones forgotten, since nothing came of them for long",
     "flooded": "Messages refused because too many of their topic waited",
     "late": "Telemetry messages refused because they were taken in too late",
     "controls": "Changes made by control",
@@ -75,7 +76,7 @@ class SessionCollector(Observer):
         for destination, count in totals.undelivered_to.items():
             by_destination.add_metric([destination], count)
         yield by_destination
-        yield GaugeMetricFamily("plotfeed_drones", "Drones known so far", value=totals.drones)
+        yield GaugeMetricFamily("plotfeed_drones", "Drones known now", value=totals.drones)
         yield GaugeMetricFamily(
             "plotfeed_other_sessions",
             "Other sessions that publish on the same prefix",
@@ -91,6 +92,12 @@ class SessionCollector(Observer):
             "How long the oldest message has waited to be taken in",
             value=totals.intake_behind_s,
         )
+        by_reason = CounterMetricFamily(
+            "plotfeed_refused_by_reason", "Messages refused, by reason", labels=["reason"]
+        )
+        for reason, number in totals.refused_by.items():
+            by_reason.add_metric([str(reason)], number)
+        yield by_reason
         late = GaugeMetricFamily(
             "plotfeed_lateness_seconds", "Sent after due, of the last messages", labels=["quantile"]
         )

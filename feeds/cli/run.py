@@ -8,6 +8,7 @@ import json
 import logging
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -58,6 +59,8 @@ BEFORE_TICKS = (
 )
 NOT_SENT = "plotfeed: {}: not sent to where its session went: {}"
 """A recording is data: whoever wrote it does not say where anything is sent."""
+REASONS_TOLD = 3
+"""Of refusals, in the line of status."""
 FASTEST = "max"
 """In place of a speed."""
 
@@ -287,7 +290,9 @@ def _line(totals: SessionCounters) -> str:
         f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
     )
     more = {
-        f"telemetry {totals.telemetry} refused {totals.refused}": totals.telemetry + totals.refused,
+        f"forgotten {totals.forgotten}": totals.forgotten,
+        f"telemetry {totals.telemetry} refused {_refused(totals)}": totals.telemetry
+        + totals.refused,
         f"lost {totals.lost} doubled {totals.duplicated}": totals.lost + totals.duplicated,
         f"too late for SAPIENT {totals.stale}": totals.stale,
         f"SAPIENT errors {totals.sapient_errors}": totals.sapient_errors,
@@ -300,7 +305,15 @@ def _line(totals: SessionCounters) -> str:
     return "  ".join([text, *(told for told, count in more.items() if count)])
 
 
-def _summary(totals: SessionCounters) -> dict[str, float | int | str]:
+def _refused(totals: SessionCounters) -> str:
+    """How many were refused, and for which reasons most."""
+    most = Counter(totals.refused_by).most_common(REASONS_TOLD)
+    return f"{totals.refused}" + (
+        f" ({', '.join(f'{reason} {number}' for reason, number in most)})" if most else ""
+    )
+
+
+def _summary(totals: SessionCounters) -> dict[str, Any]:
     p50, p99, p999 = lateness_us(totals.lateness_ns, 50, 99, 99.9)
     counts = {name: getattr(totals, name) for name in totals.__slots__ if name != "lateness_ns"}
     return {**counts, "lateness_p50_us": p50, "lateness_p99_us": p99, "lateness_p999_us": p999}

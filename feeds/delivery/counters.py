@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,9 @@ class SessionCounters:
     """Counts of a session; they only grow."""
 
     drones: int = 0
+    """Known now."""
+    forgotten: int = 0
+    """Drones that were known, and of which nothing came for long."""
     scan: int = 0
     looks: int = 0
     plots: int = 0
@@ -44,6 +47,8 @@ class SessionCounters:
     conflated: int = 0
     """Telemetry that was good, but gave way to later reports that came with it."""
     refused: int = 0
+    refused_by: Mapping[str, int] = field(default_factory=dict)
+    """The same, by reason."""
     flooded: int = 0
     """Refused because more of the topic waited than may."""
     late: int = 0

@@ -105,6 +105,15 @@ class Telemetry(SceneTable):
     Multicopters reach 60 m/s, those with jets 150 m/s. No faster velocity is fitted either.
     """
     max_drones: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
+    """Known at a time."""
+    max_new_drones_per_s: Annotated[int, Field(ge=1, le=1_000_000)] = 500
+    """That become known in a second; as many again may of those that were refused, and come again.
+    """
+    forget_after_s: Annotated[float, Field(ge=1, le=86_400)] = 60.0
+    """A drone without news for so long is forgotten: what comes under its name is a new drone.
+
+    One that reported once is forgotten when no sensor can see it any more.
+    """
     rcs_m2: Positive = 0.01
     """Radar cross-section of a drone that states none."""
     sound_power_db: Decibels = 80.0

@@ -49,7 +49,9 @@ class SessionInputs:
         """Refusals are published by `publish`."""
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
-        self._telemetry = TelemetryReceiver(context.scene, trajectories, welcome=self._reports.know)
+        self._telemetry = TelemetryReceiver(
+            context.scene, trajectories, welcome=self._reports.know, part_with=self._reports.forget
+        )
         prefix = context.scene.mqtt.prefix
         self._control_topic = f"{prefix}/control"
         self._commands.know(self._control_topic)  # whatever sensors are asked meanwhile
@@ -109,6 +111,11 @@ class SessionInputs:
         self._refuse_dropped(as_of_ns)
         self._totals.intake_behind_s = self.behind_s()
 
+    def forget_gone(self, as_of_ns: int) -> None:
+        """Forget drones of which nothing has come for long, as of that time."""
+        self._telemetry.forget_gone(as_of_ns)
+        self._count_drones()
+
     def receive(self, inputs: Sequence[Input], as_of_ns: int) -> None:
         """Take in telemetry and commands together, as of that time, whatever else waits."""
         for topic, together in groupby(inputs, key=itemgetter(0)):
@@ -129,7 +136,7 @@ class SessionInputs:
         totals = self._totals
         totals.telemetry, totals.conflated = self._telemetry.taken, self._telemetry.conflated
         totals.late = self._telemetry.refusals[Reason.LATE]
-        totals.drones = len(self._trajectories)
+        self._count_drones()
         self._count()
 
     def _take_commands(self, turns: Sequence[Turn], as_of_ns: int) -> None:
@@ -210,7 +217,12 @@ class SessionInputs:
         if refusal is not None:
             self._publish(refusal)
 
+    def _count_drones(self) -> None:
+        self._totals.drones = len(self._trajectories)
+        self._totals.forgotten = self._telemetry.forgotten
+
     def _count(self) -> None:
+        self._totals.refused_by = self._telemetry.refusals
         self._totals.refused = self._telemetry.refused
         self._totals.last_refusal = self._telemetry.last_refusal
 

@@ -182,6 +182,8 @@ class SensorTask:
         status, counts = self._status, self.outbox.counters
         totals = self._context.totals
         status.refused, status.conflated = totals.refused, totals.conflated
+        status.drones, status.forgotten = totals.drones, totals.forgotten
+        status.refused_by_reason.update(totals.refused_by)
         status.flooded, status.late = totals.flooded, totals.late
         status.intake_behind_s = totals.intake_behind_s
         status.undelivered = counts.undelivered

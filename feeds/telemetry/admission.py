@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from plotfeed.feeds.telemetry.fast_decode import ReportRow
-from plotfeed.feeds.telemetry.motion_gate import MAX_SPEED_M_S, Course, MotionGate
+from plotfeed.feeds.telemetry.known_drones import KnownDrones
+from plotfeed.feeds.telemetry.motion_gate import MAX_SPEED_M_S, MotionGate
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.proto.utc import NS
 
@@ -22,30 +23,46 @@ class Admission:
         max_age_s: float | None = None,
         max_late_s: float | None = None,
         max_drones: int = 10_000,
+        max_new_drones_per_s: int = 500,
+        forget_after_s: float = 60.0,
         max_speed_m_s: float = MAX_SPEED_M_S,
     ) -> None:
-        """`max_late_s` is the age from which a report shows nobody anything any more."""
+        """`max_late_s` is the age from which a report shows nobody anything any more.
+
+        A drone whose last report is so old is gone, and after `forget_after_s` forgotten.
+        """
         self._max_ahead_ns = round(max_ahead_s * NS)
         self._max_age_ns = None if max_age_s is None else round(max_age_s * NS)
         self._max_late_ns = None if max_late_s is None else round(max_late_s * NS)
         ages_ns = [a for a in (self._max_age_ns, self._max_late_ns) if a is not None]
         self._surely_taken_ns = -min(ages_ns, default=0)
-        self._max_drones = max_drones
         self._gate = MotionGate(max_speed_m_s)
-        self._courses: dict[str, Course] = {}
+        forget_after_ns = round(forget_after_s * NS)
+        gone_after_ns = forget_after_ns if self._max_late_ns is None else self._max_late_ns
+        self._known = KnownDrones(
+            max_drones=max_drones,
+            max_new_per_s=max_new_drones_per_s,
+            forget_after_ns=forget_after_ns,
+            gone_after_ns=gone_after_ns,
+        )
 
     def knows(self, drone: str) -> bool:
-        """Whether a report of that drone was taken."""
-        return drone in self._courses
+        """Whether a report of that drone was taken, and it is not forgotten."""
+        return self._known.get(drone) is not None
+
+    def forgotten(self, now_utc_ns: int) -> list[str]:
+        """Who was forgotten, or gave way, since this was last asked; as of now."""
+        self._known.forget_gone(now_utc_ns)
+        return self._known.take_forgotten()
 
     def admit(self, drone: str, row: ReportRow, now_utc_ns: int) -> bool:
         """Take a report as the drone's latest; whether it starts anew there. Raises `Refused`."""
-        t_utc_ns, course = row.t_utc_ns, self._courses.get(drone)
+        t_utc_ns, course = row.t_utc_ns, self._known.get(drone)
         if course is None:
             self._check_name(drone)
             self._check_now(t_utc_ns, now_utc_ns)
             self._check_late(now_utc_ns - t_utc_ns)
-            self._courses[drone] = self._gate.first(row)
+            self._known.begin(drone, self._gate.first(row), now_utc_ns)
             return False
         last_utc_ns = course.row.t_utc_ns
         if (
@@ -56,7 +73,10 @@ class Admission:
             if t_utc_ns <= last_utc_ns:
                 self._check_order(drone, t_utc_ns, last_utc_ns)
             self._check_late(now_utc_ns - t_utc_ns)
-        return self._gate.take(course, row)
+        starts = self._gate.take(course, row)
+        if course.is_single:
+            self._known.establish(drone, course)
+        return starts
 
     def _check_name(self, drone: str) -> None:
         shown = ascii(drone[: MAX_DRONE_NAME + 1])
@@ -64,9 +84,6 @@ class Admission:
         if not good or NAME_SEPARATORS.intersection(drone):
             expected = f"1 to {MAX_DRONE_NAME} printable characters without / + #"
             raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
-        if len(self._courses) >= self._max_drones:
-            detail = f"drone {shown} is new, and {self._max_drones} drones are the most taken"
-            raise Refused(Reason.TOO_MANY_DRONES, detail)
 
     def _check_now(self, t_utc_ns: int, now_utc_ns: int) -> None:
         ahead_ns = t_utc_ns - now_utc_ns

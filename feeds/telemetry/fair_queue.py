@@ -71,6 +71,12 @@ class FairQueue:
             self._known.add(topic)
             self._strangers -= topic in self._turns
 
+    def forget(self, topic: str) -> None:
+        """Keep no room for that topic any more."""
+        if topic in self._known:
+            self._known.remove(topic)
+            self._strangers += topic in self._turns
+
     def put(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let a message wait; if there is no room, it or the oldest of its topic is dropped."""
         if len(payload) > LARGE_OCTETS:

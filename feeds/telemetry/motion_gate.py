@@ -59,13 +59,17 @@ class _Elsewhere:
 class Course:
     """The last report of a drone that was taken, and what has come since from elsewhere."""
 
-    __slots__ = ("elsewhere", "row", "sources_are_told")
+    __slots__ = ("elsewhere", "is_single", "row", "since_utc_ns", "sources_are_told")
 
     def __init__(self, row: ReportRow) -> None:
         self.row = row
         self.elsewhere: _Elsewhere | None = None
         self.sources_are_told = False
         """Whether it was said that two sources report under its name."""
+        self.is_single = True
+        """Whether this is the only report of it that was taken."""
+        self.since_utc_ns = row.t_utc_ns
+        """When it became known."""
 
 
 class MotionGate:

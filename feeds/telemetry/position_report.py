@@ -49,6 +49,7 @@ class Reason(StrEnum):
     IMPLAUSIBLE_MOTION = "implausible_motion"
     SECOND_SOURCE = "second_source"
     TOO_MANY_DRONES = "too_many_drones"
+    TOO_MANY_NEW_DRONES = "too_many_new_drones"
     NAME = "name"
     FLOOD = "flood"
     CONTROL = "control"

@@ -63,14 +63,18 @@ class TelemetryReceiver:
         trajectories: Trajectories,
         *,
         welcome: Callable[[str], object] = lambda _topic: None,
+        part_with: Callable[[str], object] = lambda _topic: None,
     ) -> None:
-        """`welcome` is told the topic of a drone of which something is taken for the first time."""
+        """`welcome` is told topics of drones that become known, `part_with` of those forgotten."""
         settings = scene.telemetry
         self.taken = 0
         self.conflated = 0
         """Reports that were good, but later ones came with them and no sensor asks for these."""
+        self.forgotten = 0
+        """Drones that were known and are not any more; one that comes again is new."""
         self.last_refusal = ""
-        self.refusals: Counter[Reason] = Counter()
+        self.refusals: Counter[str] = Counter()
+        """By reason."""
         look_back = look_back_s(scene)
         self._look_back_ns = round(look_back * NS)
         self._admission = Admission(
@@ -78,6 +82,8 @@ class TelemetryReceiver:
             max_age_s=settings.max_age_s,
             max_late_s=settings.stale_after_s + look_back,
             max_drones=settings.max_drones,
+            max_new_drones_per_s=settings.max_new_drones_per_s,
+            forget_after_s=settings.forget_after_s,
             max_speed_m_s=settings.max_speed_m_s,
         )
         self._prefix = scene.mqtt.prefix
@@ -85,7 +91,7 @@ class TelemetryReceiver:
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._scripted = frozenset(d.id for d in scene.drone)
         self._trajectories = trajectories
-        self._welcome = welcome
+        self._welcome, self._part_with = welcome, part_with
         self._published_in_second = (0, 0)
 
     @property
@@ -105,12 +111,24 @@ class TelemetryReceiver:
         refusals = self.take_together([(topic, [(payload, content_type)])], now_utc_ns)
         return refusals[0] if refusals else None
 
+    def forget_gone(self, now_utc_ns: int) -> None:
+        """Forget the drones whose time is over, and those that gave way to others."""
+        gone = self._admission.forgotten(now_utc_ns)
+        if not gone:
+            return
+        self.forgotten += len(gone)
+        self._trajectories.forget(gone)
+        for drone in gone:
+            if not self._admission.knows(drone):
+                self._part_with(f"{self._prefix}/telemetry/{drone}")
+
     def take_together(self, waited: Waited, now_utc_ns: int) -> list[Message]:
         """Telemetry messages, topic by topic, as of one time; the refusals to publish."""
         refusals: list[Message] = []
         names: list[str] = []
         rows: list[ReportRow] = []
         starts: list[int] = []
+        self.forget_gone(now_utc_ns)
         for topic, messages in waited:
             drone, first = topic.rpartition("/")[2], len(rows)
             is_known = self._admission.knows(drone)
@@ -137,6 +155,7 @@ class TelemetryReceiver:
                     del rows[first : first + n]
                     starts = [max(at - n, first) if at >= first else at for at in starts]
                 names += [drone] * (len(rows) - first)
+        self.forget_gone(now_utc_ns)
         if rows:
             self._add(names, rows, starts)
         return refusals

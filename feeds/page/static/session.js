@@ -2,7 +2,7 @@
 
 const byId = (id) => document.getElementById(id);
 const TOTALS = [
-  ["drones", "Drones"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
+  ["drones", "Drones"], ["forgotten", "Forgotten"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
   ["lost", "Lost"], ["duplicated", "Duplicated"], ["undelivered", "Undelivered"], ["missed_scans", "Missed scans"], ["telemetry", "Telemetry"], ["refused", "Refused"], ["stale", "Too late"],
   ["flooded", "Flooded"], ["late", "Late"], ["conflated", "Conflated"], ["intake_behind_s", "Behind, s"],
 ];

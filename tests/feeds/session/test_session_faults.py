@@ -106,7 +106,7 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
 async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
     tmp_path: Path,
 ) -> None:
-    lasting = "stale_after_s = 60.0\ngeoid_undulation_m = 51.0"
+    lasting = "stale_after_s = 60.0\ngeoid_undulation_m = 51.0\nmax_new_drones_per_s = 10000"
 
     port, most = free_port(), 10_000
     with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
