@@ -58,7 +58,12 @@ def decode_task(data: bytes) -> AskedTask:
     if command.endswith(("_threshold", "_rate")):
         value = _threshold(getattr(task.command, command))
     present = {field.name for field, _ in task.ListFields()}
-    start_utc_ns = task.task_start_time.ToNanoseconds() if "task_start_time" in present else None
+    try:
+        start_utc_ns = (
+            task.task_start_time.ToNanoseconds() if "task_start_time" in present else None
+        )
+    except ValueError as error:
+        raise DecodeError(f"task_start_time: {error}") from None
     return AskedTask(
         task_id=task.task_id.upper(),
         control=CONTROLS.get(task.control, ""),

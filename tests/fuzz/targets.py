@@ -86,8 +86,9 @@ def scene(data: bytes) -> None:
 def sapient(data: bytes) -> None:
     """What a SAPIENT middleware says."""
     from plotfeed.proto.sapient.decode_sapient import decode, decode_heard
+    from plotfeed.proto.sapient.tasks import decode_task
 
-    for read in (decode, decode_heard):
+    for read in (decode, decode_heard, decode_task):
         with contextlib.suppress(PlotfeedError):
             read(data)
 

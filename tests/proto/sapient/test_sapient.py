@@ -22,6 +22,7 @@ from plotfeed.proto.sapient.encode_node import (
     status,
 )
 from plotfeed.proto.sapient.envelope import MAX_IDS, Ulids, node_id
+from plotfeed.proto.sapient.tasks import decode_task
 
 T_NS = 1_700_000_000_123_456_789
 STAMP_NS = T_NS // 1000 * 1000
@@ -337,7 +338,7 @@ def test_times_are_within_the_years_of_the_project(t_utc_ns: int) -> None:
 
 @given(st.binary(max_size=300))
 def test_any_octets_are_decoded_or_refused(data: bytes) -> None:
-    for reader in (decode, decode_heard):
+    for reader in (decode, decode_heard, decode_task):
         try:
             reader(data)
         except DecodeError as error:
