@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.impairment.losses import LossChain
+from plotfeed.feeds.recording.chances import p_of_losses, p_of_trials
 from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.models.state import Floats
 
 RANGE_BINS = 25
+OFF_BELOW = 1e-4
+"""Probability by chance below which a strip says that something is not as asked."""
 LOOKS_AT_ONCE = 256
 """That are counted together: the session must not wait for many."""
 
@@ -22,15 +26,21 @@ def new_looks(range_max_m: float) -> LookTally:
 
 
 def looks_summary(looks: LookTally) -> dict[str, Any]:
-    """Looks, detections, sum and variance expected, by range from 0 in steps of `width_m`."""
+    """Looks, detections, sum and variance expected, by range from 0 in steps of `width_m`.
+
+    `off` says that so many detections hardly come by chance.
+    """
     cells = looks.cells()
     count, expected, variance, detected = np.pad(cells, ((0, 0), (0, RANGE_BINS - cells.shape[1])))
+    mean_pd = np.divide(expected, count, out=np.zeros_like(count), where=count > 0)
+    by_chance = p_of_trials(count, mean_pd, round(detected.sum())) if count.any() else 1.0
     return {
         "width_m": looks.cell_m,
         "looks": count.astype(int).tolist(),
         "detected": detected.astype(int).tolist(),
         "expected": np.round(expected, 3).tolist(),
         "variance": np.round(variance, 3).tolist(),
+        "off": by_chance < OFF_BELOW,
     }
 
 
@@ -47,9 +57,22 @@ class LinkRecord:
         self._asked_ms: Floats = np.zeros(0)
         self.begin()
 
-    def begin(self, asked_ms: ArrayLike | None = None, since_utc_ns: int = 0) -> None:
-        """Settings changed then; `asked_ms` is a sample of the delays that they ask for."""
+    def begin(
+        self,
+        asked_ms: ArrayLike | None = None,
+        since_utc_ns: int = 0,
+        *,
+        loss: LossChain | None = None,
+    ) -> None:
+        """Settings changed then; `asked_ms` is a sample of the delays that they ask for.
+
+        `loss` is the chain that decides on losses; None where nothing of them is asked.
+        """
         self._since_utc_ns = since_utc_ns
+        self._loss = loss
+        self._decided = self._lost_by_chain = 0
+        self._judged: tuple[int, int] = (0, 0)
+        self._is_off = False
         if asked_ms is not None:
             sample = np.asarray(asked_ms, dtype=np.float64)
             self._asked_ms = (
@@ -67,13 +90,19 @@ class LinkRecord:
         if duplicate:
             self._duplicates += 1
             return
+        self._decided += 1
         self._latency_ms.append((sent_utc_ns - due_utc_ns) / 1e6)
         self._messages += 1
 
-    def lost(self, number: int, due_utc_ns: int) -> None:
-        """A message did not leave; numbers may come in any order."""
+    def lost(self, number: int, due_utc_ns: int, *, by_chain: bool = True) -> None:
+        """A message did not leave; numbers may come in any order.
+
+        `by_chain` says that the link's model of loss took it, not an outage or a queue.
+        """
         if due_utc_ns < self._since_utc_ns:
             return
+        self._decided += by_chain
+        self._lost_by_chain += by_chain
         self._messages += 1
         self._lost += 1
         lately = self._lost_lately
@@ -91,12 +120,31 @@ class LinkRecord:
             "messages": self._messages,
             "lost": self._lost,
             "duplicates": self._duplicates,
+            "loss_off": self._loss_is_off(),
             "mean_burst": self._lost / self._bursts if self._bursts else None,
             "mean_ms": float(latency_ms.mean()) if len(latency_ms) else None,
             "sigma_ms": float(latency_ms.std()) if len(latency_ms) else None,
             "asked_mean_ms": float(np.mean(self._asked_ms)) if len(self._asked_ms) else None,
             **_histogram(latency_ms, self._asked_ms),
         }
+
+    def _loss_is_off(self) -> bool:
+        """Tell whether so many losses hardly come by chance; worked out where it is in doubt."""
+        chain, of, lost = self._loss, self._decided, self._lost_by_chain
+        if chain is None or not of or (of, lost) == self._judged:
+            return self._is_off
+        self._judged, mean = (of, lost), chain.mean_loss
+        if not 0 < mean < 1:
+            self._is_off = lost != round(of * mean)
+        else:
+            spread = of * chain.spread_of_loss(of)
+            is_far = abs(lost - of * mean) > IN_DOUBT * spread
+            self._is_off = bool(is_far) and p_of_losses(chain, of, lost) < OFF_BELOW
+        return self._is_off
+
+
+IN_DOUBT = 3.0
+"""Standard deviations within which nothing is so improbable as to be called off."""
 
 
 def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:

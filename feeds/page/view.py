@@ -17,6 +17,7 @@ from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.impairment.losses import LossChain, chain_of
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Rates, looks_summary, new_looks
@@ -96,6 +97,9 @@ class View:
         number = self._sensors.get(report.sensor)
         if number is not None:
             looks = report.looks
+            if len(looks) > 1 and self._merges[number]:  # what merged has one outcome, and odds
+                both = np.stack([looks.pd, looks.channel.astype(np.float64)])
+                looks = looks.rows(np.unique(both, axis=1, return_index=True)[1])
             self._looks[number].add(looks.range_m, looks.pd, looks.detected)
 
     def recall(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
@@ -114,7 +118,8 @@ class View:
         for message in sent:
             if not message.delivered:
                 self._rates.lost()
-                link.lost(message.number, message.due_utc_ns)
+                by_chain = message.fate == pb.LOST
+                link.lost(message.number, message.due_utc_ns, by_chain=by_chain)
                 continue
             at_utc_ns = message.sent_utc_ns
             self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
@@ -135,20 +140,23 @@ class View:
         in_force: Mapping[str, Any],
         *,
         asked_latency_ms: ArrayLike | None = None,
+        asked_loss: LossChain | None = None,
         since_utc_ns: int = 0,
         new_model: bool = True,
     ) -> None:
         """The keys of a sensor as they are in force since then, its link's among them.
 
-        `asked_latency_ms` is a sample of the delays that the link is to make: messages that it was
-        given before are not judged by that. With `new_model`, detections are counted anew.
+        `asked_latency_ms` is a sample of the delays that the link is to make, `asked_loss` what is
+        to decide on losses: messages that it was given before are not judged by that. With
+        `new_model`, detections are counted anew.
         """
         number = self._sensors.get(sensor)
         if number is None:
             return
         self._tell("settings", {**self._news["settings"], sensor: dict(in_force)})
         asked_ms = () if asked_latency_ms is None else asked_latency_ms
-        self._links[number].begin(asked_ms, since_utc_ns)
+        self._links[number].begin(asked_ms, since_utc_ns, loss=asked_loss)
+        self._merges[number] = in_force.get("merging") is not None
         if new_model:
             self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
 
@@ -236,6 +244,7 @@ class View:
         self._plots = PlotStore(placements)
         self._rates = Rates(len(sensors))
         self._links = [LinkRecord() for _ in sensors]
+        self._merges = [False] * len(sensors)
         self._looks = [new_looks(range_m) for range_m in placements.range_max_m.tolist()]
         self._drones = Drones(placements.site)
         self._tracks = ShownTracks(placements.site)
@@ -279,11 +288,13 @@ PROBABILITIES = np.linspace(0, 1, 1001)
 
 def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
     """Show a sensor as it is since then, and the delays that its link is to make."""
-    law = DelayLaw.of(sensor.link or LinkSettings())
+    link = sensor.link or LinkSettings()
+    law = DelayLaw.of(link)
     view.settings(
         sensor.id,
         sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
         asked_latency_ms=law.quantile_ms(PROBABILITIES),
+        asked_loss=None if link.on_loss == "stall" else chain_of(link.loss),
         since_utc_ns=since_utc_ns,
         new_model=new_model,
     )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plotfeed.feeds.recording.chances import p_of_normal, p_of_squares
 from plotfeed.feeds.recording.recorded_session import (
     SectorKey,
     Truth,
@@ -17,7 +18,6 @@ from plotfeed.feeds.recording.recorded_session import (
     sector_plots,
 )
 from plotfeed.feeds.report.asked_sensors import AskedSensor
-from plotfeed.feeds.report.chances import p_of_normal, p_of_squares
 from plotfeed.feeds.report.expected_plots import (
     QUANTITIES,
     Comparison,

@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from plotfeed.feeds.recording.chances import p_of_poisson, p_of_trials
 from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.report.asked_sensors import AskedSensor
-from plotfeed.feeds.report.chances import p_of_poisson, p_of_trials
 from plotfeed.feeds.report.spreads import share_interval, z_score
 from plotfeed.models.state import Floats
 

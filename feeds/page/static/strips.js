@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { colours, faded, sensorColour } from "./colours.js";
 import { nice } from "./ground.js";
 
+const OFF = "; NOT as asked";
 const HISTORY_S = 120;
 const LEAST_LOOKS = 3; // in a bin of range
 const say = (id, words) => { document.getElementById(id).textContent = words; };
@@ -65,7 +66,7 @@ export class Strips {
     if (!link?.messages) { say("loss-text", "–"); return; }
     const asks = asked.share == null ? "" : `asked ${short(100 * asked.share)}, `;
     const burst = link.mean_burst ? `; burst ${asked.burst ? `${short(asked.burst)}, ` : ""}${link.mean_burst.toFixed(1)}` : "";
-    say("loss-text", `${asks}is ${((100 * link.lost) / link.messages).toFixed(1)}%${burst}`);
+    say("loss-text", `${asks}is ${((100 * link.lost) / link.messages).toFixed(1)}%${burst}${link.loss_off ? OFF : ""}`);
   }
 
   #drawDetections(found, colour) {
@@ -79,7 +80,7 @@ export class Strips {
     this.#pd.dots(used.map(([n, i]) => [middle(i), found.detected[i] / n, ...wilson(found.detected[i], n)]), colour);
     if (!used.length) this.#pd.say("no drone within cover yet");
     const looks = sum(found?.looks ?? []);
-    say("pd-text", looks ? `${(sum(found.detected) / looks).toFixed(3)}, predicted ${(sum(found.expected) / looks).toFixed(3)}` : "–");
+    say("pd-text", looks ? `${(sum(found.detected) / looks).toFixed(3)}, predicted ${(sum(found.expected) / looks).toFixed(3)}${found.off ? OFF : ""}` : "–");
   }
 
   #drawLateness(seconds) {

@@ -1,21 +1,33 @@
 from __future__ import annotations
 
 from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
+from support.links import link
+from support.random_scenes import random_tree
+from support.significance import assert_chance
 
 from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.impairment.losses import chain_of
 from plotfeed.feeds.page.strips import (
     BINS,
     LOSSES_KEPT,
+    OFF_BELOW,
     RANGE_BINS,
     LinkRecord,
     looks_summary,
     new_looks,
 )
+from plotfeed.feeds.page.view import View
+from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.models.sensors.sensor_model import NO_PLOTS
+from plotfeed.models.state import Looks, Plots
 
 PROBABILITIES = np.linspace(0, 1, 1001)
 
@@ -45,7 +57,9 @@ def test_what_is_expected_of_looks_are_their_odds_not_what_was_detected() -> Non
     looks.add([1100.0] * 4, [0.25] * 4, [True] * 4)
     found = looks_summary(looks)
     assert found["width_m"] == 100.0
-    shown = {name: (found[name][1], found[name][11]) for name in found if name != "width_m"}
+    shown = {
+        name: (found[name][1], found[name][11]) for name in found if name not in ("width_m", "off")
+    }
     assert shown == {
         "looks": (8, 4),
         "detected": (0, 4),
@@ -124,3 +138,79 @@ def test_what_was_handed_over_before_a_change_is_not_judged_by_it() -> None:
     assert (found["messages"], found["lost"], found["duplicates"]) == (0, 0, 0)
     link.sent(1000, 5000, duplicate=False)
     assert link.summary()["messages"] == 1
+
+
+OFTEN = 400
+
+
+def test_a_strip_calls_right_losses_off_as_seldom_as_it_says() -> None:
+    rng, off = np.random.default_rng(12), 0
+    for keys in (
+        {"kind": "random", "probability": 0.1},
+        {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0},
+    ):
+        chain = chain_of(link(loss=keys).loss)
+        for _ in range(OFTEN):
+            record = LinkRecord()
+            record.begin([50.0], loss=chain)
+            state = int(rng.choice(len(chain.stationary), p=chain.stationary))
+            for number in range(300):
+                state = int(rng.random() > chain.steps[state][0])
+                if rng.random() < chain.emissions[state]:
+                    record.lost(number, 0)
+                else:
+                    record.sent(0, 50, duplicate=False)
+            off += record.summary()["loss_off"]
+    assert_chance(float(stats.binom.sf(off - 1, 2 * OFTEN, OFF_BELOW)), f"{off} off")
+
+
+def test_a_strip_calls_right_detections_off_as_seldom_as_it_says() -> None:
+    rng, off = np.random.default_rng(13), 0
+    for _ in range(5 * OFTEN):
+        looks = new_looks(2500.0)
+        pd = rng.random(200)
+        looks.add(rng.uniform(0, 2500, 200), pd, rng.random(200) < pd)
+        off += looks_summary(looks)["off"]
+    assert_chance(float(stats.binom.sf(off - 1, 5 * OFTEN, OFF_BELOW)), f"{off} off")
+
+
+def test_a_strip_says_what_is_off() -> None:
+    looks = new_looks(2500.0)
+    looks.add([500.0] * 200, [0.9] * 200, [True] * 120 + [False] * 80)
+    assert looks_summary(looks)["off"]
+    record = LinkRecord()
+    record.begin([50.0], loss=chain_of(link(loss={"kind": "random", "probability": 0.1}).loss))
+    for number in range(300):
+        record.sent(0, 50, duplicate=False)
+        record.lost(1000 + number, 0, by_chain=False)
+    assert record.summary()["loss_off"]
+    clear = LinkRecord()
+    clear.begin([50.0], loss=chain_of(None))
+    clear.sent(0, 50, duplicate=False)
+    assert not clear.summary()["loss_off"]
+    clear.lost(1, 0)
+    assert clear.summary()["loss_off"]
+
+
+def test_looks_that_merge_count_once() -> None:
+    both = Looks.none().but(
+        **{name: np.zeros(2, np.int64) for name in ("drone", "channel", "t_utc_ns")},
+        **{name: np.full(2, 500.0) for name in ("range_m", "azimuth_deg", "elevation_deg")},
+        snr=np.ones(2),
+        pd=np.full(2, 0.5),
+        detected=np.ones(2, np.bool_),
+    )
+    scene = from_tree(random_tree(3), Path("a.toml"))
+    name = scene.sensor[0].id
+    for keys, expected in (({"merging": {}}, 1), ({}, 2)):
+        view = View()
+        view.scene(scene)
+        view.settings(name, keys)
+        view.report(Sector(name, both, NO_PLOTS))
+        assert sum(looks_summary(view._looks[0])["looks"]) == expected
+
+
+class Sector(NamedTuple):
+    sensor: str
+    looks: Looks
+    plots: Plots
