@@ -20,7 +20,7 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry tests/feeds/for
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest lint audit bench fuzz mutations proto pages pictures lock clean
+.PHONY: demo test test-lowest lint audit bench fuzz mutations soak proto pages pictures lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -93,6 +93,12 @@ bench: .venv/.ready-test
 fuzz: .venv/.ready-test
 	$(PIP)/fuzz.txt
 	$(BIN)/python tests/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
+
+# docs/soak.md, in an hour and a quarter on a machine that does nothing else.
+soak: .venv/.ready-test
+	$(BIN)/python tests/soak/promises.py
+	$(BIN)/python tests/soak/soak.py --minutes 30
+	$(BIN)/python tests/soak/soak.py --minutes 30 --radars 200
 
 # Which of the faults in tests/mutations/faults.toml no test notices: an hour; ARGS chooses some.
 mutations: .venv/.ready-test
