@@ -177,6 +177,24 @@ def test_nothing_it_holds_is_written_elsewhere(tmp_path: Path) -> None:
     assert everything_in(tmp_path) == before
 
 
+@pytest.mark.parametrize("name", ["../x", "../outside/flight.csv", "{}/flight.csv"])
+def test_what_its_scene_names_outside_is_unpacked_inside(tmp_path: Path, name: str) -> None:
+    folder, outside = tmp_path / "inner", tmp_path / "outside"
+    folder.mkdir()
+    outside.mkdir()
+    name = name.format(outside)
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", port=1883, drones=FLIGHT.format(file=name))
+    scene = without_flights(load(scene_file(outside, text)))
+    flight = Attachment(name=name, media_type="", data=CSV, log_time_ns=0)
+    record = recorded_by_a_stranger(tmp_path / "x.mcap", scene, [flight])
+    before = everything_in(tmp_path)
+    unpacked = SessionRecord.open(record).scene(folder)
+    (new,) = everything_in(tmp_path) - before
+    assert new.resolve().parent == folder
+    assert new == unpacked.file(name)
+    assert new.read_bytes() == CSV
+
+
 def everything_in(folder: Path) -> set[Path]:
     return set(folder.rglob("*"))
 

@@ -10,6 +10,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -171,6 +172,40 @@ async def test_a_session_ends_when_it_is_asked_to(tmp_path: Path) -> None:
     async with asyncio.timeout(30):
         _, sent = await session(what, WallClock(), 3600.0, stop)
     assert states(sent)[-1] == "OFFLINE"
+
+
+class Pauses(Observer):
+    """Lets the session's time stand still after a while, and then asks the session to stop."""
+
+    def __init__(self, stop: asyncio.Event, clock: WallClock) -> None:
+        self._stop = stop
+        self._clock = clock
+        self._after_ns = clock.now_ns() + S // 2
+        self.paused_ns = 0
+
+    def before_due(self, due_utc_ns: int) -> None:
+        if not self.paused_ns and due_utc_ns >= self._after_ns:
+            self._clock.pause()
+            self.paused_ns = self._clock.now_ns()
+            asyncio.get_running_loop().call_later(0.3, self._stop.set)
+
+
+@pytest.mark.asyncio
+async def test_a_session_told_to_stop_sends_the_sectors_that_are_worked_out(tmp_path: Path) -> None:
+    """At each tick those are that end before the next one, 10 ms later; a sector takes 2 ms."""
+    what = scene(tmp_path, sensors=radar(period_s=0.2, sectors=100))
+    stop, clock, sent = asyncio.Event(), WallClock(), list[tuple[Message, int]]()
+    observer = Pauses(stop, clock)
+    await run(
+        what,
+        clock=clock,
+        broker="none",
+        stop=stop,
+        observers=[observer],
+        tap=lambda m, t: sent.append((m, t)),
+    )
+    last_ns = max(m.due_utc_ns for m, _ in sent if m.topic.endswith("/plots"))
+    assert last_ns > observer.paused_ns > 0
 
 
 @pytest.mark.asyncio
