@@ -15,7 +15,8 @@ has = $(shell command -v $(1))
 # Looked for at every call, so that what comes after the set-up is noticed.
 TOOLS := $(if $(call has,c++),.venv/.ready-decoder) $(if $(call has,npm),.node/.ready)
 # What reads, computes, encodes and sends by means of others' packages.
-LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry tests/feeds/formats tests/feeds/accuracy_chart
+LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
+  tests/feeds/accuracy_chart/test_chart.py tests/feeds/sensing/test_sensors_together.py
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
