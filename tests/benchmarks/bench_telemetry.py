@@ -29,6 +29,7 @@ from plotfeed.feeds.delivery.lateness import lateness_us  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.inputs import SessionInputs  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, SessionContext  # noqa: E402
+from plotfeed.feeds.session.sensor_description import SensorDescriber  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
@@ -67,6 +68,7 @@ def inputs_of(scene: Scene) -> tuple[SessionInputs, Trajectories]:
         totals=SessionCounters(),
         observers=(),
         keep_ledger=lambda *_: None,
+        describer=SensorDescriber(scene),
     )
     return SessionInputs(context, trajectories, {}, lambda _: None), trajectories
 

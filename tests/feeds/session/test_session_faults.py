@@ -115,13 +115,15 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
                 now_ns = session.clock.now_ns()
                 drones = range(first, first + 1000)
                 ears.publish_all(
-                    (f"plotfeed/telemetry/d{i}", encode_protobuf(report(now_ns, i))) for i in drones
+                    (f"plotfeed/telemetry/d{i}", encode_protobuf(report(now_ns + k, i)))
+                    for i in drones
+                    for k in (0, 1)
                 )
-                await until(lambda: session.totals.telemetry == first + 1000)  # noqa: B023
+                await until(lambda: session.totals.telemetry == 2 * first + 2000)  # noqa: B023
             ears.publish_all([telemetry(session, "one-more")])
             refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
             ears.publish_all([telemetry(session, "d1234", 1234)])
-            await until(lambda: session.totals.telemetry == most + 1)
+            await until(lambda: session.totals.telemetry == 2 * most + 1)
             await until(lambda: sum(len(r.looks) for r in session.sectors) > 1000)
     told = json.loads(refused.payload)
     assert (told["reason"], told["drone"]) == ("too_many_drones", "one-more")
