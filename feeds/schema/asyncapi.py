@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
+from functools import lru_cache
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -59,7 +62,9 @@ def _one(field: FieldDescriptor) -> dict[str, Any]:
 
 
 BINDING = "0.2.0"
-PROTO = "plotfeed.proto"
+DEFINITION = re.compile(r"\n\n(?=(?://.*\n)*(?:message|enum) \w+ \{)")
+"""Where a definition of our protobuf schema begins, with what is said before it."""
+NAME = re.compile(r"(?m)^(?:message|enum) (\w+) \{")
 CLOUD_EVENTS: dict[str, dict[str, Any]] = {
     "specversion": {"const": "1.0"},
     "id": {"type": "string", "description": "Unique among those of its source."},
@@ -219,9 +224,26 @@ def _message(flow: Flow) -> dict[str, Any]:
             "additionalProperties": False,
         }
     message["payload"] = _payload(flow)
+    message["examples"] = [_example(flow)]
     if flow.message:
         message["x-protobuf-message"] = flow.message
     return message
+
+
+def _example(flow: Flow) -> dict[str, Any]:
+    payload = _examples()[flow.name]
+    if isinstance(payload, str):
+        return {"summary": "The octets in base64.", "payload": payload}
+    if flow.content_type != JSON:
+        return {"summary": "The fields, as in JSON.", "payload": payload}
+    return {"payload": payload}
+
+
+@lru_cache
+def _examples() -> dict[str, Any]:
+    text = files("plotfeed.feeds.schema").joinpath("message_examples.json").read_text()
+    found: dict[str, Any] = json.loads(text)
+    return found
 
 
 def _payload(flow: Flow) -> dict[str, Any]:
@@ -231,7 +253,7 @@ def _payload(flow: Flow) -> dict[str, Any]:
         descriptor = pb.DESCRIPTOR.message_types_by_name[flow.message.rpartition(".")[2]]
         return json_schema(descriptor, flow.required)
     if flow.content_type.startswith(PROTOBUF) and flow.message.startswith(f"{OURS}."):
-        return {"$ref": f"#/components/schemas/{PROTO}"}
+        return {"$ref": f"#/components/schemas/{flow.message.rpartition('.')[2]}"}
     return {"type": "string", "format": "binary", "description": flow.summary}
 
 
@@ -241,5 +263,30 @@ def messages_schema() -> str:
 
 
 def _schemas() -> dict[str, Any]:
+    """A protobuf schema for each message, since validators take a text of one root alone."""
     proto3 = "application/vnd.google.protobuf;version=3"
-    return {PROTO: {"schemaFormat": proto3, "schema": messages_schema()}}
+    roots = {
+        flow.message.rpartition(".")[2]
+        for flow in flows()
+        if flow.content_type.startswith(PROTOBUF) and flow.message.startswith(f"{OURS}.")
+    }
+    return {root: {"schemaFormat": proto3, "schema": _schema_of(root)} for root in sorted(roots)}
+
+
+def _schema_of(root: str) -> str:
+    """What our protobuf schema says of that message, and of what is in it."""
+    needed = _names_in(pb.DESCRIPTOR.message_types_by_name[root])
+    head, *blocks = DEFINITION.split(messages_schema())
+    kept = [block for block in blocks if (found := NAME.search(block)) and found[1] in needed]
+    return "\n\n".join([head.strip(), *(block.strip() for block in kept)])
+
+
+def _names_in(message: Descriptor) -> set[str]:
+    """The message's name, and those of messages and enumerations that it holds."""
+    names = {message.name}
+    for field in message.fields:
+        if field.enum_type is not None:
+            names.add(field.enum_type.name)
+        elif field.message_type is not None and field.message_type.file is message.file:
+            names |= _names_in(field.message_type)
+    return names

@@ -1,0 +1,73 @@
+"""Writes an example of each message, as sessions publish and take them, for the AsyncAPI document.
+
+Of what is neither JSON nor our protobuf, the octets in base64. Run from the repository's folder:
+PYTHONPATH=tests:tests/feeds/schema .venv/bin/python tests/feeds/schema/make_examples.py
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import test_asyncapi as described
+from google.protobuf.json_format import MessageToDict
+from support.brokers import free_port, rumqttd
+from support.sapient_tasks import task
+
+from plotfeed.feeds.schema.asyncapi import document
+from plotfeed.feeds.schema.flows import OURS, flows
+from plotfeed.proto import plotfeed_pb2 as pb
+
+FILE = Path(__file__).parents[3] / "feeds" / "schema" / "message_examples.json"
+MOST_OCTETS = 1200
+COMMAND = {"sensor": "active_radar", "set": {"link": {"latency_ms": 250.0}}}
+
+
+def main() -> None:
+    """Of what comes more than once, the first that is neither bare nor long."""
+    api, port = document(), free_port()
+    with TemporaryDirectory() as folder, rumqttd(Path(folder), {"v5.1": ("127.0.0.1", port, "")}):
+        heard, _, _ = asyncio.run(described.published(described.scene(), port))
+    payloads: dict[str, list[bytes]] = {}
+    for message in heard:
+        (operation,) = described.matching(api, message)
+        name = operation.removeprefix("send")
+        payloads.setdefault(name[0].lower() + name[1:], []).append(message.payload)
+    report = json.dumps(described.TELEMETRY).encode()
+    payloads |= {
+        "telemetryProtobuf": [_telemetry()],
+        "telemetryJson": [report],
+        "telemetryAsterix129": payloads["asterix129"],
+        "control": [json.dumps(COMMAND).encode()],
+        "sapientTask": [task(described.ONE, request="Registration")],
+    }
+    examples = {}
+    for flow in flows():
+        fit = [octets for octets in payloads[flow.name] if len(octets) <= MOST_OCTETS]
+        octets = max(fit or payloads[flow.name][:1], key=len)
+        examples[flow.name] = _told(flow.content_type, flow.message, octets)
+    FILE.write_text(json.dumps(examples, indent=1) + "\n")
+
+
+def _telemetry() -> bytes:
+    report = pb.Telemetry(latitude_deg=40.0, longitude_deg=-3.0, altitude_m=700.0)
+    report.time_utc.FromSeconds(1_767_268_800)
+    report.altitude_reference = pb.ELLIPSOID
+    return report.SerializeToString()
+
+
+def _told(content_type: str, kind: str, octets: bytes) -> Any:
+    if content_type == "application/json":
+        return json.loads(octets)
+    if kind.startswith(f"{OURS}."):
+        message = getattr(pb, kind.rpartition(".")[2]).FromString(octets)
+        return MessageToDict(message, preserving_proto_field_name=True)
+    return base64.b64encode(octets).decode()
+
+
+if __name__ == "__main__":
+    main()
