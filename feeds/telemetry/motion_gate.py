@@ -94,18 +94,15 @@ class MotionGate:
             abs(row.latitude_deg - before.latitude_deg)
             + abs(row.longitude_deg - before.longitude_deg)
         ) * MAX_METRES_PER_DEG + abs(row.altitude_m - before.altitude_m)
-        if (
-            away_m <= GRACE_M + self._m_per_ns * (row.t_utc_ns - before.t_utc_ns)
-            and not speed_m2_s2 > self._max_m2_s2  # which NaN is not
-            and course.elsewhere is None
-            and speed_m2_s2 == speed_m2_s2  # noqa: PLR0124
-        ):
+        if not speed_m2_s2 <= self._max_m2_s2:  # or some of it is not known
+            self._check_speed(row)
+        reach = GRACE_M + self._m_per_ns * (row.t_utc_ns - before.t_utc_ns)
+        if away_m <= reach and course.elsewhere is None:
             course.row = row
             return False
         return self._look_closer(course, row)
 
     def _look_closer(self, course: Course, row: ReportRow) -> bool:
-        self._check_speed(row)
         elsewhere = course.elsewhere
         if self._is_within_reach(course.row, row):
             if elsewhere is not None:
