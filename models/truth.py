@@ -210,6 +210,11 @@ class Trajectories:
             track.period_ns = t_utc_ns[-1] - t_utc_ns[0]
         self._fly(drone, track, signature)
 
+    def put_off(self, by_ns: int) -> None:
+        """Have all known paths begin so much later; nobody has asked where drones are yet."""
+        for track in self._tracks.values():
+            track.t_utc_ns = [t_utc_ns + by_ns for t_utc_ns in track.t_utc_ns]
+
     @property
     def signatures(self) -> Signatures:
         """What there is to sense of every drone, by its index."""
@@ -338,8 +343,7 @@ def _velocity_ecef(
     known = velocity_enu_m_s
     if len(to_fit):
         (x, y, z), turned = fitted_ecef_m_s.T, axes[:, :, to_fit]
-        fitted = (x * turned[:, 0] + y * turned[:, 1] + z * turned[:, 2]).T
-        known = known.copy()
+        known, fitted = known.copy(), (x * turned[:, 0] + y * turned[:, 1] + z * turned[:, 2]).T
         known[to_fit] = np.where(np.isnan(known[to_fit]), fitted, known[to_fit])
     east, north, up = known.T
     velocity: Floats = (east * axes[0] + north * axes[1] + up * axes[2]).T

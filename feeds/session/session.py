@@ -200,7 +200,9 @@ class Session:
                         self._outputs.forget_wills()
                         return  # nothing has begun
                     on_ready()
-                    self.start_ns = self.clock.start()
+                    start_ns = self.clock.start()
+                    self.trajectories.put_off(start_ns - self.start_ns)
+                    self.start_ns = start_ns
                     await _first_of(self._work(duration_s), stop)
                     await self._flush(stop)
                     await self._farewell(running[len(self._outbox.transports) :])

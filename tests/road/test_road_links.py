@@ -106,7 +106,7 @@ def test_the_ledger_says_what_the_link_was() -> None:
 
 
 def test_an_impaired_link_costs_other_sensors_nothing() -> None:
-    other = radar(id="other", scan=rotating(1.0, 32), pfa=1e-6)
+    other = radar(id="other", scan=rotating(1.0, 32), pfa=1e-6, sic=2)
     drones = [held("d", 10.0, 5.0, 3000.0)]
     alone = fly(scene([other], drones, seed=7), 20.0)
     lossy = radar(scan=staring(), link={"latency_ms": 70.0, "jitter_ms": 30.0})

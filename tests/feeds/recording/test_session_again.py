@@ -10,8 +10,12 @@ import pytest
 from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.recording.recorder import Recorder
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.replay.mcap.mcap_reader import McapReader
 
 SIMULATED = ("--speed", "max", "--broker", "none", "--json")
@@ -60,3 +64,31 @@ def test_a_record_from_before_there_were_ticks_is_run_and_told_of(
     assert again.returncode == 0
     assert again.stderr.startswith(f"plotfeed: {old} was made before sessions went by ticks")
     assert json.loads(again.stdout)["messages"] > 0
+
+
+class SlowToConnect(InstantClock):
+    """A session that connects for a while before its time begins."""
+
+    def start(self) -> int:
+        self.jump(self.now_ns() + 146_800_123)
+        return super().start()
+
+
+@pytest.mark.asyncio
+async def test_scripted_drones_set_out_when_the_session_is_said_to_begin(tmp_path: Path) -> None:
+    scene = load(scene_file(tmp_path, scene_text(sensors=radar(), port=1883)))
+    path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
+    with Recorder(path, attachments=attachments_of(scene, 0), waits=True) as recorder:
+        observers = [SessionRecorder(recorder, ledger_is_sent=True)]
+        clock = SlowToConnect(1_700_000_000_000_000_000)
+        taps = {"tap": lambda message, _t: first.append(message)}
+        await run(scene, clock=clock, broker="none", duration_s=4.0, observers=observers, **taps)
+    clock = InstantClock(SessionRecord.open(path).start_utc_ns)
+    taps = {"tap": lambda message, _t: again.append(message)}
+    await run(scene, clock=clock, broker="none", duration_s=4.0, **taps)
+    first, again = (
+        sorted((m.topic, m.payload) for m in messages if not m.topic.endswith("/session"))
+        for messages in (first, again)
+    )
+    assert first == again
+    assert len(first) > 20
