@@ -11,6 +11,7 @@ import numpy as np
 from plotfeed.feeds.recording.recorded_session import RecordedSettings
 from plotfeed.feeds.scene.fields import Site, frame_at
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
@@ -18,9 +19,10 @@ from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
-from plotfeed.models.frames import LocalFrame
+from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 
@@ -31,8 +33,8 @@ class AskedSensor:
     keys: Sensor
     site: Site
     chance: Chance
-    sea_level_m: float
-    """Above the ellipsoid, by which heights above mean sea level are told."""
+    sea_level: SeaLevel | None
+    """By which heights above mean sea level are told; None if its grid cannot be read here."""
 
     @cached_property
     def model(self) -> SensorModel:
@@ -57,6 +59,13 @@ class AskedSensor:
         """The errors of its readings, None for none: the drift is the one that the seed draws."""
         keys = self.keys
         return readings_of(keys.bias, keys.drift, self.chance, keys.scan.period_ns)
+
+    def undulation_m(self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats) -> Floats:
+        """Heights of mean sea level above the ellipsoid at places; (n,), NaN if not known."""
+        if self.sea_level is None:
+            return np.full(len(range_m), np.nan)
+        there_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
+        return self.sea_level.undulation_m(*self.frame.to_geodetic(there_enu_m)[:2])
 
     @cached_property
     def clock_ahead_ns(self) -> int:
@@ -89,7 +98,10 @@ class AskedByTime:
         """Of a scan."""
         self._sensor, self._settings, self._start_utc_ns = sensor.id, settings, start_utc_ns
         self._site = scene.scene.site
-        self._sea_level_m = scene.telemetry.geoid_undulation_m or 0.0
+        try:
+            self._sea_level: SeaLevel | None = SeaLevel.of(scene)
+        except PlotfeedError:
+            self._sea_level = None
         self._chance = Chance(scene.scene.seed, sensor.id)
         scan = sensor.scan
         self._timetable = Timetable(
@@ -106,7 +118,7 @@ class AskedByTime:
         if keys is None:
             return None
         if id(keys) not in self._asked:
-            self._asked[id(keys)] = AskedSensor(keys, self._site, self._chance, self._sea_level_m)
+            self._asked[id(keys)] = AskedSensor(keys, self._site, self._chance, self._sea_level)
         return self._asked[id(keys)]
 
     def missed(self, lacking: range) -> int:

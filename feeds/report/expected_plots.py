@@ -108,7 +108,7 @@ def compared(
     sigmas = _sigmas(asked, measured, channel, steps)
     expected = _expected(asked, place, plots, channel, sigmas)
     left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
-    values = _values(measured, expected, asked)
+    values = _values(measured, place, expected, asked)
     found = Comparison({}, {}, {}, int(left_out.sum()), {})
     for name, (column, _) in QUANTITIES.items():
         if name not in expected or not np.isfinite(values[name]).any():
@@ -317,14 +317,17 @@ def _near_an_end(
 
 
 def _values(
-    measured: MeasuredPlots, expected: Mapping[str, Expected], asked: AskedSensor | None
+    measured: MeasuredPlots,
+    place: Place,
+    expected: Mapping[str, Expected],
+    asked: AskedSensor | None,
 ) -> dict[str, Floats]:
     """What was measured of each quantity, over the zenith again where noise has gone past it."""
     values: dict[str, Floats] = {
         name: getattr(measured, column) for name, (column, _) in QUANTITIES.items()
     }
-    if asked is not None and np.isnan(values["height"]).all():
-        values["height"] = measured.altitude_m + asked.sea_level_m
+    if asked is not None and np.isfinite(measured.altitude_m).any():
+        values["height"] = measured.altitude_m + asked.undulation_m(*place)
     azimuth_deg, elevation_deg = values["azimuth"], values["elevation"]
     law = expected["elevation"]
     past = np.abs(law.mean) + EDGE * np.sqrt(law.variance) > 90

@@ -51,7 +51,7 @@ def random_tree(seed: int) -> Keys:
                 "height_m": SITE.height_m,
             },
         },
-        "telemetry": {"geoid_undulation_m": dice.one_of(0.0, 51.0, -30.0)},
+        "telemetry": dice.one_of({}, {"geoid_undulation_m": 0.0}, {"geoid_undulation_m": -30.0}),
         "sensor": sensors,
         "drone": _drones(dice),
     }
