@@ -289,3 +289,10 @@ def test_a_drone_that_goes_away_on_a_line_is_never_heard_better(
     )
     assert far.snr <= near.snr * (1 + 1e-9)
     assert far.pd <= near.pd * (1 + 1e-6) + 1e-12
+
+
+def test_noise_takes_from_the_ratio_what_the_array_gives() -> None:
+    place = phantom([150.0]).position_enu_m
+    quiet = PAPER.snr_db(np.array([80.0]), place)
+    assert array(noise_db=7.0).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 7.0)
+    assert array(array_gain_db=6.03).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 3.0)

@@ -363,3 +363,9 @@ def test_no_transmitter_does_harm_by_more_power(model, enu_m, more_db, data):
         for m in (model, replace(model, transmitters=tuple(louder)))
     )
     assert after >= before * (1 - 1e-12)
+
+
+def test_noise_is_told_in_milliwatts_in_the_bandwidth_of_a_range_cell():
+    """Thermal noise is -174 dBm/Hz at 290 K; a cell of 10 m takes 15 MHz."""
+    found = radar(noise_figure_db=5.0, range_resolution_m=10.0).noise_dbm
+    assert found == pytest.approx(-173.975 + 5.0 + 71.758, abs=0.01)

@@ -120,3 +120,17 @@ def test_whatever_the_parameters_the_plots_of_the_gate_are_its_drones(
     inside = (range_m > 0) & (range_m <= range_max_m)
     assert looks.drone.tolist() == plots.drone.tolist() == there.drone[inside].tolist()
     assert np.isfinite(plots.range_m).all()
+
+
+def test_the_mean_place_is_that_of_many_measurements() -> None:
+    """Noise across the line of sight makes ranges longer, and elevations lower, on average."""
+    n, at_m = 40_000, aer_to_enu(180.0, 40.0, 100.0)
+    gate = RangeGate(range_max_m=1000.0, sigma_m=20.0)
+    _, plots = gate.observe(targets(np.broadcast_to(at_m, (n, 3))), np.random.default_rng(1))
+    expected = gate.mean_place(*(np.array([x]) for x in enu_to_aer(at_m)))
+    measured = plots.azimuth_deg, plots.elevation_deg, plots.range_m
+    for mean, values in zip(expected, measured, strict=True):
+        third_order = 2 * (20.0 / 100.0) ** 3 * np.std(values)
+        error = 4 * np.std(values) / np.sqrt(n)
+        assert abs(values.mean() - mean[0]) < error + third_order
+    assert expected[2][0] == pytest.approx(104.0)
