@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -75,6 +76,15 @@ def test_ports_that_are_taken_are_passed_over() -> None:
 
 def test_ports_beyond_the_last_are_passed_over() -> None:
     assert 0 < free_ports(65535).mqtt5 < 65536
+
+
+@pytest.mark.asyncio
+async def test_where_it_is_not_installed_it_is_said_how_to_name_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "iotcore", None)
+    with pytest.raises(BrokerError, match=r"not installed.*--broker mqtt://HOST:PORT"):
+        await EmbeddedBroker.start(free_port())
 
 
 @pytest.mark.asyncio
