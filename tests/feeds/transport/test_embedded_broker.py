@@ -109,7 +109,7 @@ async def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
 
 @pytest.mark.asyncio
 async def test_websocket_without_its_library_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(embedded_broker, "find_spec", lambda _name: None)
+    monkeypatch.setattr(embedded_broker, "find_spec", lambda name: name != "websockets" or None)
     keys = EmbeddedBrokerKeys(websocket_origins=())
     with pytest.raises(BrokerError) as caught:
         await EmbeddedBroker.start(free_port(), keys)
