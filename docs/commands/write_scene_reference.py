@@ -20,8 +20,12 @@ scenes by; `plotfeed schema` prints that schema, for editors that complete and c
 
 A scene is one TOML file. It names a site, the sensors that look, and the drones that the scene
 flies by itself; others may come by telemetry. Only what it names is modelled. A key that does not
-exist, a value of the wrong kind or out of bounds is refused before anything starts, each with its
-place in the file. The unit of a key is the end of its name.
+exist, a value of the wrong kind or out of bounds is refused before anything starts, each with the
+line of the file and the sensor or drone whose key it is:
+
+    here.toml: line 12: sensor[0].powr_w of 'radar': no such key; did you mean power_w?
+
+The unit of a key is the end of its name.
 
 `plotfeed check SCENE` says what the sensors will do; the shipped scenes are in
 `feeds/scene/examples/`.

@@ -114,7 +114,7 @@ def _link_rule(text: str) -> LinkRule:
     path = Path(name)
     try:
         with path.open("rb") as file:
-            tree = tomllib.loads(file.read(MAX_OCTETS).decode())
+            tree = tomllib.loads(file.read(MAX_OCTETS).decode("utf-8-sig"))
     except OSError as error:
         raise ReplayError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

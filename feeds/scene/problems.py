@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -37,7 +38,7 @@ def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[
             yield here, f"expected one of {context['expected_tags']}, not {_shown(context['tag'])}"
         elif kind == "value_error":
             inner, _, rest = text.removeprefix("Value error, ").partition(": ")
-            named = rest and inner.isidentifier()
+            named = rest and _NAMED.fullmatch(inner)
             yield (f"{key}.{inner}" if key else inner) if named else key, rest if named else inner
         elif kind == "too_short":
             if found["loc"] not in within:  # else it only lacks what was refused itself
@@ -48,6 +49,8 @@ def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[
 
 
 _QUOTE = "'"
+_NAMED = re.compile(r"[a-z_]\w*(\[\d+\]|\.\w+)*")
+"""A key, before a colon at the beginning of what a check says."""
 _EXPECTED = {
     "tuple_type": "expected a list",
     "model_type": "expected a table",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections import Counter
+from codecs import BOM_UTF8
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
@@ -28,6 +28,7 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.output_keys import Mqtt, Outgoing, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
+from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered
@@ -43,10 +44,15 @@ MAX_PROBLEMS = 20
 
 
 class SceneError(PlotfeedError):
-    """A scene that cannot be run. `problems` are (key, what was expected)."""
+    """A scene that cannot be run. `problems` are (key, what was expected).
 
-    def __init__(self, path: Path, problems: list[tuple[str, str]]) -> None:
-        lines = [f"{path}: {key}: {text}" if key else f"{path}: {text}" for key, text in problems]
+    Its message has the line of each in `text`, and the id of whose key it is, by `tree`.
+    """
+
+    def __init__(
+        self, path: Path, problems: list[tuple[str, str]], tree: Any = None, text: str = ""
+    ) -> None:
+        lines = [f"{path}: {line}" for line in located(problems, tree, text)]
         super().__init__("\n".join(printable(line) for line in lines))
         self.path = path
         self.problems = problems
@@ -179,12 +185,14 @@ class Scene(SceneTable):
             ("sensor", [s.id for s in self.sensor]),
             ("drone", [d.id for d in self.drone]),
         ):
-            twice = {name for name, count in Counter(names).items() if count > 1}
-            if twice:
-                raise ValueError(f"{kind}: the id {min(twice)!r} is used twice")
-        taken = sorted(TOPICS_OF_SESSION & {s.id for s in self.sensor})
-        if taken:
-            raise ValueError(f"sensor: the id {taken[0]!r} is a topic of the session")
+            known: set[str] = set()
+            for n, name in enumerate(names):
+                if name in known:
+                    raise ValueError(f"{kind}[{n}].id: the id {name!r} is used twice")
+                known.add(name)
+        for n, sensor in enumerate(self.sensor):
+            if sensor.id in TOPICS_OF_SESSION:
+                raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session")
         check_sources(self.sensor)
         return self
 
@@ -199,27 +207,29 @@ class Scene(SceneTable):
 
     @model_validator(mode="after")
     def _false_alarms_can_be_sent(self) -> Self:
-        for sensor in self.sensor:
-            _check_false_alarms(sensor, self.scene.site)
+        for n, sensor in enumerate(self.sensor):
+            _check_false_alarms(sensor, f"sensor[{n}]", self.scene.site)
         return self
 
     @model_validator(mode="after")
     def _events_can_happen(self) -> Self:
-        for sensor in self.sensor:
+        for n, sensor in enumerate(self.sensor):
             for i, event in enumerate(sensor.event):
+                key = f"sensor[{n}].event[{i}].set"
                 try:
                     other = changed(sensor, event.set)
                 except ChangeError as error:
-                    raise ValueError(f"sensor: {sensor.id!r}: event[{i}].set: {error}") from None
-                _check_false_alarms(other, self.scene.site)
+                    raise ValueError(f"{key}: {error}") from None
+                _check_false_alarms(other, key, self.scene.site)
         return self
 
     @model_validator(mode="after")
     def _udp_is_of_sensors(self) -> Self:
         known = {COOPERATIVE, *(s.id for s in self.sensor)}
-        for name in (name for udp in self.udp for name in udp.sensors):
-            if name not in known:
-                raise ValueError(f"udp: sensors: no sensor has the id {name!r}")
+        for n, udp in enumerate(self.udp):
+            for name in udp.sensors:
+                if name not in known:
+                    raise ValueError(f"udp[{n}].sensors: no sensor has the id {name!r}")
         return self
 
     @property
@@ -278,12 +288,11 @@ class Scene(SceneTable):
         return self._text
 
 
-def _check_false_alarms(sensor: Sensor, site: Site) -> None:
+def _check_false_alarms(sensor: Sensor, key: str, site: Site) -> None:
     expected = sensor.model(site).false_alarms_per_scan
     if expected > MAX_FALSE_ALARMS:
         raise ValueError(
-            f"sensor: {sensor.id!r} has {expected:.3g} false alarms a scan; "
-            f"at most {MAX_FALSE_ALARMS} are taken"
+            f"{key}: {expected:.3g} false alarms a scan; at most {MAX_FALSE_ALARMS} are taken"
         )
 
 
@@ -304,15 +313,13 @@ def load(path: str | Path) -> Scene:
 def parsed(data: bytes, path: Path) -> Scene:
     """The scene in what a file holds; `path` is for messages and for finding files beside it."""
     try:
-        text = data.decode()
+        text = data.removeprefix(BOM_UTF8).decode()
         tree = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise SceneError(path, [("", f"not UTF-8 at octet {error.start}")]) from None
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, or an int of 5,000 digits
         raise SceneError(path, [("", f"not TOML: {error}")]) from None
-    scene = from_tree(tree, path)
-    scene._text = text
-    return scene
+    return from_tree(tree, path, text)
 
 
 def example(name: str) -> Scene:
@@ -321,8 +328,11 @@ def example(name: str) -> Scene:
         return load(path)
 
 
-def from_tree(tree: dict[str, Any], path: Path) -> Scene:
-    """The scene in what TOML gave; `path` is for messages and for finding flights beside it."""
+def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
+    """The scene in what TOML gave; `path` is for messages and for finding flights beside it.
+
+    `text` is what TOML was given, if it was a file; raises `SceneError`.
+    """
     tree, problems = with_presets(tree)
     misused = {key.partition(".")[0] for key, _ in problems}
     try:
@@ -332,6 +342,6 @@ def from_tree(tree: dict[str, Any], path: Path) -> Scene:
         others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
         problems += islice(others, MAX_PROBLEMS)
     if problems:
-        raise SceneError(path, problems)
-    scene._folder = path.parent
+        raise SceneError(path, problems, tree, text)
+    scene._folder, scene._text = path.parent, text
     return scene

@@ -59,14 +59,14 @@ def check_sources(sensors: Sequence[SensorKeys]) -> None:
     All go to the same brokers and files, where nothing else in a record tells them apart.
     """
     known: dict[Source, str] = {}
-    for sensor in sensors:
+    for n, sensor in enumerate(sensors):
         if not any(REPORT_FORMATS[name].categories for name in sensor.report):
             continue
         source = sensor.sac, sensor.sic
         other = known.setdefault(source, sensor.id)
         if other != sensor.id:
             raise ValueError(
-                f"sensor: {other!r} and {sensor.id!r} both have sac {sensor.sac} and sic "
+                f"sensor[{n}].sic: {other!r} and {sensor.id!r} both have sac {sensor.sac} and sic "
                 f"{sensor.sic}, and both report in ASTERIX, which tells them apart by that alone; "
                 "leave out sic, and they are numbered"
             )

@@ -75,7 +75,7 @@ def _credentials(file: Path) -> tuple[str, str | None]:
     expected = AccessError(f"{file}: expected TOML with username and password, both text")
     try:
         with file.open("rb") as opened:
-            found = tomllib.loads(opened.read(MAX_FILE_OCTETS).decode())
+            found = tomllib.loads(opened.read(MAX_FILE_OCTETS).decode("utf-8-sig"))
     except OSError as error:
         raise AccessError(f"{file}: {error.strerror}") from None
     except (ValueError, RecursionError):

@@ -135,9 +135,12 @@ def test_a_wrong_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         done = plotfeed_here(verb, scene)
         assert done.returncode == 2
         assert done.stdout == ""
+        text = scene.read_text().split("\n")
+        table, key = text.index("[[sensor]]") + 1, text.index("powr_w = 500.0") + 1
         assert done.stderr.splitlines() == [
-            f"plotfeed: {scene}: sensor[0].power_w: missing",
-            f"plotfeed: {scene}: sensor[0].powr_w: no such key; did you mean power_w?",
+            f"plotfeed: {scene}: line {table}: sensor[0].power_w of 'radar': missing",
+            f"plotfeed: {scene}: line {key}: sensor[0].powr_w of 'radar': no such key; "
+            "did you mean power_w?",
         ]
 
 

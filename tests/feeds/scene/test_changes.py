@@ -88,11 +88,14 @@ def test_a_sensor_without_pfa_has_no_factor_on_it() -> None:
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        ({"from_s": 5.0, "to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].to_s: must be above"),
+        (
+            {"from_s": 5.0, "to_s": 5.0, "set": {"pfa": 1e-5}},
+            r"event\[0\].to_s of 'radar': must be above",
+        ),
         ({"from_s": 5.0, "set": {}}, r"event\[0\].set"),
-        ({"from_s": 5.0, "set": {"pf": 1e-5}}, r"'radar': event\[0\].set: pf: no such key"),
+        ({"from_s": 5.0, "set": {"pf": 1e-5}}, r"event\[0\].set of 'radar': pf: no such key"),
         ({"from_s": 5.0, "set": {"pfa": 0.1}}, "false alarms a scan"),
-        ({"to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].from_s: missing"),
+        ({"to_s": 5.0, "set": {"pfa": 1e-5}}, r"event\[0\].from_s of 'radar': missing"),
     ],
 )
 def test_an_event_that_cannot_happen_is_refused_with_the_scene(

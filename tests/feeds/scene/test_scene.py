@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -35,7 +36,8 @@ def problems(folder: Path, text: str | bytes) -> list[str]:
     lines = str(caught.value).split("\n")
     assert all(line.startswith(f"{path}: ") for line in lines)
     assert all(line.isprintable() for line in lines)
-    return [line.removeprefix(f"{path}: ") for line in lines]
+    found = [line.removeprefix(f"{path}: ") for line in lines]
+    return [re.sub(r"^line [0-9]+: (.*?)( of '.*?')?: ", r"\1: ", line) for line in found]
 
 
 MISTAKES = {
@@ -122,7 +124,7 @@ MISTAKES = {
     ),
     "name of a topic": (
         ('id = "radar"', 'id = "truth"'),
-        "sensor: the id 'truth' is a topic of the session",
+        "sensor[0].id: the id 'truth' is a topic of the session",
     ),
     "half a place": (
         ("{ east_m = 1500.0, north_m", "{ north_m"),
@@ -143,7 +145,7 @@ MISTAKES = {
     ),
     "more false alarms than can be sent": (
         ("range_resolution_m = 30.0", "range_resolution_m = 0.01\ndoppler_cells = 100"),
-        "sensor: 'radar' has 8.1e+05 false alarms a scan; at most 100000 are taken",
+        "sensor[0]: 8.1e+05 false alarms a scan; at most 100000 are taken",
     ),
     "a key of two lines": (
         ("seed = 3", 'seed = 3\n"a\\nb" = 1'),
@@ -181,7 +183,7 @@ def test_long_values_are_shown_in_part(tmp_path: Path) -> None:
 
 
 def test_two_things_of_one_name_are_refused(tmp_path: Path) -> None:
-    assert problems(tmp_path, TEXT + radar()) == ["sensor: the id 'radar' is used twice"]
+    assert problems(tmp_path, TEXT + radar()) == ["sensor[1].id: the id 'radar' is used twice"]
 
 
 def test_a_scene_without_sensors_is_refused(tmp_path: Path) -> None:
