@@ -139,10 +139,10 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         say(json.dumps(_summary(totals)))
     else:
         show_last_status(_line(totals))
-    failures = [file.failure for file in (raw, recorder) if file and file.failure]
-    for failure in failures:
-        say(f"plotfeed: {failure}", err=True)
-    return FAILED if failures else code
+    missing = [raw.failure] if raw and raw.failure else []
+    for line in [*missing, *(recorder.losses() if recorder else ())]:
+        say(f"plotfeed: {line}", err=True)
+    return FAILED if any(file and file.failure for file in (raw, recorder)) else code
 
 
 def run_again(path: Path, settings: RunSettings) -> int:

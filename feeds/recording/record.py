@@ -177,12 +177,7 @@ class _Recording:
             say(json.dumps(totals))
         else:
             show_last_status(self._line(recorder))
-        for many, why in (
-            (lost, "datagrams were lost: the socket had no room"),
-            (recorder.dropped, "messages were dropped: the disk is slower"),
-            (recorder.refused, "messages were not recorded: no such file can hold them"),
-        ):
-            if many:
-                say(f"plotfeed: {many} {why}", err=True)
-        if recorder.failure:
-            say(f"plotfeed: {recorder.failure}", err=True)
+        if lost:
+            say(f"plotfeed: {lost} datagrams were lost: the socket had no room", err=True)
+        for line in recorder.losses():
+            say(f"plotfeed: {line}", err=True)

@@ -109,6 +109,17 @@ class Recorder:
             self._closed = True
             await asyncio.to_thread(self._end)
 
+    def losses(self) -> Iterator[str]:
+        """Lines on what is missing in the file."""
+        for many, why in (
+            (self.dropped, "messages were dropped: the disk is slower"),
+            (self.refused, "messages were not recorded: no such file can hold them"),
+        ):
+            if many:
+                yield f"{self.path}: {many} {why}"
+        if self.failure:
+            yield self.failure
+
     def __enter__(self) -> Self:
         return self
 

@@ -169,3 +169,15 @@ async def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Pat
     found, reader = read(recorder.path)
     assert [m.log_time_ns for m in found] == [START_NS]
     assert len(reader.damage) == 1
+
+
+def test_what_is_missing_in_a_file_is_told(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap")
+    recorder._mcap._last_id = 65_535
+    recorder.write(recorded(1))
+    recorder.dropped = 3
+    recorder.close()
+    assert list(recorder.losses()) == [
+        f"{tmp_path / 'a.mcap'}: 3 messages were dropped: the disk is slower",
+        f"{tmp_path / 'a.mcap'}: 1 messages were not recorded: no such file can hold them",
+    ]
