@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -26,6 +25,7 @@ from plotfeed.feeds.console.process import (
     GARBAGE_OF_SESSION,
     keep_freed,
     leave_alone_what_is_there,
+    own_folder,
     stopped_by_signals,
     undisturbed,
 )
@@ -147,8 +147,8 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
 
 def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
-    with TemporaryDirectory(prefix="plotfeed-") as folder:
-        scene = SessionRecord.open(path).scene(Path(folder))
+    with own_folder() as folder:
+        scene = SessionRecord.open(path).scene(folder)
         elsewhere = list(_elsewhere(scene, settings))
         if elsewhere:
             say(NOT_SENT.format(path, ", ".join(elsewhere)), err=True)

@@ -7,11 +7,13 @@ import contextlib
 import ctypes
 import gc
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from io import FileIO
 from pathlib import Path
+from tempfile import TemporaryDirectory, gettempdir
 from types import FrameType
 from typing import BinaryIO
 
@@ -23,6 +25,8 @@ GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Of mallopt(3)."""
 KEPT_OCTETS, OF_ITS_OWN_OCTETS = 128 << 20, 32 << 20
+FOLDERS, LOCK = "plotfeed-run-", "lock"
+"""How temporary folders begin, and what in them is locked while they are used."""
 PRIVATE = 0o600
 """Permissions of a file that its owner alone may read."""
 SWITCH_S = 1e-5
@@ -115,6 +119,27 @@ def new_file(path: Path, *, force: bool, is_private: bool = False) -> FileIO:
     if is_private and is_ours:
         path.chmod(mode)  # it may have been there
     return FileIO(number, "w")
+
+
+@contextlib.contextmanager
+def own_folder() -> Iterator[Path]:
+    """A temporary folder; those that killed processes have left are cleared first."""
+    try:
+        from fcntl import LOCK_EX, LOCK_NB, flock
+    except ImportError:  # not on this system
+        with TemporaryDirectory(prefix=FOLDERS) as name:
+            yield Path(name)
+        return
+    for lock in Path(gettempdir()).glob(f"{FOLDERS}*/{LOCK}"):
+        with contextlib.suppress(OSError), lock.open("rb") as held:
+            flock(held, LOCK_EX | LOCK_NB)  # whose process lives is locked
+            shutil.rmtree(lock.parent, ignore_errors=True)
+    with TemporaryDirectory(prefix=FOLDERS) as name:
+        folder = Path(name)
+        with (folder / f"{LOCK}.part").open("wb") as held:
+            flock(held, LOCK_EX | LOCK_NB)
+            (folder / f"{LOCK}.part").rename(folder / LOCK)  # from now on others may find it
+            yield folder
 
 
 @contextlib.contextmanager

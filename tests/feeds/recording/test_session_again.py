@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from support.command import plotfeed_here
+from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
@@ -92,3 +92,23 @@ async def test_scripted_drones_set_out_when_the_session_is_said_to_begin(tmp_pat
     )
     assert first == again
     assert len(first) > 20
+
+
+def test_a_folder_that_a_killed_run_has_left_is_cleared_by_the_next(
+    record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    with (
+        running("run", record, "--broker", "none") as killed,
+        running("run", record, "--broker", "none") as living,
+    ):
+        left = {*(tmp_path / "tmp").glob("plotfeed-run-*")}
+        assert len(left) == 2
+        killed.process.kill()
+        killed.process.wait()
+        assert plotfeed("run", record, *SIMULATED).returncode == 0
+        still = {*(tmp_path / "tmp").glob("plotfeed-run-*")}
+        assert len(still) == 1
+        assert still < left
+        living.process.kill()
