@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from subprocess import DEVNULL, Popen
 
 import pytest
-from support.command import plotfeed, plotfeed_here, running
+from support.command import PLOTFEED, plotfeed, plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
@@ -99,16 +101,14 @@ def test_a_folder_that_a_killed_run_has_left_is_cleared_by_the_next(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
-    with (
-        running("run", record, "--broker", "none") as killed,
-        running("run", record, "--broker", "none") as living,
-    ):
+    words = [*PLOTFEED, "run", str(record), "--broker", "none"]
+    with Popen(words, stdout=DEVNULL) as killed, Popen(words, stdout=DEVNULL) as living:
+        wait_until(lambda: len([*(tmp_path / "tmp").glob("plotfeed-run-*/lock")]) == 2)
         left = {*(tmp_path / "tmp").glob("plotfeed-run-*")}
-        assert len(left) == 2
-        killed.process.kill()
-        killed.process.wait()
+        killed.kill()
+        killed.wait()
         assert plotfeed("run", record, *SIMULATED).returncode == 0
         still = {*(tmp_path / "tmp").glob("plotfeed-run-*")}
         assert len(still) == 1
         assert still < left
-        living.process.kill()
+        living.kill()
