@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 
 from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.asterix.codec.layout import (
     FX,
     HEADER_OCTETS,
@@ -16,6 +18,7 @@ from plotfeed.proto.asterix.codec.layout import (
     is_time_of_day,
 )
 from plotfeed.proto.content_types import ASTERIX, asterix_content_type
+from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import DAY_NS
 
 MAX_TRAILER_OCTETS = 16
@@ -33,6 +36,30 @@ def block_octets(payload: bytes) -> int:
 def categories(payload: bytes) -> tuple[int, ...]:
     """Categories of the whole data blocks at the start of a payload: each once, in their order."""
     return tuple(dict.fromkeys(category for category, _ in _headers(payload)))
+
+
+def record_counts(payload: bytes) -> dict[int, int | None]:
+    """Whole records of each category; None for one of which nothing tells where they end."""
+    counts: dict[int, int | None] = {}
+    at = 0
+    for category, length in _headers(payload):
+        body = payload[at + HEADER_OCTETS : at + length]
+        at += length
+        if category in CATEGORIES:
+            whole = (counts.get(category) or 0) + _whole_records(category, body)
+            counts[category] = whole
+        else:
+            counts[category] = None
+    return counts
+
+
+def _whole_records(category: int, body: bytes) -> int:
+    """How many records a block begins with, up to one that is broken."""
+    count = 0
+    with contextlib.suppress(DecodeError):
+        for _ in records_in(Block(category, body, 0)):
+            count += 1
+    return count
 
 
 def trailer_octets(payload: bytes) -> int | None:

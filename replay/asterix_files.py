@@ -23,6 +23,11 @@ Timed = tuple[bytes, int | None]
 """A data block, and the time of day of its first record if that has one."""
 
 
+def raw_topic(category: int) -> str:
+    """The topic of a data block that nothing else names."""
+    return f"asterix/{category:03d}"
+
+
 class RawReader(OctetsReader):
     """The data blocks of a file, each a message. Nothing tells where the next one is after damage.
 
@@ -44,7 +49,7 @@ class RawReader(OctetsReader):
             if time_ns is not None:
                 last_utc_ns = max(last_utc_ns, self._clock.utc_ns(time_ns))
             yield Recorded(
-                topic=f"asterix/{block[0]:03d}",
+                topic=raw_topic(block[0]),
                 payload=block,
                 log_time_ns=last_utc_ns,
                 publish_time_ns=last_utc_ns,

@@ -150,6 +150,11 @@ class Recording:
         """Whether there is more than times of day."""
         return FORMATS[self.format].has_dates
 
+    @property
+    def has_stages(self) -> bool:
+        """Whether messages before their link stand beside those after it."""
+        return FORMATS[self.format].holds_stages
+
 
 def format_of(path: Path) -> FileFormat:
     """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""

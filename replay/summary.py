@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, message_type
 from plotfeed.proto.utc import NS
-from plotfeed.replay.asterix_blocks import categories, is_asterix
+from plotfeed.replay.asterix_blocks import categories, is_asterix, record_counts
 from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_SERIES = 10_000
@@ -24,6 +24,8 @@ class SeriesSummary:
 
     messages: int = 0
     octets: int = 0
+    records: int | None = 0
+    """Of ASTERIX, those that are whole; None where nothing tells where they end."""
 
 
 class Lateness:
@@ -57,6 +59,8 @@ class Summary:
     messages: int = 0
     octets: int = 0
     """Of payload."""
+    records: int = 0
+    """Of ASTERIX, as far as they can be told apart."""
     first_ns: int | None = None
     """Earliest log time."""
     last_ns: int | None = None
@@ -84,10 +88,17 @@ class Summary:
         self.messages += 1
         self.octets += len(message.payload)
         self._take_time(message.log_time_ns)
-        for kind in kinds_of(message):
+        kinds, is_asterix = kinds_of(message)
+        records = record_counts(message.payload) if is_asterix else {}
+        self.records += sum(filter(None, records.values()))
+        for kind in kinds:
             series = self._series_of(message, kind)
             series.messages += 1
             series.octets += len(message.payload)
+            if is_asterix:
+                more = records.get(int(kind), 0)
+                have = series.records
+                series.records = None if have is None or more is None else have + more
         late_ns = message.log_time_ns - message.publish_time_ns
         if late_ns or message.stage in (Stage.BEFORE, Stage.AFTER):
             self.lateness.setdefault(message.stage, Lateness()).add(late_ns)
@@ -111,13 +122,16 @@ class Summary:
         return self.series.setdefault(key, SeriesSummary())
 
 
-def kinds_of(message: Recorded) -> tuple[str, ...]:
-    """Categories of ASTERIX such as 048; else the message's type, or what its content type says."""
+def kinds_of(message: Recorded) -> tuple[tuple[str, ...], bool]:
+    """Categories of ASTERIX such as 048; else the message's type, or what its content type says.
+
+    And whether it is ASTERIX.
+    """
     content = message.content_type
     if not content and "asterix" in message.topic.split("/")[-2:]:
         content = ASTERIX
     if content.startswith(ASTERIX) and is_asterix(content, message.payload):
-        return tuple(f"{category:03d}" for category in categories(message.payload))
+        return tuple(f"{category:03d}" for category in categories(message.payload)), True
     if MESSAGE_TYPE in content:
-        return (message_type(content).rpartition(".")[2],)
-    return (content.partition(";")[0].removeprefix("application/"),)
+        return (message_type(content).rpartition(".")[2],), False
+    return (content.partition(";")[0].removeprefix("application/"),), False

@@ -21,8 +21,10 @@ from plotfeed.feeds.cli.options import (
     part_options,
     replay_options,
     session_options,
+    stage_option,
     take_access,
     take_flight_options,
+    topic_option,
 )
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import PrintableFormatter, say
@@ -167,7 +169,10 @@ def chart(scene: Path, **options: Any) -> int:
 @click.argument("source", metavar="FILE-or-URL")
 @click.option("--list", "listed", is_flag=True, help="The messages of a file, one a line.")
 @click.option("--count", type=click.IntRange(min=1), help="End after so many; implies --list.")
-@click.option("--duration", type=POSITIVE, help="End after seconds, of what a broker has.")
+@click.option("--duration", type=POSITIVE, help="End after seconds, of what is live.")
+@topic_option
+@stage_option("Only these, of a session's record; without it all, each with its stage.")
+@click.option("--interface", metavar="NAME", help="Where a multicast group is joined.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 @click.option(
     "--edition",
@@ -180,14 +185,15 @@ def chart(scene: Path, **options: Any) -> int:
 def show(source: str, **options: Any) -> int:
     """Print what a recording holds, in figures, or decoded messages, one a line.
 
-    The messages are those of a file, with --list, or of a broker: mqtt://HOST:PORT/TOPIC-FILTER, or
-    mqtts:// for TLS, where the filter is plotfeed/# if it is left out. A file is MCAP, pcap,
-    pcapng, FINAL, raw ASTERIX or JSON lines.
+    The messages are those of a file, with --list; of a broker, mqtt://HOST:PORT/TOPIC-FILTER or
+    mqtts:// for TLS, where the filter is plotfeed/# if it is left out; or of a network,
+    udp://ADDRESS:PORT as for record. A file is MCAP, pcap, pcapng, FINAL, raw ASTERIX or JSON
+    lines.
     """
-    from plotfeed.feeds.recording.show import show_source
+    from plotfeed.feeds.recording.show import ShowSettings, show_source
 
     access = take_access(options)
-    return show_source(source, access, **options)
+    return show_source(source, access, ShowSettings(**options))
 
 
 @cli.command()
@@ -214,14 +220,8 @@ FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--from", "from_format", type=click.Choice(FORMATS), help="Of IN; else its content.")
 @click.option("--to", "to_format", type=click.Choice(FORMATS), help="Of OUT; else its suffix.")
-@click.option("--topic", "topics", multiple=True, metavar="FILTER", help="Only these: + and #.")
-@click.option(
-    "--stage",
-    "stages",
-    multiple=True,
-    type=click.Choice(["telemetry", "before", "after", "received"]),
-    help="Only these; what has no stages takes 'after' and 'received'.",
-)
+@topic_option
+@stage_option("Only these; what has no stages takes 'after' and 'received'.")
 @part_options
 @date_option
 @force_option("Even if OUT is there already.")

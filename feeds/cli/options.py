@@ -42,6 +42,19 @@ date_option = click.option(
     type=click.DateTime(["%Y-%m-%d"]),
     help="The first day of a file that has none: FINAL, raw.",
 )
+topic_option = click.option(
+    "--topic", "topics", multiple=True, metavar="FILTER", help="Only these: + and #."
+)
+
+
+def stage_option(help_text: str) -> Decorator:
+    """The option that chooses stages of messages in a recording."""
+    stages = ["telemetry", "before", "after", "received"]
+    return click.option(
+        "--stage", "stages", multiple=True, type=click.Choice(stages), help=help_text
+    )
+
+
 part_options = together(
     click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC."),
     click.option("--end", metavar="TIME", help="As --start; what was recorded then is left out."),

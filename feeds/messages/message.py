@@ -99,3 +99,8 @@ def topic_matches(topic_filter: str, topic: str) -> bool:
         if place >= len(levels) or level not in ("+", levels[place]):
             return False
     return len(wanted) == len(levels)
+
+
+def is_chosen(topic: str, filters: Sequence[str]) -> bool:
+    """Whether a topic is one of those that one of the filters is for; without any, all are."""
+    return not filters or any(topic_matches(each, topic) for each in filters)

@@ -14,7 +14,7 @@ from typing import BinaryIO
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
-from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
+from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
@@ -164,9 +164,7 @@ def _chosen(
     """Messages that are asked for; the others are counted where nobody asked for fewer."""
     stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
     for message in messages:
-        if settings.topics and not any(
-            topic_matches(each, message.topic) for each in settings.topics
-        ):
+        if not is_chosen(message.topic, settings.topics):
             continue
         if message.stage in stages:
             yield message

@@ -37,6 +37,8 @@ OURS: Mapping[str, type[ProtobufMessage]] = {
         pb.SensorDescription,
     )
 }
+HEXADECIMAL = {"I048/220": 6, "ADR": 6, "I048/260": 14, "MBDATA": 14, "ACS": 14}
+"""Digits of items, and parts of items, that everybody writes so: addresses, Mode S registers."""
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
 """What a message may be."""
 Categories = Mapping[int, Category]
@@ -88,7 +90,7 @@ def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
     """Numbers of a part; its enumerations say the same in every message."""
     for name, value in fields.items():
         if isinstance(value, int | float):
-            yield f"{name} {value:.9g}"
+            yield f"{name} {_short(value)}"
 
 
 def categories_of(editions: Iterable[str]) -> Categories:
@@ -190,7 +192,9 @@ def _record_line(record: Record) -> str:
         return f"CAT{record.category:03d}  {record.octets.hex()}"
     time_of_day = items.pop(_time_item(record.category), None)
     when = _clock(time_of_day) if isinstance(time_of_day, float) else "            "
-    parts = "  ".join(f"{name.partition('/')[2]} {_short(value)}" for name, value in items.items())
+    parts = "  ".join(
+        f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()
+    )
     return f"CAT{record.category:03d}  {when}  {parts}"
 
 
@@ -208,15 +212,30 @@ def _clock(time_of_day_s: float) -> str:
 
 
 def _short(value: Any) -> str:
+    """A value without a digit lost; parts of a part in brackets."""
+    if isinstance(value, float):
+        return _number(value)
     if isinstance(value, Mapping):
-        return " ".join(f"{name}={_short(part)}" for name, part in value.items())
+        return " ".join(
+            f"{name}=({_short(part)})" if isinstance(part, dict) else f"{name}={_part(name, part)}"
+            for name, part in value.items()
+        )
     if isinstance(value, list):
         return "[" + ", ".join(_short(part) for part in value) + "]"
-    if isinstance(value, float):
-        return f"{value:.6g}"
     if isinstance(value, bytes):
         return value.hex()
     return printable(str(value))
+
+
+def _part(name: str, value: Any) -> str:
+    if isinstance(value, int) and name in HEXADECIMAL:
+        return f"{value:0{HEXADECIMAL[name]}X}"
+    return _short(value)
+
+
+def _number(value: float) -> str:
+    """The shortest text that reads as the same number."""
+    return repr(value).removesuffix(".0")
 
 
 def _record_json(record: Record) -> str:

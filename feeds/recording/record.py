@@ -31,6 +31,7 @@ MAX_TOPICS = 65_536
 """That are counted."""
 
 
+LIVE = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
 CaptureSource = BrokerSource | UdpSource
 
 
@@ -48,10 +49,17 @@ class RecordSettings:
     force: bool = False
 
 
-def source_of(url: str, access: dict[str, Any], interface: str | None) -> CaptureSource:
+def source_of(
+    url: str,
+    access: dict[str, Any],
+    interface: str | None,
+    name: str = "plotfeed-record",
+    expected: str = LIVE,
+) -> CaptureSource:
     """The source at mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
 
-    `access` holds the keyword arguments of `BrokerAddress.parse`.
+    `access` holds the keyword arguments of `BrokerAddress.parse`, `name` is that of the client,
+    and `expected` is what an error says is wanted.
     """
     scheme, _, rest = url.partition("://")
     if scheme == "udp":
@@ -61,8 +69,7 @@ def source_of(url: str, access: dict[str, Any], interface: str | None) -> Captur
             raise AddressError(f"{without_secrets(url)}: {error}") from None
     if interface is not None and scheme in DEFAULT_PORTS:
         raise AddressError("--interface: only for udp://")
-    expected = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
-    source = BrokerSource.parse(url, access, "plotfeed-record", expected=expected)
+    source = BrokerSource.parse(url, access, name, expected=expected)
     checked_topic_filter(source.topic_filter)
     return source
 

@@ -1,80 +1,97 @@
-"""What a broker has or a file holds, one line a message; or a file in figures."""
+"""What is live or in a file, one line a message; or a file in figures."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console import INTERRUPTED
-from plotfeed.feeds.console.printed import aligned, printable, say
+from plotfeed.feeds.console.printed import printable, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.decoded_text import (
     Categories,
     categories_of,
     message_lines,
     record_line,
 )
-from plotfeed.feeds.recording.record_sources import BrokerSource
+from plotfeed.feeds.recording.record import LIVE, CaptureSource, source_of
+from plotfeed.feeds.recording.summary_text import figures, shown_time, summary_lines
 from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.content_types import ASTERIX
-from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.asterix_blocks import trailer_octets
-from plotfeed.replay.asterix_files import RawReader
+from plotfeed.replay.asterix_files import RawReader, raw_topic
 from plotfeed.replay.files import Recording, open_recording
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.replay.summary import Summary
 
 MAX_WAITING_LINES = 100_000
 
 
-def show_source(
-    source: str,
-    access: dict[str, Any],
-    *,
-    listed: bool,
-    count: int | None,
-    duration: float | None,
-    as_json: bool,
-    editions: Sequence[str] = (),
-) -> int:
-    """Print the messages of a broker, or what a file holds; the exit code.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShowSettings:
+    """What is to be shown, and how, in the words of the command's options."""
 
-    `access` holds the keyword arguments of `BrokerAddress.parse`, `listed` says that the messages
-    of a file are wanted. Raises `PlotfeedError`, and `OSError` of a file.
+    listed: bool = False
+    """Whether the messages of a file are wanted."""
+    count: int | None = None
+    """Lines after which it ends."""
+    duration: float | None = None
+    """Seconds after which it ends, of what is live."""
+    topics: Sequence[str] = ()
+    """Topic filters; without any, all topics."""
+    stages: Sequence[str] = ()
+    """Of a file; without any, all stages."""
+    interface: str | None = None
+    """Where a multicast group is joined."""
+    as_json: bool = False
+    editions: Sequence[str] = ()
+    """Of ASTERIX, in place of the usual ones."""
+
+    def chooses(self, message: Recorded) -> bool:
+        """Whether that message is wanted."""
+        of_stage = not self.stages or message.stage in self.stages
+        return of_stage and is_chosen(message.topic, self.topics)
+
+
+def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> int:
+    """Print the messages of a broker or a network, or what a file holds; the exit code.
+
+    `access` holds the keyword arguments of `BrokerAddress.parse`. Raises `PlotfeedError`, and
+    `OSError` of a file.
     """
-    categories = categories_of(editions)
+    for topic_filter in settings.topics:
+        checked_topic_filter(topic_filter)
     if "://" not in source:
-        return show_file(
-            Path(source), listed=listed, count=count, as_json=as_json, categories=categories
-        )
-    expected = "a file or mqtt://HOST:PORT/TOPIC-FILTER"
-    broker = BrokerSource.parse(source, access, "plotfeed-show", expected=expected)
-    lines_of = partial(message_lines, as_json=as_json, categories=categories)
-    return asyncio.run(_show_broker(broker, count, duration, lines_of))
+        if settings.interface is not None:
+            raise PlotfeedError("--interface: only for udp://")
+        return show_file(Path(source), settings)
+    if settings.stages:
+        raise PlotfeedError("--stage: only of a file")
+    live = source_of(source, access, settings.interface, "plotfeed-show", f"a file, {LIVE}")
+    return asyncio.run(_show_live(live, settings))
 
 
-async def _show_broker(
-    source: BrokerSource,
-    count: int | None,
-    duration_s: float | None,
-    lines_of: Callable[[str, bytes, str | None], Iterator[str]],
-) -> int:
+async def _show_live(source: CaptureSource, settings: ShowSettings) -> int:
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
+    categories = categories_of(settings.editions)
     dropped = 0
 
     def receive(message: Recorded) -> None:
         nonlocal dropped
-        for line in lines_of(message.topic, message.payload, message.content_type or None):
+        if not settings.chooses(message):
+            return
+        for line in _content_lines(message, as_json=settings.as_json, categories=categories):
             if lines.full():
                 dropped += 1
             else:
@@ -82,9 +99,9 @@ async def _show_broker(
 
     try:
         await source.open(receive)
-        printing = asyncio.create_task(_print(lines, count), name="print")
+        printing = asyncio.create_task(_print(lines, settings.count), name="print")
         with stopped_by_signals(printing.cancel) as signals:
-            await asyncio.wait({printing}, timeout=duration_s)
+            await asyncio.wait({printing}, timeout=settings.duration)
         printing.cancel()
         await asyncio.gather(printing, return_exceptions=True)
     finally:
@@ -101,17 +118,16 @@ async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
         printed += 1
 
 
-def show_file(
-    path: Path, *, listed: bool, count: int | None, as_json: bool, categories: Categories
-) -> int:
+def show_file(path: Path, settings: ShowSettings) -> int:
     """Print what a file holds, or its messages; the exit code: 2 if it is damaged.
 
     Raises `PlotfeedError` and `OSError`.
     """
+    count = settings.count
     with open_recording(path) as recording:
         reader = recording.reader
-        if listed or count is not None:
-            lines = _lines(recording, as_json=as_json, categories=categories)
+        if settings.listed or count is not None:
+            lines = _lines(recording, settings)
             for line in islice(lines, count):
                 say(line)
             if count is not None and next(lines, None) is not None:
@@ -121,28 +137,43 @@ def show_file(
             for message in with_progress(
                 reader.messages(), path.name, lambda: reader.at, recording.octets
             ):
-                summary.add(message)
-            if as_json:
-                say(json.dumps(_figures(path, recording, summary)))
+                if settings.chooses(message):
+                    summary.add(message)
+            if settings.as_json:
+                say(json.dumps(figures(path, recording, summary)))
             else:
-                say("\n".join(_text(path, recording, summary)))
+                say("\n".join(summary_lines(path, recording, summary)))
     for damage in reader.damage:
         say(f"plotfeed: {path}: {damage}", err=True)
     return 2 if reader.damage else 0
 
 
-def _lines(recording: Recording, *, as_json: bool, categories: Categories) -> Iterator[str]:
+def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
-    reader = recording.reader
-    if isinstance(reader, RawReader):
-        return _raw_lines(reader, as_json=as_json, categories=categories)
-    dated = recording.has_dates
-    line_of = partial(_message_lines, dated=dated, as_json=as_json, categories=categories)
-    return (line for message in reader.messages() for line in line_of(message))
+    reader, categories = recording.reader, categories_of(settings.editions)
+    if not isinstance(reader, RawReader):
+        line_of = partial(
+            _message_lines,
+            dated=recording.has_dates,
+            # Where one stage is asked for, every line would have the same.
+            staged=recording.has_stages and len(settings.stages) != 1,
+            as_json=settings.as_json,
+            categories=categories,
+        )
+        chosen = filter(settings.chooses, reader.messages())
+        return (line for message in chosen for line in line_of(message))
+    if settings.stages and Stage.RECEIVED not in settings.stages:
+        return iter(())
+    topics = frozenset(n for n in range(256) if is_chosen(raw_topic(n), settings.topics))
+    return _raw_lines(reader, topics, as_json=settings.as_json, categories=categories)
 
 
-def _raw_lines(reader: RawReader, *, as_json: bool, categories: Categories) -> Iterator[str]:
+def _raw_lines(
+    reader: RawReader, chosen: Container[int], *, as_json: bool, categories: Categories
+) -> Iterator[str]:
     for octets, at in reader.blocks():
+        if octets[0] not in chosen:
+            continue
         block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
         try:
             for record in records_in(block, categories):
@@ -153,106 +184,25 @@ def _raw_lines(reader: RawReader, *, as_json: bool, categories: Categories) -> I
 
 
 def _message_lines(
-    message: Recorded, *, dated: bool, as_json: bool, categories: Categories
+    message: Recorded, *, dated: bool, staged: bool, as_json: bool, categories: Categories
 ) -> Iterator[str]:
-    topic, payload = printable(message.topic), message.payload
-    trailer = trailer_octets(payload)
-    if trailer and message.content_type.startswith(ASTERIX):
-        payload = payload[:-trailer]
-    lines = message_lines(
-        topic, payload, message.content_type or None, as_json=as_json, categories=categories
-    )
-    when = _time(message.log_time_ns, dated=dated)
-    for line in lines:
+    when = shown_time(message.log_time_ns, dated=dated)
+    stage = f"{message.stage}  " if staged and message.stage is not Stage.RECEIVED else ""
+    told = f', "stage": "{message.stage}"' if staged else ""
+    for line in _content_lines(message, as_json=as_json, categories=categories):
         # An object that message_lines makes has members.
-        yield f'{{"time_utc": "{when}", {line[1:]}' if as_json else f"{when}  {line}"
+        yield f'{{"time_utc": "{when}"{told}, {line[1:]}' if as_json else f"{when}  {stage}{line}"
 
 
-def _text(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
-    dated = recording.has_dates
-    yield (
-        f"{path}: {recording.format}, {summary.messages} messages, {summary.octets} octets, "
-        f"{summary.duration_s:.3f} s"
+def _content_lines(message: Recorded, *, as_json: bool, categories: Categories) -> Iterator[str]:
+    """Lines of a message, without what a sender put behind its data blocks."""
+    payload = message.payload
+    if message.content_type.startswith(ASTERIX) and (trailer := trailer_octets(payload)):
+        payload = payload[:-trailer]
+    return message_lines(
+        printable(message.topic),
+        payload,
+        message.content_type or None,
+        as_json=as_json,
+        categories=categories,
     )
-    if summary.first_ns is not None and summary.last_ns is not None:
-        yield f"  first        {_time(summary.first_ns, dated=dated)}"
-        yield f"  last         {_time(summary.last_ns, dated=dated)}"
-    if summary.gap_from_ns is not None:
-        since = _time(summary.gap_from_ns, dated=dated)
-        yield f"  longest gap  {summary.gap_ns / 1e9:.3f} s from {since}"
-    if summary.disordered:
-        yield f"  disordered   {summary.disordered} messages of earlier times than before them"
-    for stage, late in summary.lateness.items():
-        p50_ms, p99_ms = (late.percentile_ns(percent) / 1e6 for percent in (50, 99))
-        yield f"  lateness     p50 {p50_ms:.3g} ms, p99 {p99_ms:.3g} ms of {len(late)} ({stage})"
-    yield from _table(summary)
-    if recording.reader.skipped:
-        yield f"  {recording.reader.skipped} packets hold no UDP"
-    for entry in recording.reader.attachments():
-        yield f"  attachment {printable(entry.name)}, {entry.octets} octets"
-    if not dated:
-        yield f"  {recording.format} has no date"
-
-
-def _table(summary: Summary) -> Iterator[str]:
-    """Topics with their messages, those a second over the whole file, and octets."""
-    if not summary.series:
-        return
-    staged = len({stage for _, stage, _ in summary.series}) > 1
-    rows = [("topic", *(["stage"] if staged else []), "kind", "messages", "1/s", "octets")]
-    for (topic, stage, kind), series in sorted(summary.series.items()):
-        rate = f"{series.messages / summary.duration_s:.1f}" if summary.duration_s else ""
-        named = (printable(topic), *([str(stage)] if staged else []), printable(kind))
-        rows.append((*named, str(series.messages), rate, str(series.octets)))
-    yield from (f"  {line}" for line in aligned(rows, f"{'<<<' if staged else '<<'}>>>"))
-
-
-def _figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:
-    dated = recording.has_dates
-    time = partial(_time_or_none, dated=dated)
-    return {
-        "file": str(path),
-        "format": str(recording.format),
-        "dated": dated,
-        "messages": summary.messages,
-        "octets": summary.octets,
-        "duration_s": summary.duration_s,
-        "first_utc": time(summary.first_ns),
-        "last_utc": time(summary.last_ns),
-        "longest_gap_s": summary.gap_ns / 1e9,
-        "longest_gap_from_utc": time(summary.gap_from_ns),
-        "disordered": summary.disordered,
-        "lateness": {
-            str(stage): {
-                "messages": len(late),
-                "p50_us": late.percentile_ns(50) / 1e3,
-                "p99_us": late.percentile_ns(99) / 1e3,
-            }
-            for stage, late in summary.lateness.items()
-        },
-        "series": [
-            {
-                "topic": topic,
-                "stage": str(stage),
-                "kind": kind,
-                "messages": series.messages,
-                "octets": series.octets,
-            }
-            for (topic, stage, kind), series in sorted(summary.series.items())
-        ],
-        "attachments": [
-            {"name": entry.name, "octets": entry.octets} for entry in recording.reader.attachments()
-        ],
-        "packets_without_udp": recording.reader.skipped,
-        "damage": [asdict(each) for each in recording.reader.damage],
-    }
-
-
-def _time(t_utc_ns: int, *, dated: bool) -> str:
-    """UTC, or the time of day where the file has no date."""
-    text = iso_utc(t_utc_ns)
-    return text if dated else text.partition("T")[2]
-
-
-def _time_or_none(t_utc_ns: int | None, *, dated: bool) -> str | None:
-    return None if t_utc_ns is None else _time(t_utc_ns, dated=dated)

@@ -26,12 +26,10 @@ from plotfeed.proto.asterix.codec.layout import (
     Quantity,
     Repetitive,
 )
+from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, Plans
 from plotfeed.proto.errors import DecodeError
 
 Value: TypeAlias = "int | float | str | bytes | dict[str, Value] | list[Value]"
-
-FURTHER = "FURTHER"
-"""The name under which an extended item keeps the octets that follow the groups of its layout."""
 
 
 class Block(NamedTuple):
@@ -99,12 +97,30 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
     if category is None:
         yield Record(block.category, {}, block.body, block.at_octet)
         return
-    at = 0
-    while at < len(block.body):
-        cursor = _Cursor(block.body, at, block.at_octet)
-        items = cursor.record(category)
-        yield Record(block.category, items, block.body[at : cursor.at], block.at_octet + at)
-        at = cursor.at
+    read = _plans_of(category).read
+    number, body, origin = block
+    at, octets = 0, len(body)
+    while at < octets:
+        start = at
+        try:
+            items, at = read(body, start)
+        except BROKEN:
+            items = {}
+        if not items or at > octets:  # says what is wrong
+            cursor = _Cursor(body, start, origin)
+            items, at = cursor.record(category), cursor.at
+        yield Record(number, items, body[start:at], origin + start)
+
+
+_PLANS: dict[int, tuple[Category, Plans]] = {}
+"""By the identity of a category, as its hash is that of all that it holds."""
+
+
+def _plans_of(category: Category) -> Plans:
+    found = _PLANS.get(id(category))
+    if found is None:
+        found = _PLANS[id(category)] = category, Plans(category.uap)
+    return found[1]
 
 
 def decode(data: bytes, categories: Mapping[int, Category] = CATEGORIES) -> list[Record]:
@@ -242,7 +258,7 @@ def _value(part: Named, raw: int) -> Value:
         case Quantity():
             if part.signed and raw >> part.bits - 1:
                 raw -= 1 << part.bits
-            return raw * float(part.lsb)
+            return part.value(raw)
         case Characters():
             each = part.bits_each
             mask = (1 << each) - 1

@@ -88,6 +88,21 @@ class Quantity:
             return -(1 << self.bits - 1), (1 << self.bits - 1) - 1
         return 0, (1 << self.bits) - 1
 
+    @property
+    def divisor(self) -> int:
+        """How many LSBs are 1, where they are a whole number that is no power of two; else 0.
+
+        An integer divided by it is the float nearest to what was sent, as 35 times 0.01 is not.
+        Any other LSB is a float that is exact, and so are its multiples.
+        """
+        each = round(1 / self.lsb)
+        return each if each & each - 1 and 1 / each == self.lsb else 0
+
+    def value(self, raw: int) -> float:
+        """The float nearest to an integer that was sent."""
+        divisor = self.divisor
+        return raw / divisor if divisor else raw * float(self.lsb)
+
 
 @dataclass(frozen=True, slots=True)
 class Characters:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ import pytest
 from support.brokers import deaf_server, free_port
 from support.command import PLOTFEED, plotfeed, plotfeed_here, running
 from support.mqtt_client import Client, listening
+from support.recordings import block_048
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
 
@@ -319,6 +321,39 @@ def test_show_prints_what_a_broker_has(tmp_path: Path) -> None:
         done = plotfeed("show", url, "--duration", "1", "--json")
         topics = {json.loads(line)["topic"] for line in done.stdout.splitlines()}
         assert topics >= {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
+
+
+def test_show_prints_what_comes_by_udp() -> None:
+    port = free_port()
+    shown = subprocess.Popen(
+        [*PLOTFEED, "show", f"udp://127.0.0.1:{port}", "--count", "2"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while shown.poll() is None:  # until it listens, and has enough
+            sender.sendto(block_048(43_200) + b"\xca\xfe", ("127.0.0.1", port))
+            time.sleep(0.05)
+    out, _ = shown.communicate(timeout=PATIENCE_S)
+    assert shown.returncode == 0
+    start = f"udp/127.0.0.1/{port}  CAT048  12:00:00.000  010 SAC=25 SIC=13"
+    assert [line.startswith(start) for line in out.splitlines()] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("udp://127.0.0.1:8600", "--stage", "after"), "--stage: only of a file"),
+        (("here.mcap", "--interface", "lo"), "--interface: only for udp://"),
+        (("here.mcap", "--topic", "a#"), "+ is a whole level"),
+        (("ftp://here/x",), "expected a file, mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"),
+    ],
+)
+def test_show_says_what_does_not_go_together(words: tuple[str, ...], says: str) -> None:
+    done = plotfeed_here("show", *words)
+    assert done.returncode == 2
+    assert is_one_line(done.stderr)
+    assert says in done.stderr
 
 
 def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 import pytest_asyncio
 from hypothesis import given
 from hypothesis import strategies as st
+from support.recordings import block
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
@@ -154,3 +155,23 @@ def test_a_time_beyond_the_year_9999_is_one_line() -> None:
         "plotfeed/telemetry/d", late.SerializeToString(), "application/x-protobuf", as_json=False
     )
     assert "not what the topic says" in line
+
+
+@pytest.mark.parametrize("sent", [-(2**22) * 3 + 1, 2**25 - 1, 12345])
+def test_numbers_are_as_exact_as_they_were_sent(sent: int) -> None:
+    longitude = sent.to_bytes(4, "big", signed=True).hex()
+    data = block(62, "88", "0102", "00000000", longitude)
+    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    assert float(line.partition("LON=")[2]) * 2**25 / 180 == sent
+
+
+def test_hundredths_have_two_decimals() -> None:
+    data = block(62, "8110", "0102", "010180", "0023")
+    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    assert line.endswith("380 RAN=0.35")
+
+
+def test_addresses_are_hexadecimal_and_parts_of_parts_are_in_brackets() -> None:
+    data = block(62, "8110", "0102", "94", "3c660c", "81f4", "e0c8")
+    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    assert line.endswith("380 ADR=3C660C IAS=(IM=1 IAS=500) SAL=(SAS=1 SRC=3 ALT=5000)")

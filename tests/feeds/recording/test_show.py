@@ -4,6 +4,7 @@ import io
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 from plotfeed.feeds.console import status_line
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.decoded_text import categories_of
-from plotfeed.feeds.recording.show import show_file
+from plotfeed.feeds.recording.show import ShowSettings, show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, writer_to
@@ -30,12 +31,8 @@ def stored(folder: Path, messages: list[Recorded], form: FileFormat = FileFormat
     return path
 
 
-def shown(
-    path: Path, *, listed: bool = False, count: int | None = None, as_json: bool = False
-) -> int:
-    return show_file(
-        path, listed=listed, count=count, as_json=as_json, categories=categories_of(())
-    )
+def shown(path: Path, **settings: Any) -> int:
+    return show_file(path, ShowSettings(**settings))
 
 
 def summary_of(messages: list[Recorded]) -> Summary:
@@ -73,15 +70,15 @@ def test_a_summary_tells_counts_times_gaps_and_lateness(tmp_path: Path, capsys: 
     out, err = capsys.readouterr()
     assert err == ""
     assert out.splitlines() == [
-        f"{path}: mcap, 201 messages, 2819 octets, 3.000 s",
+        f"{path}: mcap, 201 messages, 200 records of ASTERIX, 2819 octets, 3.000 s",
         "  first        2026-01-01T12:00:00.000000000Z",
         "  last         2026-01-01T12:00:03.000000000Z",
         "  longest gap  2.010 s from 2026-01-01T12:00:00.990000000Z",
         "  lateness     p50 5 ms, p99 5 ms of 200 (after)",
-        "  topic                   stage     kind  messages   1/s  octets",
-        "  plotfeed/a/asterix/048  after     048        100  33.3    1400",
-        "  plotfeed/a/status       received  json         1   0.3      19",
-        "  plotfeed/b/asterix/048  after     048        100  33.3    1400",
+        "  topic                   stage     kind  messages   1/s  records  octets",
+        "  plotfeed/a/asterix/048  after     048        100  33.3      100    1400",
+        "  plotfeed/a/status       received  json         1   0.3               19",
+        "  plotfeed/b/asterix/048  after     048        100  33.3      100    1400",
     ]
     assert shown(path, as_json=True) == 0
     found = json.loads(capsys.readouterr().out)
@@ -112,14 +109,73 @@ def test_messages_are_listed_with_their_times_and_topics(tmp_path: Path, capsys:
     assert shown(path, listed=True) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 201
-    assert lines[0].startswith(
-        "2026-01-01T12:00:00.000000000Z  plotfeed/a/asterix/048  CAT048  12:00:00.000  010 SAC=25"
-    )
+    where = "2026-01-01T12:00:00.000000000Z  after  plotfeed/a/asterix/048"
+    assert lines[0].startswith(f"{where}  CAT048  12:00:00.000  010 SAC=25")
     assert shown(path, count=3, as_json=True) == 0
     objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [each["topic"][9] for each in objects] == ["a", "b", "a"]
     assert objects[0]["time_utc"] == "2026-01-01T12:00:00.000000000Z"
     assert objects[0]["message"]["items"]["I048/010"] == {"SAC": 25, "SIC": 13}
+
+
+def both_sides_of_a_link() -> list[Recorded]:
+    return [
+        message(
+            block_048(43_200), START_NS + n * MS, topic=f"plotfeed/{name}/asterix/048", stage=stage
+        )
+        for n, stage in enumerate((Stage.BEFORE, Stage.AFTER))
+        for name in ("a", "b")
+    ]
+
+
+@pytest.mark.parametrize("form", [FileFormat.MCAP, FileFormat.JSON])
+def test_what_is_before_a_link_is_told_from_what_is_after_it(
+    form: FileFormat, tmp_path: Path, capsys: Capture
+) -> None:
+    path = stored(tmp_path, both_sides_of_a_link(), form)
+    shown(path, listed=True)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[1:3] for line in lines] == [
+        [stage, f"plotfeed/{name}/asterix/048"] for stage in ("before", "after") for name in "ab"
+    ]
+    shown(path, listed=True, as_json=True)
+    objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [each["stage"] for each in objects] == ["before", "before", "after", "after"]
+
+
+def test_stages_and_topics_are_chosen(tmp_path: Path, capsys: Capture) -> None:
+    path = stored(tmp_path, both_sides_of_a_link())
+    shown(path, listed=True, stages=("after",), topics=("plotfeed/b/#", "no/such"))
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("2026-01-01T12:00:00.001000000Z  plotfeed/b/asterix/048  CAT048")
+    shown(path, as_json=True, stages=("before",), topics=("+/a/#",))
+    found = json.loads(capsys.readouterr().out)
+    assert [(row["topic"], row["stage"], row["records"]) for row in found["series"]] == [
+        ("plotfeed/a/asterix/048", "before", 1)
+    ]
+
+
+def test_blocks_of_a_raw_file_are_chosen_by_their_topic(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "both.ast"
+    path.write_bytes(block_048(1) + block(34, "f0", "190d", "01", "546000", "00"))
+    shown(path, listed=True, topics=("asterix/034",))
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("CAT034")
+    shown(path, listed=True, stages=("before",))
+    assert capsys.readouterr().out == ""
+
+
+def test_records_are_counted_as_far_as_they_are_whole() -> None:
+    two = block(48, "f0190d5460000120005a4000"[:14], "f0190d01")
+    whole = block_048(1)
+    twice = block(48, *[whole[3:].hex()] * 2)
+    broken = block(48, whole[3:].hex(), "f019")
+    summary = summary_of([message(data) for data in (whole, twice, broken, twice + whole, two)])
+    (series,) = summary.series.values()
+    assert series.records == summary.records == 1 + 2 + 1 + 3 + 0
+    unknown = summary_of([message(block(99, "f0190d"))])
+    (series,) = unknown.series.values()
+    assert (series.records, unknown.records) == (None, 0)
 
 
 def test_a_trailer_is_no_error_and_a_topic_moves_no_cursor(tmp_path: Path, capsys: Capture) -> None:
@@ -167,7 +223,7 @@ def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[b
     data = b"".join(blocks)
     records, errors = decode_lenient(data)
     reader = RawReader(io.BytesIO(data))
-    lines = list(_raw_lines(reader, as_json=True, categories=categories_of(())))
+    lines = list(_raw_lines(reader, range(256), as_json=True, categories=categories_of(())))
     assert [json.loads(line)["category"] for line in lines] == [r.category for r in records]
     assert [each.offset for each in reader.damage] == [error.at_octet for error in errors]
 

@@ -1,11 +1,23 @@
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Value, blocks, decode, decode_lenient
+from plotfeed.proto.asterix.codec import readers
+from plotfeed.proto.asterix.codec.decode import (
+    Block,
+    Value,
+    _Cursor,
+    blocks,
+    decode,
+    decode_lenient,
+    records_in,
+)
+from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import DecodeError
 
 # Written by hand from the layout: FSPEC, then the items in the order of their numbers.
@@ -177,3 +189,38 @@ def test_blocks_say_where_their_bodies_are() -> None:
 def test_a_count_that_outnumbers_the_input_allocates_nothing() -> None:
     with pytest.raises(DecodeError, match="I034/070 needs 2 octets, 1 are left"):
         decode(bytes.fromhex("220007 0180 ff 00"))
+
+
+@pytest.mark.parametrize("category", CATEGORIES.values(), ids=lambda c: f"{c.number:03}")
+@given(data=st.data())
+def test_compiled_readers_read_what_the_rule_reads(category: Category, data: st.DataObject) -> None:
+    # Flags of items that are there, so that most of what is drawn is read to its end.
+    wanted = data.draw(st.sets(st.sampled_from([n for n, i in enumerate(category.uap) if i])))
+    last = max(wanted, default=0) // 7
+    flags = bytes(
+        sum(128 >> n % 7 for n in wanted if n // 7 == octet) | (octet < last)
+        for octet in range(last + 1)
+    )
+    body = flags + data.draw(st.binary(max_size=400) | st.just(bytes(400)))
+    rule = _Cursor(body, 0, 0)
+    try:
+        items = rule.record(category)
+    except DecodeError as error:
+        with pytest.raises(DecodeError) as caught:
+            next(records_in(Block(category.number, body, 0)))
+        assert (str(caught.value), caught.value.at_octet) == (str(error), error.at_octet)
+        return
+    record = next(records_in(Block(category.number, body, 0)))
+    assert (record.items, list(record.items)) == (items, list(items))
+    assert record.octets == body[: rule.at]
+
+
+@given(st.lists(st.binary(min_size=2, max_size=6), max_size=30))
+def test_plans_of_flags_are_bounded(bodies: list[bytes]) -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(readers, "MAX_PLANS", 3)
+        plans = readers.Plans(CATEGORIES[48].uap)
+        for body in bodies:
+            with contextlib.suppress(*readers.BROKEN):
+                plans.read(body, 0)
+            assert len(plans) <= 3
