@@ -5,6 +5,8 @@ SOURCES := pyproject.toml Makefile $(wildcard requirements/*.txt)
 CHROMIUM ?= chromium
 AXE := 4.14.1
 ASYNCAPI := @asyncapi/parser@3.6.3 @asyncapi/protobuf-schema-parser@3.9.0
+# What examples/plots.mjs takes.
+CLIENT := mqtt@5.16.0 protobufjs@8.8.1
 # Two for each processor: where one test waits, another computes.
 JOBS ?= $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
 # Nothing is installed but files whose hashes stand in requirements/.
@@ -68,8 +70,8 @@ audit: .venv-audit/.ready
 	touch $@
 
 .node/.ready: Makefile
-	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) $(ASYNCAPI) || \
-	echo "axe-core and AsyncAPI's parser did not come: tests with them will be skipped"
+	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) $(ASYNCAPI) $(CLIENT) || \
+	echo "axe-core, AsyncAPI's parser and MQTT.js did not come: tests with them will be skipped"
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.

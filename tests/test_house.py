@@ -107,7 +107,7 @@ def test_docstrings_name_their_subject() -> None:
     assert vague == {}
 
 
-PATH = re.compile(r"(?:`|\]\()((?:feeds|models|proto|replay|tests|docs)/[\w./*-]*)")
+PATH = re.compile(r"(?:`|\]\()((?:feeds|models|proto|replay|tests|docs|examples)/[\w./*-]*)")
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "README.md"])

@@ -1,0 +1,124 @@
+"""The clients and scenes in examples/, as they stand there."""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.brokers import free_port
+from support.command import Running, plotfeed_here, running
+from support.waiting import PATIENCE_S
+
+from plotfeed.feeds.scene.scene import load
+from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NODE_MODULES = EXAMPLES.parent / ".node" / "node_modules"
+SCENES = sorted((EXAMPLES / "scenes").glob("*.toml"))
+LINE = re.compile(r"\d\d:\d\d:\d\d\.\d+ (\S+) +(-?\d+\.\d{6}) (-?\d+\.\d{6}) (-?\d+) m")
+UDP = "127.0.0.1:8600"
+
+
+@pytest.fixture(scope="module")
+def radar_and_port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Running, int]]:
+    """The scene of one radar, at work, with another UDP port that it sends to."""
+    port = free_port()
+    text = (EXAMPLES / "scenes" / "radar-udp.toml").read_text()
+    assert UDP in text
+    scene = tmp_path_factory.mktemp("scene") / "radar-udp.toml"
+    scene.write_text(text.replace(UDP, f"127.0.0.1:{port}"))
+    with running("run", scene) as session:
+        yield session, port
+
+
+def lines_of(command: list[str], enough: int, **environment: str) -> list[str]:
+    """The first lines that a client prints which never ends by itself."""
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+    heard: queue.Queue[str] = queue.Queue()
+    assert process.stdout is not None
+
+    def hear(lines: Iterator[str]) -> None:
+        for line in lines:
+            heard.put(line.rstrip())
+        heard.put("")  # it ended
+
+    hearing = threading.Thread(target=hear, args=(iter(process.stdout),))
+    hearing.start()
+    found = []
+    try:
+        while len(found) < enough and (line := heard.get(timeout=PATIENCE_S)):
+            found.append(line)
+    finally:
+        process.kill()
+        hearing.join()
+        _, errors = process.communicate()
+    assert errors == ""
+    assert len(found) == enough
+    return found
+
+
+def off_the_path_m(east_m: float, north_m: float) -> float:
+    """Distance of a place from the straight line on which the scene's drone flies."""
+    (first, last) = np.array([[2000.0, 1000.0], [-2000.0, 1500.0]])
+    along = (last - first) / np.linalg.norm(last - first)
+    off = np.array([east_m, north_m]) - first
+    return float(abs(along[0] * off[1] - along[1] * off[0]))
+
+
+@pytest.mark.parametrize(
+    "client", ["plots_paho.py", "plots_aiomqtt.py", "plots_udp.py", "plots.mjs"]
+)
+def test_a_client_puts_plots_where_the_drone_flies(
+    client: str, radar_and_port: tuple[Running, int]
+) -> None:
+    session, udp = radar_and_port
+    mqtt, program = str(session.port("MQTT 3.1.1")), str(EXAMPLES / client)
+    if client == "plots.mjs":
+        node = shutil.which("node")
+        if node is None or not (NODE_MODULES / "mqtt").exists():
+            pytest.skip("MQTT.js is not installed: npm was not there")
+        command = [node, program, f"mqtt://127.0.0.1:{mqtt}"]
+    else:
+        first = [str(udp)] if client == "plots_udp.py" else []
+        command = [sys.executable, program, *first, "127.0.0.1", mqtt]
+    site = LocalFrame(40.45, -3.73, 650.0)
+    near = 0
+    for line in lines_of(command, 12, NODE_MODULES=str(NODE_MODULES)):
+        found = LINE.fullmatch(line)
+        assert found, line
+        assert found[1] == "radar"
+        east_m, north_m, up_m = site.from_ecef(geodetic_to_ecef(*map(float, found.groups()[1:])))
+        # 0.2 degrees of azimuth are 8 m at 2.2 km, 0.6 of elevation 23 m; 048 adds rounding.
+        near += off_the_path_m(east_m, north_m) < 40.0 and -20.0 < up_m < 220.0
+    assert near >= 3  # the drone, once a second, among false alarms
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+def test_a_scene_is_sound_and_runs(scene: Path) -> None:
+    assert load(scene).scene.name == scene.stem
+    assert plotfeed_here("check", scene).returncode == 0
+    options = ("--broker", "none", "--speed", "max", "--duration", "10")
+    done = plotfeed_here("run", scene, *options)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"plots [1-9]", done.stdout.splitlines()[-1])
+
+
+def test_every_example_is_told_of_on_its_page() -> None:
+    page = (EXAMPLES / "README.md").read_text()
+    there = {path.relative_to(EXAMPLES).as_posix() for path in (*EXAMPLES.glob("*.*"), *SCENES)}
+    assert set(re.findall(r"\]\(([\w./-]+\.(?:py|mjs|toml))\)", page)) == there - {"README.md"}
