@@ -24,13 +24,13 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/f
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest lint audit bench fuzz mutations soak proto pages pictures lock clean
+.PHONY: demo test test-lowest lint audit bench fuzz mutations soak proto pages pictures docs lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
 # In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test .venv-libasterix/.ready $(TOOLS)
+test: .venv/.ready-test .venv-libasterix/.ready .venv-docs/.ready $(TOOLS)
 	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
 
 # With the lowest versions that pyproject.toml allows; what skips for want of tools runs in `test`.
@@ -75,7 +75,7 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-.venv-libasterix/.ready .venv-audit/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
+.venv-libasterix/.ready .venv-audit/.ready .venv-docs/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
 	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
 	touch $@
@@ -130,9 +130,14 @@ pictures: pages
 	$(BIN)/python docs/commands/draw_stability.py
 	$(BIN)/python docs/commands/equation_figures.py
 
+# The documentation as a site in site/ that can be searched; a link that leads nowhere is an error.
+docs: .venv-docs/.ready
+	.venv-docs/bin/mkdocs build --strict
+	@echo 'to read it: $(PYTHON) -m http.server --directory site, and http://127.0.0.1:8000/'
+
 # Versions and hashes, after a change of pyproject.toml; with UPGRADE=--upgrade the newest.
 lock: .venv-uv/.ready
 	.venv-uv/bin/python requirements/make_locks.py $(UPGRADE)
 
 clean:
-	rm -rf .venv .venv-* .typing .node
+	rm -rf .venv .venv-* .typing .node site

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import fields
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,6 +16,9 @@ from support.doc_commands import COMMANDS, DOCS, doc_command
 from plotfeed.feeds.schema import text_of
 from plotfeed.feeds.sensing.simulation import SimulatedPlots
 
+ROOT = DOCS.parent
+PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md"), *(ROOT / "examples").glob("*.md")])
+ROOMS = ("feeds", "models", "proto", "replay", "tests", "docs", "examples", "requirements")
 NOT_ON_THE_PAGE = {
     "channel",
     "run_length_deg",
@@ -55,12 +59,36 @@ def test_every_command_finds_what_it_imports() -> None:
     subprocess.run(command, cwd=COMMANDS, check=True)
 
 
-def test_every_link_between_pages_leads_somewhere() -> None:
-    for page in (*DOCS.glob("*.md"), DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md"):
-        for part in page.read_text().split("](")[1:]:
-            target = part.partition(")")[0].partition("#")[0]
-            if target and "://" not in target:
-                assert (page.parent / target).exists(), f"{page.name}: {target}"
+def anchors(page: Path) -> set[str]:
+    """Of the headings of a page, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    heads = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    bare = [re.sub(r"[^\w\s-]", "", head).strip().lower().replace(" ", "-") for head in heads]
+    return {
+        f"{name}-{n}" if n else name for i, name in enumerate(bare) for n in [bare[:i].count(name)]
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_link_of_a_page_leads_to_a_file_and_heading(page: Path) -> None:
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text()):
+        if "://" not in target:
+            there = (page.parent / target).resolve() if target else page
+            assert there.exists(), f"{target} is not there"
+            assert there.is_relative_to(ROOT), f"{target} is outside a clone"
+            assert not anchor or anchor in anchors(there), f"{target} has no #{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_path_that_a_page_names_is_in_a_clone(page: Path) -> None:
+    named = re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w./*-]*)`", page.read_text())
+    assert [path for path in named if not list(ROOT.glob(path.rstrip("/")))] == []
+
+
+def test_the_index_names_every_page_once() -> None:
+    named = re.findall(r"\]\(([\w./-]+\.md)\)", (DOCS / "README.md").read_text())
+    there = {page.name for page in DOCS.glob("*.md")} - {"README.md"}
+    assert sorted(name for name in named if not name.startswith("../")) == sorted(there)
 
 
 def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import grimp
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("feeds", "models", "proto", "replay")
@@ -105,13 +104,3 @@ def documented() -> Iterator[tuple[str, str]]:
 def test_docstrings_name_their_subject() -> None:
     vague = {at: text.splitlines()[0] for at, text in documented() if SUBJECTLESS.match(text)}
     assert vague == {}
-
-
-PATH = re.compile(r"(?:`|\]\()((?:feeds|models|proto|replay|tests|docs|examples)/[\w./*-]*)")
-
-
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "README.md"])
-def test_every_path_that_a_page_names_is_there(page: str) -> None:
-    named = PATH.findall((ROOT / page).read_text())
-    assert named
-    assert [path for path in named if not list(ROOT.glob(path.rstrip("/")))] == []
