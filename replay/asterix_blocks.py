@@ -11,6 +11,7 @@ from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.asterix.codec.layout import (
     FX,
     HEADER_OCTETS,
+    Category,
     Extended,
     Fixed,
     Item,
@@ -38,26 +39,28 @@ def categories(payload: bytes) -> tuple[int, ...]:
     return tuple(dict.fromkeys(category for category, _ in _headers(payload)))
 
 
-def record_counts(payload: bytes) -> dict[int, int | None]:
+def record_counts(
+    payload: bytes, layouts: Mapping[int, Category] = CATEGORIES
+) -> dict[int, int | None]:
     """Whole records of each category; None for one of which nothing tells where they end."""
     counts: dict[int, int | None] = {}
     at = 0
     for category, length in _headers(payload):
         body = payload[at + HEADER_OCTETS : at + length]
         at += length
-        if category in CATEGORIES:
-            whole = (counts.get(category) or 0) + _whole_records(category, body)
-            counts[category] = whole
-        else:
+        if layouts.get(category) is None:
             counts[category] = None
+            continue
+        whole = (counts.get(category) or 0) + _whole_records(Block(category, body, 0), layouts)
+        counts[category] = whole
     return counts
 
 
-def _whole_records(category: int, body: bytes) -> int:
+def _whole_records(block: Block, layouts: Mapping[int, Category]) -> int:
     """How many records a block begins with, up to one that is broken."""
     count = 0
     with contextlib.suppress(DecodeError):
-        for _ in records_in(Block(category, body, 0)):
+        for _ in records_in(block, layouts):
             count += 1
     return count
 
@@ -158,6 +161,19 @@ def time_of_day_ns(block: bytes) -> int | None:
             return None
         at = at + octets if octets else _after_extended(block, at)
     return None
+
+
+SOURCE_FIRST = frozenset((*CATEGORIES, *FOREIGN, 1, 4, 8, 9, 11, 17, 18, 32, 240, 247))
+"""Categories whose first item is that of SAC and SIC."""
+
+
+def source_of_block(block: bytes) -> tuple[int, int] | None:
+    """SAC and SIC of a whole data block's first record, where it has them."""
+    flags = _flags(block)
+    at = HEADER_OCTETS + len(flags)
+    if block[0] not in SOURCE_FIRST or not flags or not flags[0] & 0x80 or at + 2 > len(block):
+        return None
+    return block[at], block[at + 1]
 
 
 def _flags(block: bytes) -> bytes:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, message_type
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import categories, is_asterix, record_counts
@@ -56,6 +59,8 @@ class Lateness:
 class Summary:
     """Counts, times, the longest gap and lateness."""
 
+    categories: Mapping[int, Category] = field(default_factory=lambda: CATEGORIES)
+    """The layouts by which records are told apart."""
     messages: int = 0
     octets: int = 0
     """Of payload."""
@@ -89,7 +94,7 @@ class Summary:
         self.octets += len(message.payload)
         self._take_time(message.log_time_ns)
         kinds, is_asterix = kinds_of(message)
-        records = record_counts(message.payload) if is_asterix else {}
+        records = record_counts(message.payload, self.categories) if is_asterix else {}
         self.records += sum(filter(None, records.values()))
         for kind in kinds:
             series = self._series_of(message, kind)

@@ -174,6 +174,7 @@ def chart(scene: Path, **options: Any) -> int:
 @stage_option("Only these, of a session's record; without it all, each with its stage.")
 @click.option("--interface", metavar="NAME", help="Where a multicast group is joined.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--verbose", is_flag=True, help="Trees with names, units, words; implies --list.")
 @click.option(
     "--edition",
     "editions",

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
-from plotfeed.feeds.console.printed import printable
+from plotfeed.feeds.recording.record_text import (
+    Categories,
+    record_json,
+    record_line,
+    record_tree,
+    short,
+)
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
-from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Record, decode_lenient
-from plotfeed.proto.asterix.codec.layout import Category, is_time_of_day
+from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.content_types import ASTERIX, JSON, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
@@ -37,13 +39,8 @@ OURS: Mapping[str, type[ProtobufMessage]] = {
         pb.SensorDescription,
     )
 }
-HEXADECIMAL = {"I048/220": 6, "ADR": 6, "I048/260": 14, "MBDATA": 14, "ACS": 14}
-"""Digits of items, and parts of items, that everybody writes so: addresses, Mode S registers."""
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
 """What a message may be."""
-Categories = Mapping[int, Category]
-EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
-"""Of categories that not all senders write alike."""
 
 
 def sapient_line(message: Mapping[str, Any]) -> str:
@@ -90,17 +87,7 @@ def _numbers(fields: Mapping[str, Any]) -> Iterator[str]:
     """Numbers of a part; its enumerations say the same in every message."""
     for name, value in fields.items():
         if isinstance(value, int | float):
-            yield f"{name} {_short(value)}"
-
-
-def categories_of(editions: Iterable[str]) -> Categories:
-    """The layouts to read ASTERIX by, with those editions in place of the usual ones."""
-    return {**CATEGORIES, **{EDITIONS[name].number: EDITIONS[name] for name in editions}}
-
-
-def record_line(record: Record, *, as_json: bool) -> str:
-    """The line of one record of ASTERIX."""
-    return _record_json(record) if as_json else _record_line(record)
+            yield f"{name} {short(value)}"
 
 
 def message_lines(
@@ -110,15 +97,22 @@ def message_lines(
     *,
     as_json: bool,
     categories: Categories = CATEGORIES,
+    verbose: bool = False,
 ) -> Iterator[str]:
-    """The lines of one MQTT message. What cannot be decoded says so in its line."""
+    """The lines of one message; `verbose` trees have many each. What cannot be decoded says so."""
 
     def line(told: Any) -> str:
         return json.dumps({"topic": topic, "message": told}) if as_json else f"{topic}  {told}"
 
+    kind = _kind(topic, content_type)
     try:
-        for told in _told(_kind(topic, content_type), payload, categories, as_json=as_json):
-            yield line(told)
+        if verbose and kind == "asterix":
+            told = _asterix_trees(payload, categories)
+        elif verbose and kind != "sapient":
+            told = _indented(kind, payload)
+        else:
+            told = _told(kind, payload, categories, as_json=as_json)
+        yield from map(line, told)
     except UNREADABLE as error:
         text = f"{len(payload)} octets that are not what the topic says: {error}"
         yield line({"error": text} if as_json else text)
@@ -164,11 +158,26 @@ def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterat
     records, errors = decode_lenient(payload, categories)
     for record in records:
         if as_json:
-            yield {"category": record.category, "items": _plain(record.items)}
+            yield record_json(record)
         else:
-            yield _record_line(record)
+            yield record_line(record, categories)
     for error in errors:
         yield {"error": str(error)} if as_json else error
+
+
+def _asterix_trees(payload: bytes, categories: Categories) -> Iterator[str]:
+    records, errors = decode_lenient(payload, categories)
+    yield from (record_tree(record, categories) for record in records)
+    yield from map(str, errors)
+
+
+def _indented(kind: str | type[ProtobufMessage], payload: bytes) -> Iterator[str]:
+    """A message of JSON or protobuf with all its fields, each on a line."""
+    if isinstance(kind, str):
+        yield json.dumps(json.loads(payload), indent=2)
+        return
+    fields = json_format.MessageToJson(kind.FromString(payload), preserving_proto_field_name=True)
+    yield f"{kind.DESCRIPTOR.name} {fields}"
 
 
 def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
@@ -183,75 +192,6 @@ def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
 
     message = decode(payload)
     yield {"SapientMessage": message} if as_json else sapient_line(message)
-
-
-def _record_line(record: Record) -> str:
-    """Time of day, then every item but the source's own name for the category."""
-    items = dict(record.items)
-    if not items:
-        return f"CAT{record.category:03d}  {record.octets.hex()}"
-    time_of_day = items.pop(_time_item(record.category), None)
-    when = _clock(time_of_day) if isinstance(time_of_day, float) else "            "
-    parts = "  ".join(
-        f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()
-    )
-    return f"CAT{record.category:03d}  {when}  {parts}"
-
-
-@cache
-def _time_item(category: int) -> str:
-    """The name of a category's time of day; empty if it has none."""
-    items = CATEGORIES[category].uap if category in CATEGORIES else ()
-    return next((item.name for item in items if item is not None and is_time_of_day(item)), "")
-
-
-def _clock(time_of_day_s: float) -> str:
-    minutes, seconds = divmod(time_of_day_s, 60)
-    hours, minutes = divmod(int(minutes), 60)
-    return f"{hours:02d}:{minutes:02d}:{seconds:06.3f}"
-
-
-def _short(value: Any) -> str:
-    """A value without a digit lost; parts of a part in brackets."""
-    if isinstance(value, float):
-        return _number(value)
-    if isinstance(value, Mapping):
-        return " ".join(
-            f"{name}=({_short(part)})" if isinstance(part, dict) else f"{name}={_part(name, part)}"
-            for name, part in value.items()
-        )
-    if isinstance(value, list):
-        return "[" + ", ".join(_short(part) for part in value) + "]"
-    if isinstance(value, bytes):
-        return value.hex()
-    return printable(str(value))
-
-
-def _part(name: str, value: Any) -> str:
-    if isinstance(value, int) and name in HEXADECIMAL:
-        return f"{value:0{HEXADECIMAL[name]}X}"
-    return _short(value)
-
-
-def _number(value: float) -> str:
-    """The shortest text that reads as the same number."""
-    return repr(value).removesuffix(".0")
-
-
-def _record_json(record: Record) -> str:
-    found: dict[str, Any] = {"category": record.category, "items": _plain(record.items)}
-    if not record.items:
-        found["octets"] = record.octets.hex()
-    return json.dumps(found)
-
-
-def _plain(value: Any) -> Any:
-    """A value with octets as hexadecimal text, as JSON needs them."""
-    if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_plain(part) for part in value]
-    return value.hex() if isinstance(value, bytes) else value
 
 
 def _protobuf(message: ProtobufMessage) -> Iterator[str]:
@@ -272,7 +212,7 @@ def _protobuf(message: ProtobufMessage) -> Iterator[str]:
 
 def _fields(message: ProtobufMessage, *left_out: str) -> str:
     return "  ".join(
-        f"{field.name} {_short(value)}"
+        f"{field.name} {short(value)}"
         for field, value in message.ListFields()
         if field.name not in left_out
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,16 +17,20 @@ from plotfeed.feeds.console.printed import printable, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.decoded_text import (
+from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record import LIVE, CaptureSource, source_of
+from plotfeed.feeds.recording.record_text import (
+    EXTRA,
     Categories,
     categories_of,
-    message_lines,
+    record_json,
     record_line,
+    record_tree,
 )
-from plotfeed.feeds.recording.record import LIVE, CaptureSource, source_of
 from plotfeed.feeds.recording.summary_text import figures, shown_time, summary_lines
-from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.asterix.codec.decode import Block, Record, records_in
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
+from plotfeed.proto.asterix.standard import tables
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.asterix_blocks import trailer_octets
@@ -55,8 +59,16 @@ class ShowSettings:
     interface: str | None = None
     """Where a multicast group is joined."""
     as_json: bool = False
+    verbose: bool = False
+    """Whether messages are trees with names, units and words."""
     editions: Sequence[str] = ()
     """Of ASTERIX, in place of the usual ones."""
+    categories: Categories = field(init=False)
+    """The layouts that ASTERIX is read by."""
+
+    def __post_init__(self) -> None:
+        chosen = categories_of(self.editions, verbose=self.verbose)
+        object.__setattr__(self, "categories", chosen)
 
     def chooses(self, message: Recorded) -> bool:
         """Whether that message is wanted."""
@@ -72,6 +84,10 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
     """
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
+    if settings.verbose and settings.as_json:
+        raise PlotfeedError("--verbose: is text for people; --json has everything as it is")
+    if settings.verbose and tables() is None:
+        say(f"plotfeed: units alone; for names and words: {EXTRA}", err=True)
     if "://" not in source:
         if settings.interface is not None:
             raise PlotfeedError("--interface: only for udp://")
@@ -84,14 +100,13 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
 
 async def _show_live(source: CaptureSource, settings: ShowSettings) -> int:
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
-    categories = categories_of(settings.editions)
     dropped = 0
 
     def receive(message: Recorded) -> None:
         nonlocal dropped
         if not settings.chooses(message):
             return
-        for line in _content_lines(message, as_json=settings.as_json, categories=categories):
+        for line in _content_lines(message, settings):
             if lines.full():
                 dropped += 1
             else:
@@ -126,14 +141,14 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     count = settings.count
     with open_recording(path) as recording:
         reader = recording.reader
-        if settings.listed or count is not None:
+        if settings.listed or settings.verbose or count is not None:
             lines = _lines(recording, settings)
             for line in islice(lines, count):
                 say(line)
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
-            summary = Summary()
+            summary = Summary(settings.categories)
             for message in with_progress(
                 reader.messages(), path.name, lambda: reader.at, recording.octets
             ):
@@ -150,51 +165,58 @@ def show_file(path: Path, settings: ShowSettings) -> int:
 
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
-    reader, categories = recording.reader, categories_of(settings.editions)
+    reader = recording.reader
     if not isinstance(reader, RawReader):
         line_of = partial(
             _message_lines,
+            settings=settings,
             dated=recording.has_dates,
             # Where one stage is asked for, every line would have the same.
             staged=recording.has_stages and len(settings.stages) != 1,
-            as_json=settings.as_json,
-            categories=categories,
         )
         chosen = filter(settings.chooses, reader.messages())
         return (line for message in chosen for line in line_of(message))
     if settings.stages and Stage.RECEIVED not in settings.stages:
         return iter(())
-    topics = frozenset(n for n in range(256) if is_chosen(raw_topic(n), settings.topics))
-    return _raw_lines(reader, topics, as_json=settings.as_json, categories=categories)
+    return _raw_lines(reader, settings)
 
 
-def _raw_lines(
-    reader: RawReader, chosen: Container[int], *, as_json: bool, categories: Categories
-) -> Iterator[str]:
+def _raw_lines(reader: RawReader, settings: ShowSettings) -> Iterator[str]:
+    chosen = [n for n in range(256) if is_chosen(raw_topic(n), settings.topics)]
     for octets, at in reader.blocks():
         if octets[0] not in chosen:
             continue
         block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
         try:
-            for record in records_in(block, categories):
-                yield record_line(record, as_json=as_json)
+            for record in records_in(block, settings.categories):
+                yield _told(record, settings)
         except DecodeError as error:
             where = block.at_octet if error.at_octet is None else error.at_octet
             reader.damage.add(where, str(error).removeprefix(f"octet {where}: "))
 
 
+def _told(record: Record, settings: ShowSettings) -> str:
+    if settings.as_json:
+        return json.dumps(record_json(record))
+    if settings.verbose:
+        return record_tree(record, settings.categories)
+    return record_line(record, settings.categories)
+
+
 def _message_lines(
-    message: Recorded, *, dated: bool, staged: bool, as_json: bool, categories: Categories
+    message: Recorded, *, settings: ShowSettings, dated: bool, staged: bool
 ) -> Iterator[str]:
     when = shown_time(message.log_time_ns, dated=dated)
     stage = f"{message.stage}  " if staged and message.stage is not Stage.RECEIVED else ""
     told = f', "stage": "{message.stage}"' if staged else ""
-    for line in _content_lines(message, as_json=as_json, categories=categories):
-        # An object that message_lines makes has members.
-        yield f'{{"time_utc": "{when}"{told}, {line[1:]}' if as_json else f"{when}  {stage}{line}"
+    for line in _content_lines(message, settings):
+        if settings.as_json:  # an object that message_lines makes has members
+            yield f'{{"time_utc": "{when}"{told}, {line[1:]}'
+        else:
+            yield f"{when}  {stage}{line}"
 
 
-def _content_lines(message: Recorded, *, as_json: bool, categories: Categories) -> Iterator[str]:
+def _content_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
     """Lines of a message, without what a sender put behind its data blocks."""
     payload = message.payload
     if message.content_type.startswith(ASTERIX) and (trailer := trailer_octets(payload)):
@@ -203,6 +225,7 @@ def _content_lines(message: Recorded, *, as_json: bool, categories: Categories) 
         printable(message.topic),
         payload,
         message.content_type or None,
-        as_json=as_json,
-        categories=categories,
+        as_json=settings.as_json,
+        categories=settings.categories,
+        verbose=settings.verbose,
     )

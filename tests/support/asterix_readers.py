@@ -143,3 +143,14 @@ def blocks_of(octets: bytes) -> list[TheirBlock]:
         TheirBlock(category, bytes.fromhex(made), records)
         for category, made, records in json.loads(done.stdout)
     ]
+
+
+def beside_libasterix() -> dict[str, str]:
+    """The environment in which our own Python has libasterix, before its namesake; may skip."""
+    done = subprocess.run(
+        [libasterix(), "-c", "import asterix; print(asterix.__path__[0])"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return {**os.environ, "PYTHONPATH": str(Path(done.stdout.strip()).parent)}

@@ -6,9 +6,10 @@ in one pass over the input, and no length or count allocates more than the input
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import (
@@ -26,7 +27,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Quantity,
     Repetitive,
 )
-from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, Plans
+from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, Plans, Reader
 from plotfeed.proto.errors import DecodeError
 
 Value: TypeAlias = "int | float | str | bytes | dict[str, Value] | list[Value]"
@@ -97,7 +98,7 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
     if category is None:
         yield Record(block.category, {}, block.body, block.at_octet)
         return
-    read = _plans_of(category).read
+    read = _plans_of(category)
     number, body, origin = block
     at, octets = 0, len(body)
     while at < octets:
@@ -112,15 +113,30 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
         yield Record(number, items, body[start:at], origin + start)
 
 
-_PLANS: dict[int, tuple[Category, Plans]] = {}
+_PLANS: dict[int, tuple[Category, Reader]] = {}
 """By the identity of a category, as its hash is that of all that it holds."""
 
 
-def _plans_of(category: Category) -> Plans:
+def _plans_of(category: Category) -> Reader:
     found = _PLANS.get(id(category))
     if found is None:
-        found = _PLANS[id(category)] = category, Plans(category.uap)
+        plots = Plans(category.uap).read
+        tracks = Plans(category.track_uap).read
+
+        def read(body: bytes, at: int) -> tuple[Any, int]:
+            return (tracks if _is_track(body, at) else plots)(body, at)
+
+        found = _PLANS[id(category)] = category, read if category.track_uap else plots
     return found[1]
+
+
+def _is_track(body: bytes, at: int) -> bool:
+    """Whether a record of 001 has I001/020, behind I001/010, that says so."""
+    flags = at
+    while body[at] & FX:
+        at += 1
+    source = 2 if body[flags] & 0x80 else 0
+    return bool(body[flags] & 0x40 and body[at + 1 + source] & 0x80)
 
 
 def decode(data: bytes, categories: Mapping[int, Category] = CATEGORIES) -> list[Record]:
@@ -169,7 +185,11 @@ class _Cursor:
     def record(self, category: Category) -> dict[str, Value]:
         name = f"a record of category {category.number}"
         items: dict[str, Value] = {}
-        for item in self.present(category.uap, name):
+        slots = category.uap
+        with contextlib.suppress(IndexError):
+            if category.track_uap and _is_track(self.body, self.at):
+                slots = category.track_uap
+        for item in self.present(slots, name):
             items[item.name] = self.item(item)
         if not items:
             raise self.error(f"{name} has no items")

@@ -199,6 +199,8 @@ class Category:
 
     number: int
     uap: tuple[Item | None, ...]
+    track_uap: tuple[Item | None, ...] = ()
+    """Of 001, that of records that are tracks, as the first bit of their second item says."""
 
 
 _ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}

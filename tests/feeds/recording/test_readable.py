@@ -10,7 +10,8 @@ from support.recordings import block
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.decoded_text import categories_of, message_lines
+from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record_text import categories_of
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock

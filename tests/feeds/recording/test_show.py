@@ -14,7 +14,6 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 
 from plotfeed.feeds.console import status_line
 from plotfeed.feeds.console.status_line import with_progress
-from plotfeed.feeds.recording.decoded_text import categories_of
 from plotfeed.feeds.recording.show import ShowSettings, show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.errors import PlotfeedError
@@ -223,7 +222,7 @@ def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[b
     data = b"".join(blocks)
     records, errors = decode_lenient(data)
     reader = RawReader(io.BytesIO(data))
-    lines = list(_raw_lines(reader, range(256), as_json=True, categories=categories_of(())))
+    lines = list(_raw_lines(reader, ShowSettings(as_json=True)))
     assert [json.loads(line)["category"] for line in lines] == [r.category for r in records]
     assert [each.offset for each in reader.damage] == [error.at_octet for error in errors]
 

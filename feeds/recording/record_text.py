@@ -1,0 +1,227 @@
+"""A record of ASTERIX as text: a line, a tree with names, units and words, or JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from typing import Any
+
+from plotfeed.feeds.console.printed import printable
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import Record
+from plotfeed.proto.asterix.codec.layout import (
+    HEADER_OCTETS,
+    Category,
+    Compound,
+    Explicit,
+    Extended,
+    Item,
+    Quantity,
+    is_time_of_day,
+)
+from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard, tables
+from plotfeed.replay.asterix_blocks import source_of_block, time_of_day_ns
+
+HEXADECIMAL = {
+    "I048/220": 6,
+    "ADR": 6,
+    "I020/220": 6,
+    "I021/080": 6,
+    "I048/260": 14,
+    "I020/260": 14,
+    "MBDATA": 14,
+    "ACS": 14,
+}
+"""Digits of items, and parts of items, that everybody writes so: addresses, Mode S registers."""
+EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
+"""Of categories that not all senders write alike."""
+EXTRA = "pip install 'plotfeed[asterix]'"
+NO_TIME = " " * 12
+INDENT = "  "
+UNNAMED = Meaning("")
+Categories = Mapping[int, Category]
+
+
+def categories_of(editions: Iterable[str], *, verbose: bool = False) -> Categories:
+    """The layouts to read ASTERIX by, with those editions in place of the usual ones.
+
+    For trees they are those of libasterix, whose names these have, where it is installed.
+    """
+    chosen = {EDITIONS[name].number: EDITIONS[name] for name in editions}
+    ours = {**CATEGORIES, **chosen}
+    for number in CATEGORIES if verbose else ():
+        if number not in chosen and (theirs := standard(number)):
+            ours[number] = theirs.category
+    return StandardCategories(ours)
+
+
+def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
+    """Time of day, then every item but the source's own name for the category."""
+    if not record.items:
+        return _undecoded(record)
+    items = _expanded(record)
+    when = _time(items, categories[record.category])
+    parts = "  ".join(
+        f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()
+    )
+    return f"CAT{record.category:03d}  {when}  {parts}"
+
+
+def record_json(record: Record) -> dict[str, Any]:
+    """Category and items, and the octets of what is not decoded."""
+    found: dict[str, Any] = {
+        "category": record.category,
+        "items": _plain(_expanded(record)),
+    }
+    if not record.items:
+        found["octets"] = record.octets.hex()
+    return found
+
+
+def record_tree(record: Record, categories: Categories) -> str:
+    """Lines of every item and part: what it is called, its value, unit, and what that says."""
+    if not record.items:
+        return _undecoded(record)
+    category, theirs = categories[record.category], standard(record.category)
+    is_theirs = theirs is not None and category is theirs.category
+    meanings = theirs.meanings if theirs and is_theirs else _own_meanings(category)
+    edition = f", edition {theirs.edition}" if theirs and is_theirs else ""
+    head = f"CAT{record.category:03d}  record of {len(record.octets)} octets{edition}"
+    found = _expanded(record).items()
+    lines = (line for name, value in found for line in _branch(name, value, name, meanings, INDENT))
+    return "\n".join([head, *lines])
+
+
+def _branch(
+    label: str, value: Any, path: str, meanings: Mapping[str, Meaning], indent: str
+) -> Iterator[str]:
+    meaning = meanings.get(path, UNNAMED)
+    named = f"{indent}{label}  {meaning.title}".rstrip()
+    if isinstance(value, Mapping):
+        yield named
+        for name, part in value.items():
+            yield from _branch(name, part, f"{path}/{name}", meanings, indent + INDENT)
+    elif isinstance(value, list):
+        yield f"{named}, {len(value)} times"
+        inner = Meaning("", meaning.unit, meaning.words)
+        for number, part in enumerate(value, 1):
+            yield from _branch(f"{number}.", part, path, {**meanings, path: inner}, indent + INDENT)
+    else:
+        yield f"{named}: {_leaf(label, value, meaning)}"
+
+
+def _leaf(name: str, value: Any, meaning: Meaning) -> str:
+    text = _part(name, value)
+    if meaning.unit:
+        text = f"{text} {meaning.unit}"
+    if isinstance(value, int) and value in meaning.words:
+        text = f"{text}, {meaning.words[value]}"
+    return f"{text}, {_clock(value)}" if meaning.title.startswith("Time of Day") else text
+
+
+@cache
+def _own_meanings(category: Category) -> Mapping[str, Meaning]:
+    """Units, which our own layouts have; they have neither names nor words."""
+    units: dict[str, Meaning] = {}
+    for item in category.uap:
+        if item is not None:
+            units.update(_units(item, item.name))
+    return units
+
+
+def _units(item: Item, path: str) -> Iterator[tuple[str, Meaning]]:
+    match item:
+        case Compound(_, subfields):
+            for sub in subfields:
+                if sub is not None:
+                    yield from _units(sub, f"{path}/{sub.name}")
+        case Explicit():
+            pass
+        case _:
+            groups = item.groups if isinstance(item, Extended) else (item.group,)
+            alone = not isinstance(item, Extended) and len(item.group.fields) == 1
+            for part, _ in (each for group in groups for each in group.fields):
+                if isinstance(part, Quantity):
+                    yield path if alone else f"{path}/{part.name}", Meaning("", part.unit)
+
+
+def _expanded(record: Record) -> dict[str, Any]:
+    """The items, with the parts of the RE field where libasterix is there to know them."""
+    items: dict[str, Any] = dict(record.items)
+    name = f"I{record.category:03d}/RE"
+    octets = items.get(name)
+    if isinstance(octets, bytes) and octets and (theirs := standard(record.category)):
+        items[name] = theirs.read_expansion(octets) or octets
+    return items
+
+
+def _undecoded(record: Record) -> str:
+    """A block whose category has no layout: its first record's source and time, and why no more."""
+    block = bytes([record.category, 0, 0]) + record.octets
+    time_ns, source = time_of_day_ns(block), source_of_block(block)
+    when = NO_TIME if time_ns is None else _clock(time_ns / 1e9)
+    told = "" if source is None else f"010 SAC={source[0]} SIC={source[1]}  "
+    why = "no layout of it is known" if tables() else f"for the rest: {EXTRA}"
+    octets = len(block) - HEADER_OCTETS
+    return f"CAT{record.category:03d}  {when}  {told}{octets} octets ({why}): {record.octets.hex()}"
+
+
+def _time(items: dict[str, Any], category: Category) -> str:
+    """The first time of day of a record, which is taken out of its items."""
+    for name in _time_items(category):
+        if isinstance(items.get(name), float):
+            return _clock(items.pop(name))
+    return NO_TIME
+
+
+_TIMES: dict[int, tuple[Category, tuple[str, ...]]] = {}
+"""By the identity of a category, as its hash is that of all that it holds."""
+
+
+def _time_items(category: Category) -> tuple[str, ...]:
+    """The names of a category's times of day."""
+    found = _TIMES.get(id(category))
+    if found is None:
+        slots = (*category.uap, *category.track_uap)
+        names = dict.fromkeys(item.name for item in slots if item and is_time_of_day(item))
+        found = _TIMES[id(category)] = category, tuple(names)
+    return found[1]
+
+
+def _clock(time_of_day_s: float) -> str:
+    minutes, seconds = divmod(time_of_day_s, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours:02d}:{minutes:02d}:{seconds:06.3f}"
+
+
+def short(value: Any) -> str:
+    """A value without a digit lost; parts of a part in brackets."""
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    if isinstance(value, Mapping):
+        return " ".join(
+            f"{name}=({short(part)})" if isinstance(part, dict) else f"{name}={_part(name, part)}"
+            for name, part in value.items()
+        )
+    if isinstance(value, list):
+        return "[" + ", ".join(short(part) for part in value) + "]"
+    if isinstance(value, bytes):
+        return f"{len(value)} octets {value.hex()}"
+    return printable(str(value))
+
+
+def _part(name: str, value: Any) -> str:
+    if isinstance(value, int) and name in HEXADECIMAL:
+        return f"{value:0{HEXADECIMAL[name]}X}"
+    return short(value)
+
+
+def _plain(value: Any) -> Any:
+    """A value with octets as hexadecimal text, as JSON needs them."""
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    return value.hex() if isinstance(value, bytes) else value

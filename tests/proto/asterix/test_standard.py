@@ -1,0 +1,135 @@
+"""Layouts made from libasterix's tables, beside libasterix itself; without it, what is said."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.asterix_readers import beside_libasterix
+from support.recordings import block
+
+from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record_text import categories_of
+from plotfeed.proto.asterix import standard
+
+COMPARE = Path(__file__).parents[2] / "support" / "standard_records.py"
+NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
+REPORT_021 = block(21, "800520", "190d", "0c8000", "018e", "04d2")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_records_of_every_category_are_read_as_libasterix_reads_them(seed: int) -> None:
+    done = subprocess.run(
+        [sys.executable, COMPARE, str(seed)],
+        env=beside_libasterix(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert {int(number) for number in found} >= NAMED
+    for count, otherwise in found.values():
+        assert otherwise == ""
+        assert count > 200
+
+
+def show(path: Path, *options: str, env: dict[str, str] | None = None) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "plotfeed.feeds.cli", "show", path, *options],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+PLOT_001 = ("f0", "190d", "20", "01000200", "0fff")
+"""A single plot of primary radar, 2 NM away, with a Mode 3/A code."""
+TRACK_001 = ("f0", "190d", "a0", "0102", "02000400")
+"""A track, whose third item is its number."""
+
+
+def test_a_category_of_others_is_decoded_by_libasterix(tmp_path: Path) -> None:
+    path = tmp_path / "others.ast"
+    plots, tracks = "".join(PLOT_001), "".join(TRACK_001)
+    sector = block(2, "f4", "190d", "02", "40", "0c8000", "1f00")
+    path.write_bytes(block(1, plots + tracks) + sector)
+    env = beside_libasterix()
+    plot, track, north = show(path, "--list", env=env)
+    assert plot.split("  ")[-3:] == [
+        "020 TYP=0 SIM=0 SSRPSR=2 ANT=0 SPI=0 RAB=0",
+        "040 RHO=2 THETA=2.8125",
+        "070 V=0 G=0 L=0 MODE3A=7777",
+    ]
+    assert "161 258  " in track
+    assert north.startswith("CAT002  01:46:40.000  010 SAC=25 SIC=13  000 2  020 90")
+    (row,) = (line for line in show(path, env=env) if line.startswith("  asterix/001"))
+    assert row.split()[-2] == "2"
+
+
+def test_a_tree_has_names_units_and_words(tmp_path: Path) -> None:
+    path = tmp_path / "plot.ast"
+    path.write_bytes(block(48, "f0", "190d", "0c8000", "20", "80004000"))
+    lines = show(path, "--verbose", env=beside_libasterix())
+    assert lines[0].startswith("CAT048  record of 11 octets, edition ")
+    assert lines[1:] == [
+        "  I048/010  Data Source Identifier",
+        "    SAC  System Area Code: 25",
+        "    SIC  System Identification Code: 13",
+        "  I048/140  Time of Day: 6400 s, 01:46:40.000",
+        "  I048/020  Target Report Descriptor",
+        "    TYP: 1, Single PSR detection",
+        "    SIM: 0, Actual target report",
+        "    RDP: 0, Report from RDP Chain 1",
+        "    SPI: 0, Absence of SPI",
+        "    RAB: 0, Report from aircraft transponder",
+        "  I048/040  Measured Position in Polar Co-ordinates",
+        "    RHO: 128 NM",
+        "    THETA: 90 °",
+    ]
+
+
+def test_the_reserved_expansion_field_has_its_parts(tmp_path: Path) -> None:
+    # I062/RE with the velocity relative to the system's reference point, 16 and -16 m/s.
+    path = tmp_path / "track.ast"
+    path.write_bytes(block(62, "8101010104", "190d", "06", "20", "0040ffc0"))
+    env = beside_libasterix()
+    (line,) = show(path, "--list", env=env)
+    assert line.endswith("RE TVS=(VX=16 VY=-16)")
+    assert "      VX: 16 m/s" in show(path, "--verbose", env=env)
+
+
+@pytest.fixture
+def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(standard, "tables", lambda: None)
+    monkeypatch.setattr("plotfeed.feeds.recording.record_text.tables", lambda: None)
+    monkeypatch.setattr("plotfeed.feeds.recording.record_text.standard", lambda _: None)
+    standard.standard.cache_clear()
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_without_libasterix_a_block_says_whose_it_is_and_what_decodes_it() -> None:
+    data = block(2, "f4", "190d", "02", "40", "0c8000", "1f00")
+    (line,) = message_lines(
+        "r/asterix/002", data, None, as_json=False, categories=categories_of(())
+    )
+    assert line == (
+        "r/asterix/002  CAT002  01:46:40.000  010 SAC=25 SIC=13  10 octets "
+        "(for the rest: pip install 'plotfeed[asterix]'): f4190d02400c80001f00"
+    )
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_without_libasterix_a_tree_has_units() -> None:
+    data = block(48, "f0", "190d", "0c8000", "20", "80004000")
+    (tree,) = message_lines(
+        "r/asterix/048", data, None, as_json=False, categories=categories_of(()), verbose=True
+    )
+    assert "    RHO: 128 NM" in tree.splitlines()
+    assert "  I048/140: 6400 s" in tree.splitlines()

@@ -1,0 +1,156 @@
+"""Run with libasterix: random records of every category, as it and as our readers read them.
+
+Prints a JSON object: by category how many values were the same, and the first that were not.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+from asterix import base  # type: ignore[import-not-found]
+
+from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.asterix.codec.layout import (
+    Compound,
+    Explicit,
+    Extended,
+    Group,
+    Item,
+    Repetitive,
+)
+from plotfeed.proto.asterix.standard import standard, tables
+
+RECORDS = 40
+
+
+def octets_of(item: Item, draw: random.Random) -> bytes:
+    match item:
+        case Explicit():
+            return b"\x01"
+        case Compound(_, subfields):
+            return flagged(list(subfields), draw)
+        case Extended(_, groups):
+            wanted = draw.randint(1, len(groups))
+            return b"".join(group_of(g, draw, n < wanted) for n, g in enumerate(groups[:wanted], 1))
+        case Repetitive(_, group):
+            times = draw.randint(1, 3)
+            all_of = [group_of(group, draw, n < times) for n in range(1, times + 1)]
+            return (b"" if group.fx else bytes([times])) + b"".join(all_of)
+        case _:
+            return group_of(item.group, draw, False)
+
+
+def group_of(group: Group, draw: random.Random, more: bool) -> bytes:
+    octets = bytearray(draw.randbytes(group.octets))
+    if group.fx:
+        octets[-1] = octets[-1] & 0xFE | more
+    return bytes(octets)
+
+
+def flagged(slots: list[Any], draw: random.Random, always: int = 0) -> bytes:
+    wanted = {n for n, item in enumerate(slots) if item and draw.random() < 0.5} | {always}
+    wanted = {n for n in wanted if slots[n]} or {next(n for n, i in enumerate(slots) if i)}
+    last = max(wanted) // 7
+    flags = bytes(
+        sum(128 >> n % 7 for n in wanted if n // 7 == octet) | (octet < last)
+        for octet in range(last + 1)
+    )
+    return flags + b"".join(octets_of(slots[n], draw) for n in sorted(wanted))
+
+
+def leaves(variation: Any) -> Iterator[Any]:
+    """What libasterix has read, part by part."""
+    match variation:
+        case base.Element():
+            yield value_of(variation)
+        case base.RuleVariationDependent():
+            yield variation.bs.to_uinteger()
+        case base.Explicit():
+            return
+        case base.Compound():
+            for each in variation.cv_items_list:
+                if each and (found := variation.arg.get(each.cv_name)) is not None:
+                    yield from leaves(inside(found))
+        case base.Extended():
+            for group in variation.arg:
+                yield from (leaf for each in group if each for leaf in of_item(each))
+        case base.Group():
+            yield from (leaf for each in variation.arg for leaf in of_item(each))
+        case base.Repetitive():
+            yield from (leaf for each in variation.arg for leaf in leaves(each))
+
+
+def value_of(element: Any) -> Any:
+    rule = element._get_rule()
+    content = rule._get_content() if isinstance(rule, base.RuleContentContextFree) else None
+    if isinstance(content, base.ContentQuantity):
+        return content._as_quantity()
+    return content.as_integer() if isinstance(content, base.ContentInteger) else element.as_uint()
+
+
+def inside(of: Any) -> Any:
+    rule = of.arg
+    return rule.arg if isinstance(rule, base.RuleVariationContextFree) else rule
+
+
+def of_item(item: Any) -> Iterator[Any]:
+    if isinstance(item, base.Item):
+        yield from leaves(inside(item.arg))
+
+
+def ours(value: Any) -> Iterator[Any]:
+    if isinstance(value, dict):
+        for each in value.values():
+            yield from ours(each)
+    elif isinstance(value, list):
+        for each in value:
+            yield from ours(each)
+    elif not isinstance(value, bytes):
+        yield value
+
+
+def same(mine: Any, theirs: Any) -> bool:
+    # Text is compared by the oracles of our own categories: here its integer stands for it.
+    if isinstance(mine, float):
+        return abs(mine - theirs) <= 1e-9 * max(1.0, abs(theirs))
+    return isinstance(mine, str) or bool(mine == theirs)
+
+
+def compared(number: int, draw: random.Random) -> tuple[int, str]:
+    found, known = standard(number), tables()
+    assert found
+    assert known
+    newest = max(known[0].manifest["CATS"][number], key=lambda each: each.cv_edition)
+    count = 0
+    for _ in range(RECORDS):
+        body = flagged(list(found.category.uap), draw)
+        if number == 1:  # a plot, whose profile that is
+            body = flagged([None, None, *found.category.uap[2:]], draw, 2)
+        (record,) = records_in(Block(number, body, 0), {number: found.category})
+        profile = newest.cv_uap
+        kind = profile.cv_uaps["plot"] if hasattr(profile, "cv_uaps") else profile.cv_record
+        read = kind.parse(base.ParsingMode.StrictParsing, base.Bits.from_bytes(body))
+        if isinstance(read, ValueError):
+            return count, f"{body.hex()}: {read}"
+        theirs, rest = read
+        if len(rest):
+            return count, f"{body.hex()}: {len(rest)} bits are left"
+        for name, value in record.items.items():
+            mine = list(ours(value))
+            other = list(leaves(inside(theirs.get_item(name.partition("/")[2]))))
+            if len(mine) != len(other) or not all(map(same, mine, other)):
+                return count, f"{name}: {mine} is not {other}"
+            count += len(mine)
+    return count, ""
+
+
+if __name__ == "__main__":
+    generator = random.Random(int(sys.argv[1]))  # noqa: S311 - not for secrets
+    known = tables()
+    assert known
+    numbers = [n for n in known[0].manifest["CATS"] if standard(n)]
+    print(json.dumps({n: compared(n, generator) for n in numbers}))
