@@ -17,7 +17,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS
-from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import iso_utc
 
 log = logging.getLogger(__name__)
@@ -37,8 +37,9 @@ class SessionPresence:
         totals: SessionCounters,
         publish: Callable[[Message], object],
     ) -> None:
-        self.id = uuid4().hex[:12]
-        """Of this run of the scene."""
+        is_simulated = isinstance(clock, InstantClock)
+        self.id = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
+        """Of this run of the scene; simulated time gives the same octets at every run."""
         self.topic = f"{scene.mqtt.prefix}/session"
         self._scene, self._clock, self._totals, self._publish = scene, clock, totals, publish
         self._start_ns: int | None = None

@@ -45,7 +45,8 @@ def test_a_multistatic_range_is_no_range() -> None:
     found = plots_in_asterix(payload, T_NS + DAY_NS // 3)
     assert found.t_utc_ns.tolist() == PLOTS.t_utc_ns.tolist()
     assert found.bistatic_range_m == pytest.approx([2000, 3000])
-    assert found.sigma_bistatic_range_m == pytest.approx([2.5, 2.5])
+    assert (found.sigma_bistatic_range_m >= 2.5).all()  # with the rounding of the range, and up
+    assert found.sigma_bistatic_range_m == pytest.approx([2.5, 2.5], abs=0.1 + 1e-9)
     assert np.isnan(found.range_m).all()
     assert (found.category.tolist(), found.sic.tolist()) == ([15, 15], [14, 14])
 

@@ -60,12 +60,22 @@ def test_a_restart_begins_the_scene_anew_with_the_same_octets(run: Live) -> None
     assert sum(len(first[place]) for place in both) > 2000
 
 
+def begun(run: Live, since: int) -> tuple[int, dict[str, Any]]:
+    """Where the next session says that it runs, and what."""
+
+    def said() -> list[tuple[int, dict[str, Any]]]:
+        news = run.broker.on("plotfeed/session", since)
+        return [(at, session) for at, session in news if session["state"] == "RUNNING"]
+
+    run.wait(said)
+    return said()[0]
+
+
 def beginning(run: Live) -> dict[tuple[int, int], bytes]:
     """The first of the radar's messages after a restart, by scan and sector."""
     since = run.broker.count
     run.press("Restart")
-    run.wait(lambda: run.broker.on("plotfeed/session", since))
-    at, session = run.broker.on("plotfeed/session", since)[0]
+    at, session = begun(run, since)
     assert session["start_utc_ns"] == START_NS
     run.wait(lambda: len(run.broker.batches(since=at)) >= 200)
     batches = run.broker.batches(since=at)[:200]
@@ -80,8 +90,7 @@ def test_another_scene_has_its_own_topics_alone(run: Live, tmp_path: Path) -> No
     scene.select_option("other")
     since = run.broker.count
     run.press("Load")
-    run.wait(lambda: run.broker.on("plotfeed/session", since))
-    at, session = run.broker.on("plotfeed/session", since)[0]
+    at, session = begun(run, since)
     assert session["sensors"] == ["north"]
     run.page.get_by_role("heading", name="north: settings").wait_for()
     run.wait(lambda: len(run.broker.batches("north", at)) >= 20)

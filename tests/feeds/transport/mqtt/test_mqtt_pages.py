@@ -33,7 +33,8 @@ def blocks(page: str, kind: str = "") -> list[str]:
 
 
 def test_the_tables_of_the_pages_are_tables_of_a_scene(tmp_path: Path) -> None:
-    mqtt, credentials, queue = blocks("mqtt.md", "toml")
+    limits, mqtt, credentials, queue = blocks("mqtt.md", "toml")
+    assert from_tree(tomllib.loads(REST + limits), tmp_path / "scene.toml").mqtt.broker is None
     (udp,) = blocks("udp.md", "toml")
     scene = from_tree(tomllib.loads(REST + mqtt + queue + udp), tmp_path / "scene.toml")
     assert len(scene.udp) == 3
@@ -50,7 +51,7 @@ def test_the_tables_of_the_pages_are_tables_of_a_scene(tmp_path: Path) -> None:
 
 
 def test_the_settings_for_mosquitto_are_settings_of_mosquitto(tmp_path: Path) -> None:
-    (text,) = blocks("mqtt.md")
+    (text,) = (block for block in blocks("mqtt.md") if "listener 8883" in block)
     secured, browsers = free_port(), free_port()
     keys = Certificates(tmp_path)
     for written, here in {
