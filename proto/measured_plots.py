@@ -19,7 +19,8 @@ NOT_TOLD = -1
 class MeasuredPlots(Columns):
     """Plots of a message in their order; columns (n,): NaN, "" and -1 are for what it leaves out.
 
-    They are those of `Plots` with ratios in decibels. Heights are above the WGS-84 ellipsoid,
+    They are those of `Plots` with ratios in decibels, and what transponders and trackers tell
+    besides. Heights are above the WGS-84 ellipsoid,
     altitudes above mean sea level. A category is that of ASTERIX, 0 for other formats. Times are
     whole numbers of any size, for files say what they like, or None.
     """
@@ -47,6 +48,23 @@ class MeasuredPlots(Columns):
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
     sigma_range_rate_m_s: Floats
+    mode_3a: Texts
+    """Of transponders, in octal."""
+    address: Texts
+    """Of Mode S, in hexadecimal."""
+    track: Ints
+    flight_level: Floats
+    """In hundreds of feet, by a barometer set to 1013.25 hPa."""
+    ssr_amplitude_dbm: Floats
+    """Of a transponder's reply."""
+    latitude_deg: Floats
+    longitude_deg: Floats
+    east_m: Floats
+    """From the sensor; of a tracker, from its reference point."""
+    north_m: Floats
+    velocity_east_m_s: Floats
+    velocity_north_m_s: Floats
+    climb_m_s: Floats
 
     @classmethod
     def of(cls, plots: Iterable[Mapping[str, Any]]) -> Self:
@@ -66,8 +84,8 @@ class MeasuredPlots(Columns):
 _ABSENT: Mapping[str, NDArray[Any]] = {
     **dict.fromkeys((field.name for field in fields(MeasuredPlots)), endless(math.nan, np.float64)),
     "t_utc_ns": endless(None, np.object_),
-    **dict.fromkeys(("sensor", "kind", "identity"), endless("", np.object_)),
-    **dict.fromkeys(("sac", "sic", "channel"), endless(NOT_TOLD, np.int64)),
+    **dict.fromkeys(("sensor", "kind", "identity", "mode_3a", "address"), endless("", np.object_)),
+    **dict.fromkeys(("sac", "sic", "channel", "track"), endless(NOT_TOLD, np.int64)),
     "category": endless(0, np.int64),
 }
 """What stands in the columns of which no plot of a message tells anything."""

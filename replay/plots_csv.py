@@ -1,5 +1,7 @@
 """A table of plots, a row each, of our own batches and of ASTERIX 048, 015 and 205; only written.
 
+Tracks of 062 have rows, too.
+
 What is empty was not measured, or is not in the category. Ranges of 015 are bistatic where the
 record says that its sensor is multistatic. Heights are above the WGS-84 ellipsoid, altitudes, which
 048 tells, above mean sea level.
@@ -15,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.proto.asterix.decode_plots import plots_readable_in
+from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.batch import plots_in_batch
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
@@ -46,6 +48,18 @@ COLUMNS = (
     "channel",
     "kind",
     "identity",
+    "mode_3a",
+    "address",
+    "track",
+    "flight_level",
+    "ssr_amplitude_dbm",
+    "latitude_deg",
+    "longitude_deg",
+    "east_m",
+    "north_m",
+    "velocity_east_m_s",
+    "velocity_north_m_s",
+    "climb_m_s",
 )
 
 
@@ -85,7 +99,7 @@ class PlotsCsvWriter(RecordingWriter):
 def plots_in(message: Recorded) -> MeasuredPlots | None:
     """The plots in a message; None if it cannot hold any or cannot be read."""
     if is_asterix(message.content_type, message.payload):
-        return plots_readable_in(message.payload, message.log_time_ns)
+        return plots_and_tracks_in(message.payload, message.log_time_ns)
     if message.content_type.endswith("plotfeed.v1.PlotBatch") or (
         not message.content_type and message.topic.endswith("/plots")
     ):

@@ -105,6 +105,8 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         counts.notes += [f"{form}: {note}" for note in writer.notes()]
         if reader.skipped:
             counts.notes.append(f"{reader.skipped} packets of {recording.format} hold no UDP")
+        if not counts.messages:
+            counts.notes.append(f"nothing of {counts.read} messages is in it")
         keep(counts.read > 0 or not reader.damage)
     for damage in reader.damage:
         say(f"plotfeed: {source}: {damage}", err=True)

@@ -59,8 +59,15 @@ PLOT_ITEMS: dict[int, PlotItems] = {
             "range_rate_m_s": "I048/120/CAL/CAL",
             "amplitude_dbm": "I048/130/PAM",
             "identity": "I048/240",
+            "mode_3a": "I048/070/MODE3A",
+            "address": "I048/220",
+            "track": "I048/161",
+            "flight_level": "I048/090/FL",
+            "ssr_amplitude_dbm": "I048/130/SAM",
+            "east_m": "I048/042/X",
+            "north_m": "I048/042/Y",
         },
-        units={"range_m": NM_M, "altitude_m": FOOT_M},
+        units={"range_m": NM_M, "altitude_m": FOOT_M, "east_m": NM_M, "north_m": NM_M},
     ),
     205: PlotItems(
         time="I205/030",
@@ -73,6 +80,26 @@ PLOT_ITEMS: dict[int, PlotItems] = {
     ),
 }
 """What tells of plots, by category. The time of 205 is that of sending."""
+TRACK_ITEMS = PlotItems(
+    time="I062/070",
+    columns={
+        "track": "I062/040",
+        "latitude_deg": "I062/105/LAT",
+        "longitude_deg": "I062/105/LON",
+        "east_m": "I062/100/X",
+        "north_m": "I062/100/Y",
+        "velocity_east_m_s": "I062/185/VX",
+        "velocity_north_m_s": "I062/185/VY",
+        "height_m": "I062/130",
+        "climb_m_s": "I062/220",
+        "flight_level": "I062/136",
+        "mode_3a": "I062/060/MODE3A",
+        "address": "I062/380/ADR",
+        "identity": "I062/245/CHR",
+    },
+    units={"height_m": FOOT_M, "climb_m_s": FOOT_M / 60},
+)
+"""Of 062, whose tracks are no plots and have rows in tables alone."""
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
 """Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
 
@@ -115,9 +142,9 @@ def plots_in_asterix(payload: bytes, near_utc_ns: int) -> MeasuredPlots:
     return _plots_of(records, near_utc_ns)
 
 
-def plots_readable_in(payload: bytes, near_utc_ns: int) -> MeasuredPlots | None:
-    """Plots of the records that are whole; None without one of a category that has plots."""
-    records = [r for r in decode_lenient(payload)[0] if r.category in PLOT_ITEMS]
+def plots_and_tracks_in(payload: bytes, near_utc_ns: int) -> MeasuredPlots | None:
+    """Plots and tracks of the records that are whole; None without one that could be any."""
+    records = [record for record in decode_lenient(payload)[0] if _items_of(record)]
     return _plots_of(records, near_utc_ns) if records else None
 
 
@@ -125,13 +152,18 @@ def _plots_of(records: list[Record], near_utc_ns: int) -> MeasuredPlots:
     return MeasuredPlots.of(_told(record, near_utc_ns) for record in records if _is_plot(record))
 
 
+def _items_of(record: Record) -> PlotItems | None:
+    return TRACK_ITEMS if record.category == 62 else PLOT_ITEMS.get(record.category)
+
+
 def _is_plot(record: Record) -> bool:
-    part, values = PLOT_ITEMS[record.category].plots_alone
+    items = _items_of(record)
+    part, values = items.plots_alone if items else ("", ())
     return not part or record.get(part) in values
 
 
 def _told(record: Record, near_utc_ns: int) -> dict[str, Any]:
-    items = PLOT_ITEMS[record.category]
+    items = _items_of(record) or PLOT_ITEMS[record.category]
     place = f"I{record.category:03d}/010"
     told: dict[str, Any] = {"category": record.category}
     time_s = record.get(items.time)
@@ -143,7 +175,9 @@ def _told(record: Record, near_utc_ns: int) -> dict[str, Any]:
         value = record.get(path)
         if value is None:
             continue
-        if isinstance(value, float):
+        if name == "address" and isinstance(value, int):
+            value = f"{value:06X}"
+        elif isinstance(value, float):
             value *= items.units.get(name, 1.0)
         told[MULTISTATIC.get(name, name) if is_multistatic else name] = value
     return told

@@ -19,7 +19,7 @@ from plotfeed.feeds.telemetry.flights import _BY_SUFFIX, FlightOptions
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.asterix.decode_plots import plots_readable_in
+from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.batch import plots_in_batch
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FORMATS, FileFormat
@@ -34,7 +34,7 @@ SENSOR = example("section-4").sensor[0]
 def asterix(data: bytes) -> None:
     """Records, and the plots in them."""
     decode_lenient(data)
-    plots_readable_in(data, NS_2026)
+    plots_and_tracks_in(data, NS_2026)
 
 
 def plots(data: bytes) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from plotfeed.models.state import NS, Plots
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.cat048 import PlotEncoder048
-from plotfeed.proto.asterix.decode_plots import plots_in_asterix, plots_readable_in
+from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in, plots_in_asterix
 from plotfeed.proto.batch import plot_batch, plots_in_batch
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
@@ -79,7 +79,7 @@ def test_any_octets_are_plots_or_refused(
 ) -> None:
     with contextlib.suppress(DecodeError):
         assert len(read(payload, T_NS)) >= 0
-    plots_readable_in(payload, T_NS)
+    plots_and_tracks_in(payload, T_NS)
 
 
 def test_a_detection_of_sapient_is_one_plot() -> None:

@@ -159,3 +159,30 @@ def test_any_octets_are_rows_or_none(
     one = message(payload, t_ns, content_type=content_type, topic=topic)
     rows = table(one) if plots_in(one) is not None else []
     assert all(set(row) == set(COLUMNS) for row in rows)
+
+
+def test_what_transponders_say_has_its_columns() -> None:
+    payload = block(
+        48,
+        *("ffd0", "190d", "000000", "a0", "80004000", "0fff", "0578", "20c8"),
+        *("3c660c", "10c236d41820", "0102"),
+    )
+    (row,) = table(asterix(payload, 48))
+    told = ("mode_3a", "flight_level", "ssr_amplitude_dbm", "address", "identity", "track")
+    expected = ["7777", "350.0", "-56.0", "3C660C", "DLH65A  ", "258"]
+    assert [row[name] for name in told] == expected
+    assert row["amplitude_dbm"] == ""
+
+
+def test_tracks_of_062_are_rows() -> None:
+    payload = block(
+        62,
+        *("9f0d20", "190d", "0c8000", "00800000", "ff800000", "0007d0", "fff830", "0040ffc0"),
+        *("01f4", "00", "0578"),
+    )
+    (row,) = table(asterix(payload, 62))
+    assert row["time_utc"].endswith("T01:46:40.000000000Z")
+    assert (float(row["latitude_deg"]), float(row["longitude_deg"])) == (45.0, -45.0)
+    assert (row["east_m"], row["north_m"]) == ("1000.0", "-1000.0")
+    assert (row["velocity_east_m_s"], row["velocity_north_m_s"]) == ("16.0", "-16.0")
+    assert (row["track"], row["flight_level"], row["category"]) == ("500", "350.0", "062")

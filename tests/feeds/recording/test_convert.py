@@ -170,6 +170,12 @@ def test_a_table_of_plots_has_those_of_asterix_and_of_batches(tmp_path: Path) ->
     assert [row["sensor"] for row in rows] == ["radar"]
 
 
+def test_a_conversion_of_nothing_says_so(tmp_path: Path, capsys: Capture) -> None:
+    source = stored(tmp_path / "in.mcap", session())
+    assert convert(source, tmp_path / "out.csv", topics=["no/such"]) == 0
+    assert "  nothing of 4 messages is in it\n" in capsys.readouterr().out
+
+
 def test_messages_are_chosen_by_topic_stage_and_time(tmp_path: Path, capsys: Capture) -> None:
     sent = [
         message(b"", START_NS + n * 1000 * MS, topic=f"a/{n % 2}/x", stage=Stage.AFTER)
