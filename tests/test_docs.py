@@ -115,3 +115,11 @@ async def test_the_examples_in_python_do_what_their_page_says(
     cells = re.findall(r"^\| (`[^|]*`) \| [^|]* \|$", page, re.MULTILINE)
     told = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
     assert told == {f.name for f in fields(SimulatedPlots)} - NOT_ON_THE_PAGE
+
+
+def test_every_aim_is_told_in_the_same_words() -> None:
+    text = (ROOT / "docs" / "benchmarks.md").read_text()
+    aims = [line for line in text.splitlines() if re.search(r"\baims?\b", line, re.IGNORECASE)]
+    assert len(aims) > 15
+    for line in aims:
+        assert re.fullmatch(r"- Aim: .+, .+: (met|\*\*missed\*\*), .*\d.*\.", line), line

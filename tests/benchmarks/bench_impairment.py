@@ -15,6 +15,7 @@ import time
 from typing import Any
 
 import numpy as np
+from aims import aim
 
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -82,8 +83,8 @@ def main() -> None:
         told = (f"{statistics.median(c):.2f} ({min(c):.2f} to {max(c):.2f})" for c in cells)
         print(f"| {name} | " + " | ".join(told) + " |")
     median = statistics.median(times[OF_THE_AIM, 1000])
-    met = "met" if median <= AIM_US else "**missed**"
-    print(f"\nAim: {AIM_US:g} µs for {OF_THE_AIM} at 1,000 a second: {met}, {median:.2f} µs.")
+    what, found = f"{OF_THE_AIM} at 1,000 a second", f"{median:.2f} µs"
+    print("\n" + aim(what, f"{AIM_US:g} µs", found, is_met=median <= AIM_US))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from aims import aim
 from section_4_crowd import START_NS, scene_of
 from support.station import Station
 
@@ -164,11 +165,9 @@ def main() -> None:
     print()
     most = times[SIZES[-1]]
     reached, random = (statistics.median(most[name]) for name in ("path", "random"))
-    verdict = "met" if reached <= AIM * random else "**missed**"
-    print(
-        f"- Aim: {AIM} times what the random numbers alone take, at {SIZES[-1]:,} targets: "
-        f"{verdict}, {reached:.0f} ns, {reached / random:.2f} times."
-    )
+    what, limit = f"{SIZES[-1]:,} targets", f"{AIM} times what the random numbers alone take"
+    found = f"{reached / random:.2f} times, {reached:.0f} ns"
+    print(aim(what, limit, found, is_met=reached <= AIM * random))
 
 
 def _spread(values: list[float]) -> str:

@@ -20,6 +20,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from aims import aim
+
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-stonesoup"
 STONESOUP = "stonesoup==1.9.1"
@@ -254,10 +256,11 @@ def _verdict(
         for n in SIZES_OF_STONESOUP
     }  # fmt: skip
     told = ", ".join(f"{ratio:,.1f} at {n:,}" for n, ratio in ratios.items())
-    reached = "met" if ratios[1000] >= AIM else "**missed**"
+    what = f"the active radar beside {THEIRS[name]}"
+    limit, found = f"{AIM} times as fast per detection at 1,000", f"{ratios[1000]:,.0f} times"
     return (
-        f"- The active radar beside {THEIRS[name]}, times as fast per detection: {told}. "
-        f"Aim: {AIM} at 1,000: {reached}."
+        f"- The active radar beside {THEIRS[name]}, times as fast per detection: {told}.\n"
+        + aim(what, limit, found, is_met=ratios[1000] >= AIM)
     )
 
 
@@ -278,9 +281,9 @@ def _reached(times: dict[tuple[str, int], list[float]]) -> str:
     n, told = SIZES[-1], []
     for name, aim_ns in AIMS_NS.items():
         ns = statistics.median(times[name, n])
-        told.append(f"{CASES[name][0]} {ns:,.0f} ({'met' if ns <= aim_ns else '**missed**'})")
-    aims = ", ".join(dict.fromkeys(f"{ns} ns" for ns in AIMS_NS.values()))
-    return f"- Aim: {aims} at {n:,} targets: " + "; ".join(told) + "."
+        limit = f"{aim_ns} ns at {n:,} targets"
+        told.append(aim(CASES[name][0], limit, f"{ns:,.0f} ns", is_met=ns <= aim_ns))
+    return "\n".join(told)
 
 
 def _spread(values: list[float]) -> str:

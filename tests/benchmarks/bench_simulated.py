@@ -20,6 +20,7 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+from aims import aim  # noqa: E402
 from bench_engine import radars, scene_tree  # noqa: E402
 
 from plotfeed.feeds.console.process import (  # noqa: E402
@@ -71,8 +72,8 @@ def main() -> None:
             kept = "yes" if truth else "no"
             print(f"| {sensors} | {drones} | {kept} | {_spread(times)} | {_spread(costs)} |")
     middle = statistics.median(first)
-    verdict = "met" if middle >= AIM else "**missed**"
-    print(f"\nAim: {AIM:,} times real time of one radar and one drone: {verdict}, {middle:,.0f}.")
+    limit, found = f"{AIM:,} times real time", f"{middle:,.0f} times"
+    print("\n" + aim("one radar and one drone", limit, found, is_met=middle >= AIM))
 
 
 def _spread(values: list[float]) -> str:
