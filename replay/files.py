@@ -11,6 +11,7 @@ from typing import BinaryIO, Protocol
 
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.replay.asterix_blocks import SOURCE_FIRST, categories
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
@@ -71,6 +72,11 @@ def _is_raw(head: bytes) -> bool:
         at += length
         whole += at <= len(head)
     return whole > 0 and (at <= len(head) or whole > 1 or len(head) == HEAD_OCTETS)
+
+
+def _is_weak(head: bytes) -> bool:
+    """Whether what looks like raw ASTERIX are lengths that fit, of categories that nobody has."""
+    return not SOURCE_FIRST.issuperset(categories(head))
 
 
 def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:
@@ -160,7 +166,10 @@ def format_of(path: Path) -> FileFormat:
     """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
     with path.open("rb") as file:
         head = file.read(HEAD_OCTETS)
-    found = format_of_content(head) or SUFFIXES.get(path.suffix.lower())
+    found, named = format_of_content(head), SUFFIXES.get(path.suffix.lower())
+    is_guess = found is FileFormat.RAW and _is_weak(head)
+    if found is None or (is_guess and named and FORMATS[named].reader):
+        found = named
     if found is None:
         what = "its content is no recording that is known" if head else "it is empty"
         raise PlotfeedError(f"{path}: {what}, nor is its suffix one")

@@ -18,7 +18,7 @@ from typing import Any, TextIO
 
 from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import FAILED, INTERRUPTED
-from plotfeed.feeds.console.printed import say
+from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.lateness import lateness_us
@@ -31,7 +31,6 @@ from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.files import RepeatableRecording, open_repeatable
 from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
 
-MAX_DAMAGES_TOLD = 20
 SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
 
@@ -128,8 +127,7 @@ async def _replay(
         for what, count in totals.left.items():
             say(f"plotfeed: times left alone {count} times: {what}", err=True)
     found = source.damage
-    for each in found[:MAX_DAMAGES_TOLD]:
-        say(f"plotfeed: {path}: {each}", err=True)
+    say_damage(path, found)
     if signal.SIGINT in signals:
         return INTERRUPTED
     return FAILED if totals.undelivered or (found and not totals.messages) else 0

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 Row = Sequence[str]
+MAX_DAMAGES_TOLD = 5
 
 
 def widths(rows: Sequence[Row]) -> list[int]:
@@ -56,3 +57,15 @@ class PrintableFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """Lines without anything that a terminal would obey."""
         return "\n".join(map(printable, super().format(record).split("\n")))
+
+
+def say_damage(path: object, found: Sequence[object], *, all_in: str = "") -> None:
+    """Print on standard error the first places where a file is damaged, and how many more are.
+
+    `all_in` says where all of them are told.
+    """
+    for each in found[:MAX_DAMAGES_TOLD]:
+        say(f"plotfeed: {path}: {each}", err=True)
+    if len(found) > MAX_DAMAGES_TOLD:
+        more = f"and {len(found) - MAX_DAMAGES_TOLD} more, the last at {found[-1]}"
+        say(f"plotfeed: {path}: {more}{all_in}", err=True)

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from plotfeed.feeds.console.printed import say
+from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
@@ -108,8 +108,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         if not counts.messages:
             counts.notes.append(f"nothing of {counts.read} messages is in it")
         keep(counts.read > 0 or not reader.damage)
-    for damage in reader.damage:
-        say(f"plotfeed: {source}: {damage}", err=True)
+    say_damage(source, reader.damage, all_in="; --json has all")
     if reader.damage and not counts.read:
         raise PlotfeedError(f"{source}: nothing in it is whole; {target} is not written")
     (_print_json if settings.as_json else _print)(source, target, recording, form, counts)

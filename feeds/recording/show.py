@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console import INTERRUPTED
-from plotfeed.feeds.console.printed import printable, say
+from plotfeed.feeds.console.printed import printable, say, say_damage
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
@@ -158,8 +158,7 @@ def show_file(path: Path, settings: ShowSettings) -> int:
                 say(json.dumps(figures(path, recording, summary)))
             else:
                 say("\n".join(summary_lines(path, recording, summary)))
-    for damage in reader.damage:
-        say(f"plotfeed: {path}: {damage}", err=True)
+    say_damage(path, reader.damage, all_in="; --json without --list has all")
     return 2 if reader.damage else 0
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from plotfeed.feeds.console.printed import Row, printable, say
+from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.report.error_tally import ErrorFigures
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values, report
@@ -311,6 +311,5 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
     else:
         for line in lines(told):
             say(line)
-    for each in told.damage:
-        say(f"plotfeed: {path}: {each}", err=True)
+    say_damage(path, told.damage, all_in="; --json has all")
     return DAMAGED if told.damage else 0

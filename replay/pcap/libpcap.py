@@ -10,7 +10,7 @@ from typing import BinaryIO
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.pcap.link_layers import ETHERNET, datagram_in, frame
+from plotfeed.replay.pcap.link_layers import ETHERNET, datagram_in, frame, holds
 from plotfeed.replay.pcap.packets import (
     FORMATS,
     HEADER_OCTETS,
@@ -98,6 +98,8 @@ class PcapWriter(RecordingWriter):
             return place
         kept = kept_in(message.properties)
         header = self._header or self._begin(ns_header(ETHERNET) if kept is None else kept.header)
+        if not holds(header.link_type, len(place[0])):
+            return f"of an IP that link type {header.link_type} of the capture does not hold"
         packet, length = _as_it_was(header, message, place, kept) or _anew(header, message, place)
         if not packet:
             return f"longer than the capture's {header.snap_octets} octets of a packet"

@@ -9,9 +9,18 @@ from typing import NamedTuple
 
 from plotfeed.proto.errors import DecodeError
 
-NULL, ETHERNET, RAW, COOKED, COOKED_2 = 0, 1, 101, 113, 276
-LINK_TYPES = (NULL, ETHERNET, RAW, COOKED, COOKED_2)
 IPV4, IPV6 = 0x0800, 0x86DD
+NULL, ETHERNET, RAW, COOKED, COOKED_2 = 0, 1, 101, 113, 276
+RAW_OF_SYSTEMS = (12, 14)
+"""What DLT_RAW is on BSDs, by whose programs some files were written."""
+ONLY_IPV4, ONLY_IPV6 = 228, 229
+_WITHOUT_LINK = {
+    **dict.fromkeys((RAW, *RAW_OF_SYSTEMS), (IPV4, IPV6)),
+    ONLY_IPV4: (IPV4,),
+    ONLY_IPV6: (IPV6,),
+}
+"""What packets without a link layer carry."""
+LINK_TYPES = (NULL, ETHERNET, *RAW_OF_SYSTEMS, RAW, COOKED, ONLY_IPV4, ONLY_IPV6, COOKED_2)
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 _FAMILIES = {2: IPV4, 24: IPV6, 28: IPV6, 30: IPV6}  # AF_INET; AF_INET6 of the BSDs
 _COOKED = {COOKED: (14, 16), COOKED_2: (0, 20)}  # where the protocol is, and the packet
@@ -59,9 +68,9 @@ def network_in(link_type: int, packet: bytes) -> tuple[int, int] | None:
         return _untagged(packet, 12, 14)
     if link_type in _COOKED:
         return _untagged(packet, *_COOKED[link_type])
-    if link_type == RAW:
+    if link_type in _WITHOUT_LINK:
         protocol = {4: IPV4, 6: IPV6}.get(packet[0] >> 4)
-        return None if protocol is None else (protocol, 0)
+        return (protocol, 0) if protocol in _WITHOUT_LINK[link_type] else None
     if link_type == NULL:
         # In the byte order of whoever captured it; families are small numbers.
         protocol = _FAMILIES.get(packet[0] | packet[3]) if packet[1:3] == b"\0\0" else None
@@ -124,6 +133,11 @@ def address(octets: bytes) -> str:
     if len(octets) == 4:
         return ".".join(map(str, octets))
     return str(IPv6Address(octets))
+
+
+def holds(link_type: int, address_octets: int) -> bool:
+    """Whether packets of that link type carry IP with addresses of so many octets."""
+    return link_type != (ONLY_IPV6 if address_octets == 4 else ONLY_IPV4)
 
 
 TTL = 64

@@ -73,6 +73,14 @@ def test_raw_files_are_told_by_their_first_blocks() -> None:
     assert format_of_content(block_048(1) + b"\x30\0\2\0") is None
 
 
+def test_a_suffix_outweighs_lengths_that_fit_by_chance(tmp_path: Path) -> None:
+    nobody_s = block(222, "00") * 3
+    assert format_of(stored(tmp_path, nobody_s)) is FileFormat.RAW
+    assert format_of(stored(tmp_path, nobody_s, "file.ff")) is FileFormat.FINAL
+    assert format_of(stored(tmp_path, nobody_s, "file.csv")) is FileFormat.RAW
+    assert format_of(stored(tmp_path, block_048(1), "file.ff")) is FileFormat.RAW
+
+
 @given(st.binary(max_size=100))
 def test_any_content_has_a_format_or_none(head: bytes) -> None:
     found = format_of_content(head)

@@ -280,3 +280,17 @@ def test_a_bar_shows_on_a_terminal_alone_and_loses_nothing(
     monkeypatch.setattr(status_line, "PATIENCE_S", 0.0)
     assert list(with_progress(things, "recording.mcap", lambda: 500, 1000)) == things
     assert "recording.mcap" in capsys.readouterr().err
+
+
+def test_many_bad_lines_are_told_in_a_few(tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "many.jsonl"
+    path.write_bytes(b'{"bad"\n' * 900)
+    assert shown(path) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 6
+    assert lines[-1] == (
+        f"plotfeed: {path}: and 895 more, the last at octet 6293: a line that is no JSON"
+        "; --json without --list has all"
+    )
+    shown(path, as_json=True)
+    assert len(json.loads(capsys.readouterr().out)["damage"]) == 900

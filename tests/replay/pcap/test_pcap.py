@@ -90,6 +90,9 @@ def packets_of(ip: bytes, protocol: int) -> dict[str, tuple[int, bytes]]:
         "VLAN": (ETHERNET, bytes(12) + b"\x81\0\0\7" + kind + ip),
         "two VLANs": (ETHERNET, bytes(12) + b"\x88\xa8\0\7\x81\0\0\x09" + kind + ip),
         "raw": (RAW, ip),
+        "raw of BSD": (12, ip),
+        "raw of OpenBSD": (14, ip),
+        "that IP alone": (228 if protocol == 0x0800 else 229, ip),
         "cooked": (COOKED, bytes(14) + kind + ip),
         "cooked 2": (COOKED_2, kind + bytes(18) + ip),
     }
@@ -178,7 +181,7 @@ def test_hostile_lengths_are_one_damage_and_the_end() -> None:
 def test_an_unknown_link_type_is_told_once() -> None:
     (damage,) = damage_of(pcap(frame(), frame(), link_type=147))
     assert damage.offset == 20
-    assert "link type 147; expected one of 0, 1, 101, 113, 276" in damage.what
+    assert "link type 147; expected one of 0, 1, 12, 14, 101, 113, 228, 229, 276" in damage.what
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,8 @@ from plotfeed.replay.pcap.link_layers import (
     ETHERNET,
     LINK_TYPES,
     NULL,
+    ONLY_IPV4,
+    ONLY_IPV6,
     RAW,
     frame,
 )
@@ -68,8 +70,24 @@ def again(data: bytes) -> bytes:
     return written(PcapWriter, messages_of(data))
 
 
+OF_BOTH = [link_type for link_type in LINK_TYPES if link_type not in (ONLY_IPV4, ONLY_IPV6)]
+
+
+@pytest.mark.parametrize(("link_type", "six"), [(ONLY_IPV4, False), (ONLY_IPV6, True)])
+def test_a_capture_of_one_ip_takes_no_other(link_type: int, six: bool) -> None:
+    data = capture(packet(link_type, six=six), link_type=link_type)
+    assert again(data) == data
+    (was,) = messages_of(data)
+    writer = PcapWriter(io.BytesIO())
+    other = message(PLOT, topic="udp/10.0.0.7/8600" if six else "udp/ff15::7/8600")
+    assert [writer.write(was), writer.write(other)] == [
+        None,
+        f"of an IP that link type {link_type} of the capture does not hold",
+    ]
+
+
 @pytest.mark.parametrize("six", [False, True])
-@pytest.mark.parametrize("link_type", LINK_TYPES)
+@pytest.mark.parametrize("link_type", OF_BOTH)
 def test_every_header_and_every_link_layer_comes_back(link_type: int, six: bool) -> None:
     for order in "<>":
         for ns in (False, True):
@@ -140,7 +158,7 @@ def test_another_destination_or_source_is_a_packet_of_its_own() -> None:
     assert [each.payload for each in got] == [PLOT] * 4
 
 
-@pytest.mark.parametrize("link_type", LINK_TYPES)
+@pytest.mark.parametrize("link_type", OF_BOTH)
 def test_messages_from_elsewhere_go_along_in_every_link_layer(
     link_type: int, tmp_path: Path
 ) -> None:
