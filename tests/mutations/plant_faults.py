@@ -22,7 +22,8 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).parents[2]
 FAULTS = Path(__file__).with_name("faults.toml")
 ROOMS = ("feeds", "models", "proto", "replay")
-COPIED = (*ROOMS, "tests", "docs", "Makefile", "pyproject.toml", "README.md", "CONTRIBUTING.md")
+PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+COPIED = (*ROOMS, "tests", "docs", "examples", "Makefile", "mkdocs.yml", "pyproject.toml", *PAGES)
 PATIENCE_S = 900
 
 
