@@ -17,6 +17,7 @@ from plotfeed.feeds.accuracy_chart.chart import (
     MeasuredStage,
 )
 from plotfeed.feeds.accuracy_chart.stage import errors_text, ns_text
+from plotfeed.feeds.console.extras import save_figure
 from plotfeed.models.state import Floats
 
 COLUMNS = 2
@@ -104,7 +105,7 @@ def _draw(title: str, panels: Mapping[str, Panel], path: Path) -> None:
     figure.set_layout_engine("none")  # labels go where there is room, and make none
     for axes, texts in labels:
         place_labels(axes, texts, canvas.get_renderer())
-    figure.savefig(path)
+    save_figure(figure, path)
 
 
 def _legend(figure: Any, columns: int) -> None:

@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.extras import check_picture, save_figure
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
-from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.problem_places import Problem
+from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, signature_of, trajectories_of
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
@@ -45,7 +48,7 @@ class TestTarget:
 
 
 def print_check(
-    scene: Scene,
+    path: Path,
     *,
     rcs_m2: float | None,
     as_json: bool,
@@ -54,15 +57,23 @@ def print_check(
 ) -> None:
     """Print what `report` finds, as tables or as JSON, and draw it if there is a place to.
 
-    Raises `PlotfeedError`, also where a picture is and nobody says to replace it.
+    Raises `PlotfeedError`, also where a picture is and nobody says to replace it; what is wrong
+    with a scene is in the JSON, too.
     """
     if chart is not None:
+        check_picture(chart)
         refuse_if_there(chart, force=force)
-    found = report(scene, rcs_m2)
+    try:
+        scene = load(path)
+        found = report(scene, rcs_m2)
+    except PlotfeedError as error:
+        if as_json:
+            say(json.dumps({"file": str(path), "problems": _problems(error)}))
+        raise
     if chart is not None:
         draw_predictions(curves(scene, rcs_m2), chart)
     if as_json:
-        say(json.dumps(found))
+        say(json.dumps({"file": str(path), "problems": [], **found}))
         return
     say(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
     for sensor in found["sensors"]:
@@ -70,10 +81,18 @@ def print_check(
             say(line)
 
 
+def _problems(error: PlotfeedError) -> list[dict[str, Any]]:
+    if isinstance(error, SceneError):
+        return [problem._asdict() for problem in error.located]
+    return [Problem(None, "", None, line)._asdict() for line in str(error).split("\n")]
+
+
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     """Tables and warnings of every sensor; raises `PlotfeedError` for a file without use."""
     SeaLevel.of(scene)
-    launch(scene, trajectories_of(scene), 0)
+    trajectories = trajectories_of(scene)
+    launch(scene, trajectories, 0)
+    EmulatedSensors(scene, trajectories)  # what no session could encode is no scene
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
@@ -125,8 +144,33 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "effects": _effects(sensor),
         "table": _rows(ranges_m, predicted),
-        "warnings": sensor.warnings(site) + _loud(ranges_m, predicted),
+        "warnings": [
+            *sensor.warnings(site),
+            *_nothing_sensed(sensor, target.signature),
+            *_loud(ranges_m, predicted),
+        ],
     }
+
+
+def _nothing_sensed(sensor: Sensor, signature: Signature) -> list[str]:
+    """A warning of a target that has nothing of what such a sensor senses."""
+    if not isinstance(sensor, RfKeys):
+        return []
+    if not signature.emitters:
+        return [
+            "the target emits nothing, so it sees nothing: give drones [[drone.emitters]]; those "
+            "of telemetry bring theirs"
+        ]
+    low_hz, high_hz = sensor.band_hz
+    heard = any(
+        e.frequency_hz + e.bandwidth_hz / 2 >= low_hz
+        and e.frequency_hz - e.bandwidth_hz / 2 <= high_hz
+        for e in signature.emitters
+    )
+    if heard:
+        return []
+    band = f"{low_hz / 1e6:g} to {high_hz / 1e6:g} MHz"
+    return [f"the target emits nothing from {band}, the band of this sensor, so it sees nothing"]
 
 
 def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:
@@ -241,7 +285,6 @@ def _cell(value: float | None, width: int, digits: int) -> str:
 
 def draw_predictions(curves: dict[str, Any], path: Path) -> None:
     """Pd, and rms errors of range and azimuth, against range; PNG, SVG or PDF by the name."""
-    need_matplotlib()
     from matplotlib.figure import Figure
 
     figure: Any = Figure(figsize=(15, 4.2), layout="constrained")
@@ -263,7 +306,4 @@ def draw_predictions(curves: dict[str, Any], path: Path) -> None:
         axis.set_xlabel("range, km")
         axis.grid(visible=True, alpha=0.3)
         axis.legend()
-    try:
-        figure.savefig(path, dpi=120)
-    except ValueError as error:
-        raise PlotfeedError(f"{path}: {error}") from None
+    save_figure(figure, path, dpi=120)

@@ -27,7 +27,7 @@ from plotfeed.feeds.cli.options import (
     topic_option,
 )
 from plotfeed.feeds.console import INTERRUPTED
-from plotfeed.feeds.console.printed import PrintableFormatter, say
+from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
@@ -42,7 +42,8 @@ class Commands(click.Group):
         """Run one, and be told of a broken pipe before click is."""
         try:
             code = super().invoke(ctx)
-            sys.stdout.flush()
+            with naming(STANDARD_OUTPUT):
+                sys.stdout.flush()
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left
             return 0
@@ -131,9 +132,8 @@ def inject(flight: Path, broker: str, **options: Any) -> int:
 def check(scene: Path, **options: Any) -> int:
     """Validate SCENE; print the Pd and errors that its sensors have against range."""
     from plotfeed.feeds.cli.check import print_check
-    from plotfeed.feeds.scene.scene import load
 
-    print_check(load(scene), **options)
+    print_check(scene, **options)
     return 0
 
 

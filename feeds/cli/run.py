@@ -186,12 +186,13 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
     is_welcome = settings.shows_page and not settings.as_json and settings.speed != FASTEST
     if settings.page is None and not is_welcome:
         return False, ""
-    if all(find_spec(name) for name in LIBRARIES):
+    absent = [name for name in LIBRARIES if not find_spec(name)]
+    if not absent:
         return True, ""
-    missing = "needs more: pip install 'plotfeed[page]'"
+    missing = f"{', '.join(absent)} missing here: pip install 'plotfeed[page]'"
     if settings.page is not None:
-        raise PlotfeedError(f"the page {missing}")
-    return False, missing
+        raise PlotfeedError(f"the page cannot be served, {missing}")
+    return False, f"none, {missing}"
 
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
@@ -257,12 +258,15 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
         say(f"  {protocol:<12}{url}")
     if note:
         say(f"  {'page':<12}{note}")
-    for sensor in scene.sensor:
-        for topics in _topics(sensor):
-            say(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
-    say(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
-    if scene.mqtt.truth:
-        say(f"  truth       {prefix}/truth, not for the tracker")
+    if urls.keys() - {"page"}:
+        for sensor in scene.sensor:
+            for topics in _topics(sensor):
+                say(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
+        say(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
+        if scene.mqtt.truth:
+            say(f"  truth       {prefix}/truth, not for the tracker")
+    else:
+        say("  MQTT        none, so no topics and no telemetry from elsewhere")
     if scene.outgoing.middleware is not None:
         say(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
     for udp in scene.outgoing.udp:

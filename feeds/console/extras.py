@@ -2,7 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+from plotfeed.feeds.console.printed import naming
 from plotfeed.proto.errors import PlotfeedError
+
+NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+"""By suffix: what keeps the same picture the same file."""
+
+
+def check_picture(path: Path) -> None:
+    """Raise `PlotfeedError` if no such picture can be drawn here."""
+    if path.suffix.lower() not in NO_DATE:
+        raise PlotfeedError(f"{path}: expected a name that ends in {', '.join(NO_DATE)}")
+    need_matplotlib()
+
+
+def save_figure(figure: Any, path: Path, **how: Any) -> None:
+    """Write a figure of matplotlib; raises `OSError` with the name of the file."""
+    with naming(str(path)):
+        figure.savefig(path, **how)
 
 
 def need_matplotlib() -> None:

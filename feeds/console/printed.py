@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import click
 
 Row = Sequence[str]
 MAX_DAMAGES_TOLD = 5
+STANDARD_OUTPUT = "standard output"
 
 
 def widths(rows: Sequence[Row]) -> list[int]:
@@ -46,9 +48,21 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+@contextmanager
+def naming(what: str) -> Iterator[None]:
+    """Let an `OSError` without the name of a file say what could not be written."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and not isinstance(error, BrokenPipeError):
+            error.filename = what
+        raise
+
+
 def say(text: str, *, err: bool = False) -> None:
     """Print lines, whoever wrote what is in them: all that commands say goes through here."""
-    click.echo("\n".join(map(printable, text.split("\n"))), err=err)
+    with naming("standard error" if err else STANDARD_OUTPUT):
+        click.echo("\n".join(map(printable, text.split("\n"))), err=err)
 
 
 class PrintableFormatter(logging.Formatter):

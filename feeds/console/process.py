@@ -11,14 +11,18 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from io import FileIO
+from io import BufferedWriter, FileIO
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from types import FrameType
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from plotfeed.feeds.console import TERMINATED
+from plotfeed.feeds.console.printed import naming
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
 """Objects more than before at which the garbage collector looks at the youngest."""
@@ -103,7 +107,26 @@ def refuse_if_there(path: Path, *, force: bool) -> None:
         raise already_there(path)
 
 
-def new_file(path: Path, *, force: bool, is_private: bool = False) -> FileIO:
+class OutputFile(FileIO):
+    """A file that is written, of which every error names it: a disk is full, a pipe broken."""
+
+    def __init__(self, path: Path, how: int, mode: int = 0o666, shown: Path | None = None) -> None:
+        """Opened as `os.open` does; `shown` is what errors name in place of its path."""
+        super().__init__(os.open(path, how, mode), "w")
+        self._shown = str(shown or path)
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write some of the octets, and say how many; raises `OSError` with the name."""
+        with naming(self._shown):
+            return super().write(data)
+
+    def close(self) -> None:
+        """Close it; a network's file may only then say that its disk is full."""
+        with naming(self._shown):
+            super().close()
+
+
+def new_file(path: Path, *, force: bool, is_private: bool = False) -> OutputFile:
     """Open a file for writing, which its owner alone may read if it is private.
 
     Raises `PlotfeedError` where it would replace one that nobody said to replace, and `OSError`.
@@ -113,12 +136,12 @@ def new_file(path: Path, *, force: bool, is_private: bool = False) -> FileIO:
     how = os.O_TRUNC if force or not is_ours else os.O_EXCL
     mode = PRIVATE if is_private else 0o666
     try:
-        number = os.open(path, os.O_WRONLY | os.O_CREAT | how, mode)
+        file = OutputFile(path, os.O_WRONLY | os.O_CREAT | how, mode)
     except FileExistsError:  # it has come just now
         raise already_there(path) from None
     if is_private and is_ours:
         path.chmod(mode)  # it may have been there
-    return FileIO(number, "w")
+    return file
 
 
 @contextlib.contextmanager
@@ -158,9 +181,8 @@ def part_file(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Callable[[boo
 
     with _terminated_in_order():
         try:
-            with os.fdopen(
-                os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb"
-            ) as file:
+            how = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            with BufferedWriter(OutputFile(part, how, mode, shown=target)) as file:
                 yield file, keep
             if kept:
                 part.replace(target)

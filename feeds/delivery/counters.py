@@ -86,8 +86,8 @@ class SessionCounters:
         self.messages += len(lateness_ns)
         self.lateness_ns.extend(lateness_ns)
 
-    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
-        """Count what became of a copy of a message."""
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int, octets: int) -> None:  # noqa: ARG002
+        """Count what became of a copy of a message, with so many octets of payload."""
         if fate == pb.SENT:
             self.messages += 1
             self.duplicated += copy > 0

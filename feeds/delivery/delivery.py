@@ -231,8 +231,9 @@ class LedgerEntry:
 
     def settled(self, delivery: Delivery) -> None:
         """The fate of one of its deliveries is known."""
-        self._counters.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
-        self._totals.settle(delivery.fate, delivery.copy, delivery.lateness_ns)
+        fate, copy, late_ns = delivery.fate, delivery.copy, delivery.lateness_ns
+        self._counters.settle(fate, copy, late_ns)
+        self._totals.settle(fate, copy, late_ns, len(delivery.message.payload))
         for to in delivery.not_to:
             self._counters.undelivered_to[to] += 1
             self._totals.undelivered_to[to] += 1

@@ -140,7 +140,7 @@ class RecordedView:
         totals.false_alarms += int((sector.plots.drone == FALSE_ALARM).sum())
         for one in sector.sent:
             late_ns = one.sent_utc_ns - (one.link_due_utc_ns or one.due_utc_ns)
-            totals.settle(one.fate, one.copy, late_ns)
+            totals.settle(one.fate, one.copy, late_ns, one.octets)
 
 
 LOOK_EVERY_S = 0.1

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from io import BufferedWriter
 from pathlib import Path
 from typing import BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage
-from plotfeed.feeds.console.process import already_there, part_file
+from plotfeed.feeds.console.process import OutputFile, already_there, part_file
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.replaying.replay_settings import Moment
@@ -30,6 +32,10 @@ from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage
 
 MAX_REASONS = 100
 MAX_NOTES = 20
+MAX_RETAINED = 100_000
+"""Topics of which a slice has what was retained when it begins."""
+SESSION = "/session"
+"""The end of the topic on which a session says when it began: without that, no record is one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +104,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         messages = with_progress(
             reader.messages(), target.name, lambda: reader.at, recording.octets
         )
-        part = _between(messages, start, end, counts)
+        part = _between(messages, start, end, counts, keeps=FORMATS[form].holds_stages)
         for message in _chosen(part, settings, form, counts):
             _write(writer, message, counts)
         writer.close()
@@ -127,7 +133,7 @@ def _new_file(
     if there and target.samefile(source):
         raise PlotfeedError(f"{target}: is what is read")
     if there and not target.is_file() and not target.is_dir():
-        with target.open("wb") as file:
+        with BufferedWriter(OutputFile(target, os.O_WRONLY)) as file:
             yield file, lambda _: None
         return
     if there and not force:
@@ -143,16 +149,30 @@ def _between(
     start: Moment | None,
     end: Moment | None,
     counts: ConversionCounts,
+    *,
+    keeps: bool,
 ) -> Iterator[Recorded]:
-    """Messages of log times from `start` on and before `end`, counted from the first one's."""
+    """Messages of log times from `start` on and before `end`, counted from the first one's.
+
+    With `keeps`, before them what was retained by then, as of `start`: what a broker would tell.
+    """
     start_ns = end_ns = None
+    retained: dict[tuple[str, Stage], Recorded] = {}
     for message in messages:
         t_ns = message.log_time_ns
         if not counts.read:
             start_ns = start.at(t_ns) if start else None
             end_ns = end.at(t_ns) if end else None
         counts.read += 1
-        if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
+        if start_ns is not None and t_ns < start_ns:
+            key = message.topic, message.stage
+            if keeps and message.retain and (key in retained or len(retained) < MAX_RETAINED):
+                retained[key] = message
+        elif end_ns is None or t_ns < end_ns:
+            if start_ns is not None:
+                told = [replace(each, log_time_ns=start_ns) for each in retained.values()]
+                retained.clear()
+                yield from (each for each in told if each.payload)
             yield message
 
 
@@ -162,9 +182,15 @@ def _chosen(
     form: FileFormat,
     counts: ConversionCounts,
 ) -> Iterator[Recorded]:
-    """Messages that are asked for; the others are counted where nobody asked for fewer."""
+    """Messages that are asked for, and in MCAP what sessions say of themselves.
+
+    The others are counted where nobody asked for fewer.
+    """
     stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
     for message in messages:
+        if form is FileFormat.MCAP and message.retain and message.topic.endswith(SESSION):
+            yield message  # with the scene, whatever else is chosen
+            continue
         if not is_chosen(message.topic, settings.topics):
             continue
         if message.stage in stages:

@@ -56,7 +56,7 @@ class ReplayCounters(SessionCounters):
     worst_ns: int = 0
     """The greatest lateness."""
     octets: int = 0
-    """Of payloads that were sent."""
+    """Of payloads that were sent, each copy counted."""
     laps: int = 0
     """Begun."""
     skipped: Counter[str] = field(default_factory=Counter)
@@ -64,10 +64,11 @@ class ReplayCounters(SessionCounters):
     left: Counter[str] = field(default_factory=Counter)
     """Times that were left alone although they should have been moved, by what they are in."""
 
-    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
-        """Count what became of a copy of a message."""
-        SessionCounters.settle(self, fate, copy, lateness_ns)
+    def settle(self, fate: pb.Fate, copy: int, lateness_ns: int, octets: int) -> None:
+        """Count what became of a copy of a message, with so many octets of payload."""
+        SessionCounters.settle(self, fate, copy, lateness_ns, octets)
         if fate == pb.SENT:
+            self.octets += octets
             self.worst_ns = max(self.worst_ns, lateness_ns)
 
 
@@ -159,10 +160,10 @@ class Routes:
     def send(self, departure: Departure) -> None:
         """Send it now, through its link if it has one."""
         route, message = departure.route, departure.message
-        self._totals.octets += len(departure.payload)
         if route.datagram is not None:
             fate = pb.SENT if route.datagram(departure.payload) else pb.UNDELIVERED
-            self._totals.settle(fate, 0, self._clock.now_ns() - departure.due_ns)
+            late_ns = self._clock.now_ns() - departure.due_ns
+            self._totals.settle(fate, 0, late_ns, len(departure.payload))
         elif message is not None and route.outbox is not None:
             self.flush()
             route.outbox.send(message)
@@ -185,7 +186,7 @@ class Routes:
             sent_ns = delivery.sent_utc_ns
             sent_ns = self._clock.now_ns() if sent_ns is None else sent_ns
             late_ns = sent_ns - delivery.message.due_utc_ns
-        self._totals.settle(delivery.fate, 0, late_ns)
+        self._totals.settle(delivery.fate, 0, late_ns, len(delivery.message.payload))
 
     def end(self) -> None:
         """What links still hold does not arrive."""

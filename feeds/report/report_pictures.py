@@ -11,16 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.extras import NO_DATE, save_figure
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.report.expected_plots import QUANTITIES
 from plotfeed.feeds.report.figures import LedgerReport, SensorFigures
 from plotfeed.feeds.report.link_figures import LinkFigures, link_text
 from plotfeed.feeds.report.spreads import share_interval
-from plotfeed.proto.errors import PlotfeedError
 
-NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-"""By suffix: what keeps the same picture the same file."""
 INCHES = (16.5, 9.3)
 DPI = 110
 COLOURS = ("#1d4ed8", "#c2410c", "#15803d", "#7e22ce", "#0e7490", "#a16207", "#be123c", "#475569")
@@ -65,13 +62,6 @@ class Chosen:
         return cls(coloured, sensors[: len(COLOURS)], left_out, told.curve, told.normalised_edges)
 
 
-def check_picture(path: Path) -> None:
-    """Raise `PlotfeedError` if no such picture can be drawn here."""
-    if path.suffix.lower() not in NO_DATE:
-        raise PlotfeedError(f"{path}: expected a name that ends in {', '.join(NO_DATE)}")
-    need_matplotlib()
-
-
 def draw(told: LedgerReport, path: Path) -> None:
     """Write the picture, in the format that its name says."""
     import matplotlib as mpl
@@ -84,7 +74,7 @@ def draw(told: LedgerReport, path: Path) -> None:
         panels = (_delays, _bursts, _detection, _lateness, _errors, _legend)
         for panel, axes in zip(panels, figure.subplots(2, 3).flat, strict=True):
             panel(axes, chosen)
-        figure.savefig(path, metadata=NO_DATE[path.suffix.lower()])
+        save_figure(figure, path, metadata=NO_DATE[path.suffix.lower()])
 
 
 def _title(told: LedgerReport) -> str:

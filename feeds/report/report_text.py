@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from plotfeed.feeds.console.extras import check_picture
 from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.report.error_tally import ErrorFigures
@@ -13,7 +14,7 @@ from plotfeed.feeds.report.figures import LedgerReport, SensorFigures, as_values
 from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.report.link_figures import LatencyFigures, LinkFigures, Share, link_text
 from plotfeed.feeds.report.plot_tally import PdFigures
-from plotfeed.feeds.report.report_pictures import check_picture, draw
+from plotfeed.feeds.report.report_pictures import draw
 from plotfeed.feeds.report.text_tables import NOTHING, number, percent, seconds, table
 from plotfeed.feeds.report.verdicts import Verdicts
 from plotfeed.proto.utc import NS, iso_utc

@@ -34,7 +34,7 @@ class EmitterKeys(SceneTable):
 
     frequency_hz: Frequency
     """Centre."""
-    bandwidth_hz: Positive
+    bandwidth_hz: NotNegative
     eirp_dbm: Decibels
     kind: str = ""
     """Such as control, video or remote-id."""

@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 _SPACE = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _TEXT = (
@@ -20,16 +20,31 @@ _VALUE = re.compile(rf"{_TEXT}|[^,\]}}\n#]+", re.DOTALL)
 _OWNER = re.compile(r"(sensor|drone)\[(\d+)\]")
 
 
-def located(problems: Iterable[tuple[str, str]], tree: Any, text: str) -> Iterator[str]:
-    """Problems as lines, with the line of the file and the id of whose key it is.
+class Problem(NamedTuple):
+    """What is wrong with a scene, and where."""
+
+    line: int | None
+    """Of the file, from 1 on; None where that is not known."""
+    key: str
+    """Empty for what is wrong with the whole."""
+    of: str | None
+    """The id of the sensor or drone whose key it is, if it has one."""
+    what: str
+
+    def __str__(self) -> str:
+        where = f"line {self.line}: " if self.line else ""
+        whose = "" if self.of is None else f" of {self.of!r}"
+        return f"{where}{self.key}{whose}: {self.what}" if self.key else self.what
+
+
+def located(problems: Iterable[tuple[str, str]], tree: Any, text: str) -> Iterator[Problem]:
+    """Problems with their places in a scene: of what was expected, by keys.
 
     `tree` is what TOML gave for `text`; of a scene that was no file the text is empty.
     """
     lines = key_lines(text)
     for key, what in problems:
-        line = _line(key, lines)
-        where = f"line {line}: " if line else ""
-        yield f"{where}{key}{_owner(key, tree)}: {what}" if key else what
+        yield Problem(_line(key, lines), key, _owner(key, tree), what)
 
 
 def key_lines(text: str) -> dict[str, int]:
@@ -53,16 +68,16 @@ def _line(key: str, lines: dict[str, int]) -> int | None:
     return lines[key]
 
 
-def _owner(key: str, tree: Any) -> str:
+def _owner(key: str, tree: Any) -> str | None:
     """The sensor or drone whose key it is, if it has a name."""
     found = _OWNER.match(key)
     if found is None or not isinstance(tree, dict):
-        return ""
+        return None
     named = tree.get(found[1])
     number = int(found[2])
     entry = named[number] if isinstance(named, list) and number < len(named) else None
     name = entry.get("id") if isinstance(entry, dict) else None
-    return f" of {name[:64]!r}" if isinstance(name, str) and key != f"{found[0]}.id" else ""
+    return name[:64] if isinstance(name, str) and key != f"{found[0]}.id" else None
 
 
 class _Scan:

@@ -46,14 +46,14 @@ MAX_PROBLEMS = 20
 class SceneError(PlotfeedError):
     """A scene that cannot be run. `problems` are (key, what was expected).
 
-    Its message has the line of each in `text`, and the id of whose key it is, by `tree`.
+    By `text` and `tree`, what TOML was given and gave, each is `located` as well.
     """
 
     def __init__(
         self, path: Path, problems: list[tuple[str, str]], tree: Any = None, text: str = ""
     ) -> None:
-        lines = [f"{path}: {line}" for line in located(problems, tree, text)]
-        super().__init__("\n".join(printable(line) for line in lines))
+        self.located = list(located(problems, tree, text))
+        super().__init__("\n".join(printable(f"{path}: {each}") for each in self.located))
         self.path = path
         self.problems = problems
 

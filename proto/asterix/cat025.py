@@ -1,7 +1,8 @@
 """Category 025, status of ground systems, one record a data block: layout and encoder.
 
 EUROCONTROL-SPEC-0149-26, editions 1.5 and 1.6; `codec.layout` explains the table. Decoders differ
-in the LSB of the longitude in I025/600.
+in the LSB of the longitude in I025/600. Its latitude ends one LSB, 5 mm, before the North Pole,
+which becomes that.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ FRN  item      octets  parts: bits, LSB and unit
 9    I025/120  1+3n    repeated: CID 16, ERRC 6, CS 2
 10   I025/140  1+6n    repeated: TYPE 8, REF, _7, COUNT 32
 11   I025/SP   1+n     octets behind their count
-12   I025/600  8       LAT ±32: 180/2^32 deg refused, LON ±32: 360/2^32 deg wraps
+12   I025/600  8       LAT ±32: 180/2^32 deg, LON ±32: 360/2^32 deg wraps
 13   I025/610  2       HEIGHT ±16: 1/4 m
 """,
 )
@@ -41,7 +42,7 @@ FRN  item      octets  parts: bits, LSB and unit
 CAT025_HALF_TURN = category(
     25,
     """
-12   I025/600  8       LAT ±32: 180/2^32 deg refused, LON ±32: 180/2^32 deg refused
+12   I025/600  8       LAT ±32: 180/2^32 deg, LON ±32: 180/2^32 deg refused
 """,
     base=CAT025,
 )

@@ -295,3 +295,12 @@ def test_a_position_rounds_the_same_in_any_company():
     together = frame.from_ecef(points)
     alone = np.array([frame.from_ecef(point) for point in points])
     np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.parametrize("elevation", [90.0, -90.0])
+def test_straight_up_and_down_a_place_needs_no_azimuth(elevation):
+    frame, up = LocalFrame(40.45, -3.73, 650.0), np.sign(elevation) * 400.0
+    assert frame.heights_m(np.nan, elevation, 400.0) == pytest.approx(650.0 + up, abs=1e-6)
+    np.testing.assert_array_equal(aer_to_enu(np.nan, elevation, 400.0), [0.0, 0.0, up])
+    both = frame.heights_m([np.nan, np.nan], [elevation, 45.0], [400.0, 400.0])
+    assert np.isnan(both).tolist() == [False, True]

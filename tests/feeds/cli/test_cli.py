@@ -7,7 +7,8 @@ import socket
 import subprocess
 import sys
 import time
-from importlib.metadata import entry_points, version
+import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -30,8 +31,8 @@ def is_one_line(text: str) -> bool:
 
 
 def test_the_entry_point_is_the_command() -> None:
-    (script,) = entry_points(group="console_scripts", name="plotfeed")
-    assert script.value == "plotfeed.feeds.cli.main:main"
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    assert project["scripts"] == {"plotfeed": "plotfeed.feeds.cli.__main__:main"}
 
 
 def test_help_waits_for_no_library_of_a_session() -> None:

@@ -88,7 +88,7 @@ def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
     assert done.returncode == 0
     assert done.stderr == ""
     hints = [line for line in done.stdout.splitlines() if "page" in line]
-    assert hints == ["  page        needs more: pip install 'plotfeed[page]'"]
+    assert hints == ["  page        none, uvicorn missing here: pip install 'plotfeed[page]'"]
     assert done.stdout.splitlines()[-1].startswith("drones 1 ")
 
 
@@ -96,7 +96,9 @@ def test_without_the_extra_a_page_that_was_asked_for_is_an_error_in_a_line() -> 
     done = without_the_extra("demo", *QUICK, "--page", "0")
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr == "plotfeed: the page needs more: pip install 'plotfeed[page]'\n"
+    assert done.stderr == (
+        "plotfeed: the page cannot be served, uvicorn missing here: pip install 'plotfeed[page]'\n"
+    )
 
 
 def test_what_runs_a_session_with_its_page_loads_no_library_of_the_page() -> None:

@@ -18,8 +18,10 @@ from plotfeed.feeds.recording.session_again import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 
+START_NS = 1_767_268_800 * NS
 SIMULATED = ("--speed", "max", "--broker", "none", "--json")
 
 
@@ -112,3 +114,29 @@ def test_a_folder_that_a_killed_run_has_left_is_cleared_by_the_next(
         assert len(still) == 1
         assert still < left
         living.kill()
+
+
+@pytest.mark.parametrize(
+    "options", [("--start", "1", "--end", "2"), ("--topic", "plotfeed/radar/#")]
+)
+def test_a_part_of_a_record_is_a_record(
+    options: tuple[str, ...], record: Path, tmp_path: Path
+) -> None:
+    part = tmp_path / "part.mcap"
+    assert plotfeed_here("convert", record, part, *options).returncode == 0
+    assert SessionRecord.open(part).start_utc_ns == SessionRecord.open(record).start_utc_ns
+    again = plotfeed_here("run", part, *SIMULATED)
+    assert (again.returncode, again.stderr) == (0, "")
+    with McapReader(record) as whole, McapReader(part) as some:
+        told = {m.topic: m.payload for m in whole.messages() if m.log_time_ns == START_NS}
+        of_part = list(some.messages())
+    if options[0] == "--start":
+        first = {m.topic: m.payload for m in of_part if m.log_time_ns == START_NS + NS}
+        for name in ("radar/settings", "radar/description", "session"):
+            assert first[f"plotfeed/{name}"] == told[f"plotfeed/{name}"]
+        assert all(START_NS + NS <= m.log_time_ns < START_NS + 2 * NS for m in of_part)
+        report = plotfeed_here("report", part)
+        assert "scene test" in report.stdout
+        assert "cannot be used" not in report.stdout
+    else:
+        assert {m.topic.split("/")[1] for m in of_part} == {"radar", "session"}

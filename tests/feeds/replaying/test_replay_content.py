@@ -316,6 +316,14 @@ async def test_the_same_seed_gives_the_same_losses_and_another_seed_others() -> 
 
 
 @pytest.mark.asyncio
+async def test_octets_are_those_of_messages_that_arrived() -> None:
+    recorded = [message(i * MS, "p/radar/plots", bytes(i % 7 + 1)) for i in range(300)]
+    ears, totals = await simulated(recorded, ReplaySettings(links=(LinkRule("", LOSSY),)))
+    assert totals.lost > 0
+    assert totals.octets == sum(map(len, ears.payloads()))
+
+
+@pytest.mark.asyncio
 async def test_links_are_for_the_topics_that_they_are_told() -> None:
     recorded = [message(i, t) for i, t in enumerate(["p/a/plots", "p/b/plots", "p/ab/plots"])]
     slow = LinkRule("p/a", LinkSettings(latency_ms=50.0))

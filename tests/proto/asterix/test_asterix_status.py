@@ -13,9 +13,16 @@ from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.cat025 import (
+    CAT025,
+    CAT025_HALF_TURN,
+    Operation,
+    State,
+    StatusEncoder025,
+)
 from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9
@@ -132,6 +139,16 @@ def test_status_goes_round_the_globe() -> None:
     (record,) = decode(encoder.block(0))
     assert record.get("I025/600") == {"LAT": -90.0, "LON": pytest.approx(179.0, abs=5e-8)}
     assert record.get("I025/610") == -8192.0
+
+
+@pytest.mark.parametrize("edition", [CAT025, CAT025_HALF_TURN])
+def test_the_north_pole_is_as_near_as_the_item_can_say(edition: Category) -> None:
+    place = {"longitude_deg": 0.0, "height_m": 0.0}
+    pole = StatusEncoder025(1, 1, latitude_deg=90.0, **place, category=edition)
+    there = pole.block(0).find(bytes.fromhex("7fffffff00000000"))
+    assert there > 0
+    with pytest.raises(EncodeError, match=r"90\.1"):
+        StatusEncoder025(1, 1, latitude_deg=90.1, **place, category=edition)
 
 
 @pytest.mark.parametrize("errors", [[256], [-1], [1] * 256])

@@ -1,0 +1,202 @@
+"""What one meets on the first day: full disks, interruptions, scenes that are not yet right."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.command import PLOTFEED, plotfeed_here
+from support.recordings import plots, written
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+
+RF = """
+[[sensor]]
+id = "listener"
+type = "rf"
+measures_azimuth = false
+frequency_min_hz = 2.4e9
+frequency_max_hz = 2.5e9
+channel_bandwidth_hz = 1e6
+integration_s = 0.01
+range_max_m = 5000.0
+[sensor.scan]
+kind = "staring"
+period_s = 1.0
+"""
+GATE = """
+[[sensor]]
+id = "gate"
+type = "range_gate"
+sigma_m = 0.0
+range_max_m = 2000.0
+[sensor.scan]
+kind = "staring"
+period_s = 1.0
+"""
+WHERE_SPACE_ENDS = Path("/dev/full")
+
+
+@pytest.mark.parametrize("import_of", ["click", "numpy"])
+def test_ctrl_c_while_it_is_imported_is_no_traceback(import_of: str, tmp_path: Path) -> None:
+    (tmp_path / f"{import_of}.py").write_text("raise KeyboardInterrupt")
+    done = subprocess.run(
+        [*PLOTFEED, "demo", "--duration", "1"],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "")
+
+
+@pytest.mark.skipif(not WHERE_SPACE_ENDS.exists(), reason="needs /dev/full")
+def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path: Path) -> None:
+    source = tmp_path / "in.mcap"
+    source.write_bytes(written(McapWriter, plots(3)))
+    scene = scene_file(tmp_path, scene_text())
+    simulated = ("--broker", "none", "--speed", "max", "--duration", "1", "--json")
+    for words in (
+        ("convert", source, WHERE_SPACE_ENDS, "--to", "jsonl"),
+        ("convert", source, WHERE_SPACE_ENDS, "--to", "mcap"),
+        ("run", scene, *simulated, "--record", WHERE_SPACE_ENDS, "--force"),
+    ):
+        done = plotfeed_here(*words)
+        assert done.returncode == 1
+        assert f"{WHERE_SPACE_ENDS}: No space left on device" in done.stderr
+
+
+def test_a_disk_that_fills_up_is_told_with_the_name_and_leaves_nothing(tmp_path: Path) -> None:
+    source, target = tmp_path / "in.mcap", tmp_path / "out.jsonl"
+    source.write_bytes(written(McapWriter, plots(1000)))
+    code = (
+        "import resource, sys\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))\n"
+        "from plotfeed.feeds.cli.main import main\n"
+        "main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "convert", source, target],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == f"plotfeed: {target}: File too large\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["in.mcap"]
+
+
+@pytest.mark.skipif(not WHERE_SPACE_ENDS.exists(), reason="needs /dev/full")
+def test_standard_output_that_is_full_is_named() -> None:
+    with WHERE_SPACE_ENDS.open("w") as full:
+        done = subprocess.run(
+            [*PLOTFEED, "schema"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr == "plotfeed: standard output: No space left on device\n"
+
+
+def test_without_a_broker_no_topic_is_listed(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text())
+    done = plotfeed_here("run", scene, "--broker", "none", "--speed", "max", "--duration", "1")
+    assert "plotfeed/" not in done.stdout
+    assert "  MQTT        none, so no topics" in done.stdout
+
+
+def test_check_says_why_an_rf_sensor_sees_nothing(tmp_path: Path) -> None:
+    emitter = "emitters = [{{ frequency_hz = {}, bandwidth_hz = 0, eirp_dbm = 20.0 }}]"
+    drone = scene_text().rpartition("[[drone]]")[2]
+    for emits, told in (
+        ("", "the target emits nothing, so it sees nothing"),
+        (emitter.format("5.8e9"), "the target emits nothing from 2400 to 2500 MHz"),
+        (emitter.format("2.45e9"), None),
+    ):
+        text = scene_text(sensors=RF, drones=f"[[drone]]\n{emits}{drone}")
+        done = plotfeed_here("check", scene_file(tmp_path, text), "--json")
+        (sensor,) = json.loads(done.stdout)["sensors"]
+        assert [w for w in sensor["warnings"] if "emits nothing" in w][:1] == [
+            w for w in sensor["warnings"] if told and told in w
+        ]
+        assert bool(told) == (max(row["pd"] for row in sensor["table"]) == 0)
+
+
+def test_check_as_json_tells_of_a_scene_that_it_refuses(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
+    done = plotfeed_here("check", scene, "--json")
+    assert done.returncode == 2
+    told = json.loads(done.stdout)
+    assert told["file"] == str(scene)
+    assert [(p["key"], p["of"]) for p in told["problems"]] == [
+        ("sensor[0].power_w", "radar"),
+        ("sensor[0].powr_w", "radar"),
+    ]
+    assert scene.read_text().split("\n")[told["problems"][1]["line"] - 1] == "powr_w = 500.0"
+    absent = plotfeed_here("check", tmp_path / "absent.toml", "--json")
+    assert json.loads(absent.stdout)["problems"][0]["what"] == "No such file or directory"
+    assert (
+        json.loads(plotfeed_here("check", scene_file(tmp_path, scene_text()), "--json").stdout)[
+            "problems"
+        ]
+        == []
+    )
+
+
+@pytest.mark.parametrize("latitude", ["90.0", "-90.0"])
+def test_a_site_at_a_pole_is_checked_and_run(latitude: str, tmp_path: Path) -> None:
+    every = radar(more='report = ["asterix-048", "asterix-015", "asterix-062", "plots"]') + GATE
+    text = scene_text(sensors=every).replace("latitude_deg = 40.45", f"latitude_deg = {latitude}")
+    scene = scene_file(tmp_path, text)
+    assert plotfeed_here("check", scene).returncode == 0
+    simulated = ("--broker", "none", "--speed", "max", "--duration", "2", "--json")
+    done = plotfeed_here("run", scene, *simulated)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["plots"] > 0
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("height_m = 650.0\n[tel", "height_m = 50_000.0\n[tel"),
+        ("longitude_deg = -3.73", "longitude_deg = 150.0"),
+    ],
+)
+def test_what_no_session_could_encode_check_refuses(right: str, wrong: str, tmp_path: Path) -> None:
+    sensors = radar(more='report = ["asterix-048", "asterix-015"]')
+    text = scene_text(sensors=sensors) + '[asterix]\nlongitude_025 = "half-turn"\n'
+    assert right in text
+    scene = scene_file(tmp_path, text.replace(right, wrong))
+    checked = plotfeed_here("check", scene)
+    ran = plotfeed_here("run", scene, "--broker", "none", "--speed", "max", "--duration", "1")
+    assert (checked.returncode, checked.stderr) == (ran.returncode, ran.stderr)
+    assert checked.returncode == 2
+
+
+def test_a_drone_at_the_zenith_has_a_height(tmp_path: Path) -> None:
+    drone = """
+    [[drone]]
+    id = "above"
+    speed_m_s = 1.0
+    path = [
+        { east_m = 0.0, north_m = 0.0, above_site_m = 500.0 },
+        { east_m = 0.0, north_m = 0.0, above_site_m = 600.0 },
+    ]
+    """
+    text = scene_text(sensors=GATE, drones=drone, start_utc="2026-01-01T12:00:00Z")
+    record = tmp_path / "record.mcap"
+    simulated = ("--broker", "none", "--speed", "max", "--duration", "3", "--record", record)
+    assert plotfeed_here("run", scene_file(tmp_path, text), *simulated).returncode == 0
+    listed = plotfeed_here("show", record, "--list").stdout
+    assert "elevation_deg 90  height_m 115" in listed
+
+
+@pytest.mark.parametrize("name", ["picture", "picture.gif"])
+def test_a_chart_without_a_known_suffix_is_refused(name: str, tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text())
+    done = plotfeed_here("check", scene, "--chart", tmp_path / name)
+    assert done.returncode == 2
+    assert "expected a name that ends in .png, .svg, .pdf" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
