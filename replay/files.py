@@ -13,6 +13,7 @@ from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.asterix_blocks import SOURCE_FIRST, categories
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
+from plotfeed.replay.gzip_file import open_unpacked, unpacked_octets
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
@@ -20,6 +21,7 @@ from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
 from plotfeed.replay.recorded import Damage, Recorded, RecordingReader, RecordingWriter
 
 MCAP_MAGIC = b"\x89MCAP"
+PACKED_MCAP = "an MCAP file is read by its index, not from gzip: gunzip it first"
 HEAD_OCTETS = 1 << 16
 BLOCKS_LOOKED_AT = 8
 
@@ -150,6 +152,7 @@ class Recording:
     reader: RecordingReader
     format: FileFormat
     octets: int
+    """Of the file; unpacked, where gzip packed it."""
 
     @property
     def has_dates(self) -> bool:
@@ -164,9 +167,10 @@ class Recording:
 
 def format_of(path: Path) -> FileFormat:
     """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
-    with path.open("rb") as file:
+    with open_unpacked(path) as (file, unpacked):
         head = file.read(HEAD_OCTETS)
-    found, named = format_of_content(head), SUFFIXES.get(path.suffix.lower())
+    suffix = path.with_suffix("").suffix if unpacked else path.suffix
+    found, named = format_of_content(head), SUFFIXES.get(suffix.lower())
     is_guess = found is FileFormat.RAW and _is_weak(head)
     if found is None or (is_guess and named and FORMATS[named].reader):
         found = named
@@ -210,12 +214,17 @@ def open_recording(
     reader = FORMATS[form].reader
     if reader is None:
         raise PlotfeedError(f"{path}: {form} is only written")
-    with path.open("rb") as file:
+    with open_unpacked(path) as (file, unpacked):
+        if unpacked and form is FileFormat.MCAP:
+            raise PlotfeedError(f"{path}: {PACKED_MCAP}")
         try:
             opened = reader(file, date_utc_ns)
         except DecodeError as error:
             raise PlotfeedError(f"{path}: {error}") from None
-        yield Recording(opened, form, path.stat().st_size)
+        if unpacked:
+            unpacked.on_damage = opened.damage.add
+        octets = unpacked_octets(path) if unpacked else path.stat().st_size
+        yield Recording(opened, form, octets)
 
 
 class RepeatableRecording(Protocol):
@@ -257,5 +266,8 @@ def open_repeatable(path: Path, *, date_utc_ns: int = 0) -> Iterator[RepeatableR
         return
     from plotfeed.replay.mcap.mcap_reader import McapReader
 
+    with open_unpacked(path) as (_, unpacked):
+        if unpacked:
+            raise PlotfeedError(f"{path}: {PACKED_MCAP}")
     with McapReader(path) as reader:
         yield reader
