@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -89,6 +90,23 @@ def test_the_index_names_every_page_once() -> None:
     named = re.findall(r"\]\(([\w./-]+\.md)\)", (DOCS / "README.md").read_text())
     there = {page.name for page in DOCS.glob("*.md")} - {"README.md"}
     assert sorted(name for name in named if not name.startswith("../")) == sorted(there)
+
+
+def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to_it() -> None:
+    parts = (DOCS / "scene.md").read_text().split("\n## ")
+    rows = {
+        part.split("\n")[0]: re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) for part in parts
+    }
+    common = rows["`[[sensor]]` of every type"]
+    assert {"id", "position_enu_m", "link"} <= set(common)
+    definitions = json.loads(text_of("scene"))["$defs"].values()
+    sensors = [keys for keys in (d.get("properties", {}) for d in definitions) if "preset" in keys]
+    assert len(sensors) >= 6
+    for keys in sensors:
+        own = rows[f"`[[sensor]]` of type `{keys['type']['const']}`"]
+        assert sorted(common + own) == sorted(keys)
+    contents = re.findall(r"- \[(.*)\]\(#", parts[1])
+    assert contents == list(rows)[2:]
 
 
 def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:

@@ -27,8 +27,8 @@ line of the file and the sensor or drone whose key it is:
 
 The unit of a key is the end of its name.
 
-`plotfeed check SCENE` says what the sensors will do; the shipped scenes are in
-`feeds/scene/examples/`.
+`plotfeed check SCENE` says what the sensors will do; scenes to start from are in
+[examples](../examples/README.md), the one of the demo in `feeds/scene/examples/`.
 """
 UNITS = {
     "_deg": "degrees",
@@ -49,6 +49,7 @@ UNITS = {
     "_c": "°C",
     "_kpa": "kPa",
 }
+WORTH_A_SECTION = 5
 TYPES = {"number": "number", "integer": "whole number", "boolean": "true or false",
          "string": "text", "array": "list", "object": "table", "null": "none"}  # fmt: skip
 NOT_DESCRIBED = {
@@ -80,27 +81,37 @@ class Reference:
         self.silent: list[str] = []
         """Keys of which nobody says what they are."""
         self.parts: list[str] = []
+        self.titles: list[str] = []
         for key, value in schema["properties"].items():
             self._table(key, value)
 
-    def _table(self, place: str, schema: Schema) -> None:
-        """A section for each table that may stand at a place, and for those within it."""
-        repeated = schema.get("type") == "array"
-        for name in self._names(schema):
-            if name in self._done or "properties" not in self._definitions[name]:
-                continue
-            self._done.add(name)
-            table = self._definitions[name]
-            self.parts.append(self._section(place, table, repeated=repeated))
-            for key, value in table["properties"].items():
-                if self._names(value):
-                    self._table(f"{place}.{key}", value)
+    def _table(self, place: str, schema: Schema, owner: str = "") -> None:
+        """A section for each table that may stand at a place of what is of such a kind."""
+        brackets = f"`[[{place}]]`" if schema.get("type") == "array" else f"`[{place}]`"
+        names = [name for name in self._names(schema) if "properties" in self._definitions[name]]
+        tables = [self._definitions[name] for name in names if name not in self._done]
+        self._done.update(names)
+        common = _common(tables)
+        if common:
+            title = f"{brackets} of every {_kind(tables[0])[0]}"
+            told = f"Keys that all of them have, {_listed(tables)}; their own follow."
+            of_all = {"description": told, "properties": common, "required": tables[0]["required"]}
+            self._section(title, of_all, place)
+        for table in tables:
+            key, kind = _kind(table)
+            title = f"{brackets} of {key} `{kind}`" if kind else brackets
+            if title in self.titles:
+                title += f" of `{owner}`"
+            told = table.get("description", "")
+            if common:
+                told += f" It has the keys [of every {key}](#sensor-of-every-{key}), and these."
+            own = {name: v for name, v in table["properties"].items() if name not in common}
+            of_one = {**table, "description": told, "properties": own}
+            self._section(title, of_one, place, kind or owner)
 
-    def _section(self, place: str, table: Schema, *, repeated: bool) -> str:
-        brackets = f"[[{place}]]" if repeated else f"[{place}]"
-        marks = [f'{key} = "{kind}"' for key, kind in _constants(table)]
-        title = f"## `{brackets}`" + (f" with `{marks[0]}`" if marks else "")
-        lines = [title, "", _line(table.get("description", "")), ""]
+    def _section(self, title: str, table: Schema, place: str, owner: str = "") -> None:
+        """One table's keys, and the sections of what stands within it."""
+        lines = [f"## {title}", "", _line(table.get("description", "")), ""]
         lines += ["| key | what | unit | values | default |", "|---|---|---|---|---|"]
         needed = table.get("required", [])
         for key, value in table["properties"].items():
@@ -111,7 +122,11 @@ class Reference:
             cells = (f"`{key}`", _line(what), _unit(key),
                      self._values(value), default)  # fmt: skip
             lines.append("| " + " | ".join(cells) + " |")
-        return "\n".join(lines) + "\n"
+        self.titles.append(title)
+        self.parts.append("\n".join(lines) + "\n")
+        for key, value in table["properties"].items():
+            if self._names(value):
+                self._table(f"{place}.{key}", value, owner)
 
     def _values(self, schema: Schema) -> str:
         """What may stand there."""
@@ -146,8 +161,33 @@ class Reference:
         return found
 
 
-def _constants(table: Schema) -> list[tuple[str, str]]:
-    return [(k, v["const"]) for k, v in table["properties"].items() if "const" in v]
+def _common(tables: list[Schema]) -> Schema:
+    """Keys that several tables have alike, if those are worth a section of their own."""
+    first, *others = [table["properties"] for table in tables] or [{}]
+    alike = {k: v for k, v in first.items() if all(other.get(k) == v for other in others)}
+    return alike if others and len(alike) >= WORTH_A_SECTION else {}
+
+
+def _listed(tables: list[Schema]) -> str:
+    """The tables of a kind, by links to their sections."""
+    kinds = [_kind(table) for table in tables]
+    return ", ".join(f"[{kind}](#sensor-of-{key}-{kind})" for key, kind in kinds)
+
+
+def _contents(titles: list[str]) -> str:
+    """A list of the sections, those of a table within it further in."""
+    lines = ["## Contents", ""]
+    for title in titles:
+        depth = title.split("`")[1].count(".")
+        anchor = re.sub(r"[^\w\s-]", "", title).lower().replace(" ", "-")
+        lines.append(f"{'    ' * depth}- [{title}](#{anchor})")
+    return "\n".join(lines) + "\n"
+
+
+def _kind(table: Schema) -> tuple[str, str]:
+    """The key that says which of several tables this is, and its value; both empty of one alone."""
+    found = [(key, v["const"]) for key, v in table["properties"].items() if "const" in v]
+    return found[0] if found else ("", "")
 
 
 def _bounds(schema: Schema) -> str:
@@ -187,7 +227,7 @@ def page() -> str:
     reference = Reference(json.loads(text_of("scene")))
     if reference.silent:
         raise SystemExit(f"keys without a description: {', '.join(reference.silent)}")
-    return "\n".join([INTRODUCTION, *reference.parts])
+    return "\n".join([INTRODUCTION, _contents(reference.titles), *reference.parts])
 
 
 if __name__ == "__main__":
