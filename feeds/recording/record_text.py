@@ -64,7 +64,7 @@ def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
     items = _expanded(record)
     when = _time(items, categories[record.category])
     parts = "  ".join(
-        f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()
+        [f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()]
     )
     return f"CAT{record.category:03d}  {when}  {parts}"
 
@@ -198,22 +198,26 @@ def _clock(time_of_day_s: float) -> str:
 
 def short(value: Any) -> str:
     """A value without a digit lost; parts of a part in brackets."""
-    if isinstance(value, float):
+    kind = type(value)
+    if kind is float:
         return repr(value).removesuffix(".0")
-    if isinstance(value, Mapping):
-        return " ".join(
-            f"{name}=({short(part)})" if isinstance(part, dict) else f"{name}={_part(name, part)}"
-            for name, part in value.items()
-        )
-    if isinstance(value, list):
-        return "[" + ", ".join(short(part) for part in value) + "]"
-    if isinstance(value, bytes):
+    if kind is int:
+        return str(value)
+    if kind is dict:
+        return " ".join([f"{name}={_inner(name, part)}" for name, part in value.items()])
+    if kind is list:
+        return "[" + ", ".join([short(part) for part in value]) + "]"
+    if kind is bytes:
         return f"{len(value)} octets {value.hex()}"
     return printable(str(value))
 
 
+def _inner(name: str, value: Any) -> str:
+    return f"({short(value)})" if type(value) is dict else _part(name, value)
+
+
 def _part(name: str, value: Any) -> str:
-    if isinstance(value, int) and name in HEXADECIMAL:
+    if name in HEXADECIMAL and type(value) is int:
         return f"{value:0{HEXADECIMAL[name]}X}"
     return short(value)
 

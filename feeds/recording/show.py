@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import printable, say, say_damage
@@ -18,7 +19,6 @@ from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.decoded_text import message_lines
-from plotfeed.feeds.recording.record import LIVE, CaptureSource, source_of
 from plotfeed.feeds.recording.record_text import (
     EXTRA,
     Categories,
@@ -39,7 +39,11 @@ from plotfeed.replay.files import Recording, open_recording
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.replay.summary import Summary
 
+if TYPE_CHECKING:
+    from plotfeed.feeds.recording.record import CaptureSource
+
 MAX_WAITING_LINES = 100_000
+LINES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +98,8 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
         return show_file(Path(source), settings)
     if settings.stages:
         raise PlotfeedError("--stage: only of a file")
+    from plotfeed.feeds.recording.record import LIVE, source_of  # and with it what sends
+
     live = source_of(source, access, settings.interface, "plotfeed-show", f"a file, {LIVE}")
     return asyncio.run(_show_live(live, settings))
 
@@ -143,8 +149,7 @@ def show_file(path: Path, settings: ShowSettings) -> int:
         reader = recording.reader
         if settings.listed or settings.verbose or count is not None:
             lines = _lines(recording, settings)
-            for line in islice(lines, count):
-                say(line)
+            _say_all(islice(lines, count))
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
@@ -160,6 +165,13 @@ def show_file(path: Path, settings: ShowSettings) -> int:
                 say("\n".join(summary_lines(path, recording, summary)))
     say_damage(path, reader.damage, all_in="; --json without --list has all")
     return 2 if reader.damage else 0
+
+
+def _say_all(lines: Iterator[str]) -> None:
+    """Print lines: in a terminal as they come, else many in one write."""
+    at_once = 1 if sys.stdout.isatty() else LINES_AT_ONCE
+    while some := list(islice(lines, at_once)):
+        say("\n".join(some))
 
 
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:

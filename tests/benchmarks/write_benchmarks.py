@@ -24,6 +24,7 @@ BENCHMARKS = {
     "bench_sensors.py": "The sensors, beside Stone Soup",
     "bench_effects.py": "Effects, named or not",
     "bench_asterix.py": "ASTERIX records",
+    "bench_show.py": "Decoding and showing, beside asterix-decoder",
     "bench_sapient.py": "SAPIENT messages",
     "bench_formats.py": "Formats",
     "bench_telemetry.py": "Telemetry",

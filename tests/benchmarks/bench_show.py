@@ -1,0 +1,126 @@
+"""Processor time of decoding and showing recordings, beside asterix-decoder, in turns in one run.
+
+    python tests/benchmarks/bench_show.py [RECORDS]
+
+asterix-decoder (GPL-3, C++) is asked by its own Python module in a process of its own; where it is
+missing, its columns are empty. Both read the same file of raw ASTERIX; both print into nothing.
+Start is that of Python and imports alone, which is in the other figures.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from asterix_cases import CASES, SAC, SIC
+
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+
+RECORDS = 20_000
+REPEATS = 5
+ROWS_A_BLOCK = 25
+MEASURED = (48, 62, 15, 205)
+
+OURS_DECODE = """
+import sys
+from plotfeed.proto.asterix.codec.decode import blocks, records_in
+data = open(sys.argv[1], "rb").read()
+for block in blocks(data):
+    for record in records_in(block):
+        pass
+"""
+_THEIRS = """
+import sys, asterix
+data = open(sys.argv[1], "rb").read()
+at = 0
+while at < len(data):
+    end = at + int.from_bytes(data[at + 1 : at + 3], "big")
+    found = asterix.parse(data[at:end], verbose=False)
+    {then}
+    at = end
+"""
+THEIRS_DECODE = _THEIRS.format(then="pass")
+THEIRS_SHOW = _THEIRS.format(then="[print(record) for record in found]")
+COMMAND = (sys.executable, "-m", "plotfeed.feeds.cli", "show")
+STEPS: dict[str, tuple[Sequence[str], Sequence[str], Sequence[str]]] = {
+    "start": ((sys.executable, "-c", "import plotfeed.proto.asterix.codec.decode"), (), ()),
+    "decode": ((sys.executable, "-c", OURS_DECODE), (), (sys.executable, "-c", THEIRS_DECODE)),
+    "show --list": (COMMAND, ("--list",), (sys.executable, "-c", THEIRS_SHOW)),
+    "show": (COMMAND, (), ()),
+    "show --verbose": (COMMAND, ("--verbose",), ()),
+}
+
+
+def file_of(number: int, records: int) -> bytes:
+    """Blocks of records that have the items which the report encoders send."""
+    case, name = CASES[number], f"I{number:03}/"
+    encoder = Encoder(
+        CATEGORIES[number],
+        [name + path for path in case.paths.split()],
+        constants={
+            name + path: value
+            for path, value in ({"010/SAC": SAC, "010/SIC": SIC} | case.constants).items()
+        },
+    )
+    rng = np.random.default_rng(1)
+    columns = {
+        name + path: rng.integers(low, high, records, endpoint=True)
+        if isinstance(low, int)
+        else rng.uniform(low, high, records)
+        for path, (low, high) in case.columns.items()
+    }
+    octets, length = encoder.records(columns), encoder.record_length
+    return b"".join(blocks_of(number, octets, length, 3 + ROWS_A_BLOCK * length))
+
+
+def processor_s(command: Sequence[object]) -> float:
+    """Processor time of a command that prints into nothing."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([str(word) for word in command], stdout=subprocess.DEVNULL, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def main(records: int) -> None:
+    """Measures and prints a table."""
+    has_theirs = importlib.util.find_spec("_asterix") is not None
+    print(f"Seconds of processor time for {records} records: median (least to most) of {REPEATS}")
+    print(f"repeats. {platform.machine()}, {os.cpu_count()} cores; Python", end=" ")
+    print(f"{platform.python_version()}.\n")
+    print("| category | what | plotfeed | asterix-decoder | ratio |")
+    print("|--:|---|--:|--:|--:|")
+    with tempfile.TemporaryDirectory() as folder:
+        for number in MEASURED:
+            path = Path(folder) / f"{number:03d}.ast"
+            path.write_bytes(file_of(number, records))
+            for what, (ours, options, theirs) in STEPS.items():
+                mine, others = [], []
+                for _ in range(REPEATS):
+                    mine.append(processor_s([*ours, path, *options]))
+                    if theirs and has_theirs:
+                        others.append(processor_s([*theirs, path]))
+                print(_line(number, what, mine, others), flush=True)
+
+
+def _line(number: int, what: str, mine: list[float], others: list[float]) -> str:
+    ratio = f"{statistics.median(others) / statistics.median(mine):.2f}" if others else ""
+    spread = _spread(others) if others else ""
+    return f"| {number:03} | {what} | {_spread(mine)} | {spread} | {ratio} |"
+
+
+def _spread(seconds: list[float]) -> str:
+    return f"{statistics.median(seconds):.2f} ({min(seconds):.2f} to {max(seconds):.2f})"
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if sys.argv[1:] else RECORDS)
