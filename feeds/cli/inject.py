@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import logging
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from plotfeed.feeds.cli.session_answers import SessionAnswers
+from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
@@ -24,8 +25,6 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
-
-log = logging.getLogger(__name__)
 
 MAX_SPEED = 1000.0
 """Times as fast as it was flown: beyond it, reports would fall on the same nanosecond."""
@@ -116,33 +115,72 @@ class _Injection:
     def __init__(self, flight: Flight, settings: InjectSettings) -> None:
         self._flight = flight
         self._settings = settings
-        self._drone = settings.drone or flight.name.replace(" ", "-")
-        self._topic = f"{settings.prefix}/telemetry/{self._drone}"
+        drone = settings.drone or re.sub(r"[\s/+#]", "-", flight.name)
+        self._topic = f"{settings.prefix}/telemetry/{drone}"
         self._sent = self._undelivered = 0
-        self._refusals: list[str] = []
+        if not (1 <= len(drone) <= 64 and drone.isprintable()) or set("/+#") & set(drone):
+            raise PlotfeedError(
+                f"--drone: {drone!a} is no name, the last level of a topic: expected 1 to 64 "
+                "printable characters without /, + and #"
+            )
+        self._answers = SessionAnswers(settings.prefix, drone)
 
     async def run(self) -> int:
         """Connect, send each report when it is due, and pass on what is said of them."""
-        settings, topic = self._settings, self._topic
+        settings, topic, answers = self._settings, self._topic, self._answers
         if not topic.isprintable() or "+" in topic or "#" in topic:
             raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
         link = MqttTransport(
             settings.broker,
             "plotfeed-inject",
-            subscribe=[f"{settings.prefix}/errors"],
-            on_message=self._received,
+            subscribe=answers.topics,
+            on_message=answers.hear,
         )
         async with link.connected(CONNECT_S):
+            await answers.begin()
+            is_seen = self._tell_distance()
             await self._send_all(link)
             await link.drain()
-            await asyncio.sleep(0.2)  # for what is said of the last ones
-        for line in self._refusals[:MOST_REFUSALS_TOLD]:
+            await answers.end()
+        for line in answers.details[:MOST_REFUSALS_TOLD]:
             say(f"plotfeed: refused: {line}", err=True)
         say(
             f"{self._sent} reports sent to {settings.broker} as {topic}, "
-            f"{self._undelivered} undelivered, {len(self._refusals)} refused"
+            f"{self._undelivered} undelivered, {answers.refused} refused"
         )
-        return 1 if self._undelivered or self._refusals else 0
+        return 0 if self._is_taken_in() and is_seen else FAILED
+
+    def _tell_distance(self) -> bool:
+        """Say how near the flight comes to a sensor; whether any can see it, as far as is known."""
+        prefix, scene = self._settings.prefix, self._answers.scene
+        if scene is None:
+            text = (
+                f"no session says on {prefix}/session that it runs: is it another broker or prefix?"
+            )
+            say(f"plotfeed: {text}", err=True)
+            return True
+        found = self._answers.nearest(self._flight.reports)
+        if found is None:
+            return True
+        sensor, near_m, sees_m = found
+        far = f"{near_m / 1000:.3g} km from {sensor}, which sees to {sees_m / 1000:.3g} km"
+        if near_m <= sees_m:
+            say(f"session of {scene}: the flight comes to {far}")
+            return True
+        say(f"plotfeed: no sensor can see the flight: it comes to {far}, at best", err=True)
+        return False
+
+    def _is_taken_in(self) -> bool:
+        """Whether the session took the reports in, by what it says; if not, say why."""
+        if self._answers.scene is None:
+            say("plotfeed: no session was there to take them in", err=True)
+            return False
+        meanwhile = self._answers.refused_meanwhile
+        if meanwhile:
+            reasons = ", ".join(f"{why} {n}" for why, n in meanwhile.most_common())
+            say(f"plotfeed: meanwhile the session refused, of all that came: {reasons}", err=True)
+        all_refused = self._sent > 0 and meanwhile.total() >= self._sent
+        return not (self._undelivered or self._answers.refused or all_refused)
 
     async def _send_all(self, link: MqttTransport) -> None:
         settings, encode, content_type = self._settings, encode_protobuf, PROTOBUF
@@ -169,12 +207,3 @@ class _Injection:
         """Count what became of a report."""
         self._sent += delivery.delivered
         self._undelivered += not delivery.delivered
-
-    def _received(self, _topic: str, payload: bytes, _content_type: str | None) -> None:
-        """Note the refusals of this drone's reports."""
-        try:
-            refusal = json.loads(payload)
-            if refusal.get("drone") == self._drone:
-                self._refusals.append(str(refusal.get("detail")))
-        except (ValueError, AttributeError):
-            log.warning("something that is no refusal came on the topic of errors")

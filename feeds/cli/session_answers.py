@@ -1,0 +1,130 @@
+"""What a session says on its topics while a flight is published to it: whether it takes it in."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.state import AltitudeReference, Floats
+
+log = logging.getLogger(__name__)
+
+ANSWER_S = 1.0
+"""For what is retained to come after a subscription."""
+STATUS_S = 6.0
+"""For the next status to come: a session says one every 5 s."""
+MOST_REFUSALS_KEPT = 1000
+MOST_SENSORS = 10_000
+
+
+class SessionAnswers:
+    """Hears a session on its prefix: that it runs, where its sensors stand, whom it refuses."""
+
+    def __init__(self, prefix: str, drone: str) -> None:
+        self._prefix, self._drone = prefix, drone
+        self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "+/description")]
+        self.topics.append(f"{prefix}/+/status")
+        self.scene: str | None = None
+        """The name of the scene that a session runs; None while none is heard."""
+        self.refused = 0
+        """Reports of the drone of which the session has said that it refused them."""
+        self.details: list[str] = []
+        """Why, of the first of them."""
+        self._named: Sequence[Any] = ()
+        self._sensors: dict[str, dict[str, Any]] = {}
+        self._refused_by: Counter[str] | None = None
+        self._before: Counter[str] | None = None
+        self._statuses = 0
+        self._news = asyncio.Event()
+
+    def hear(self, topic: str, payload: bytes, _content_type: str | None) -> None:
+        """Take what came on one of the topics; what no session would say is nothing."""
+        kind = topic.rpartition("/")[2]
+        self._news.set()
+        try:
+            told = json.loads(payload)
+            if kind == "errors":
+                self._refusal(told)
+            elif kind == "session":
+                self.scene = str(told["scene"]) if told["state"] == "RUNNING" else None
+                self._named = list(told["sensors"])
+            elif kind == "description" and len(self._sensors) < MOST_SENSORS:
+                self._sensors[str(told["sensor"])] = {
+                    name: float(told[name])
+                    for name in ("latitude_deg", "longitude_deg", "height_m", "range_max_m")
+                }
+            elif kind == "status":
+                counts = told.get("refused_by_reason", {})
+                self._refused_by = Counter({str(why): int(n) for why, n in counts.items()})
+                self._statuses += 1
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            log.warning("%s: something came that no session says", topic)
+
+    def _refusal(self, told: dict[str, Any]) -> None:
+        if told.get("drone") == self._drone:
+            self.refused += 1
+            if len(self.details) < MOST_REFUSALS_KEPT:
+                self.details.append(str(told.get("detail")))
+
+    async def begin(self) -> None:
+        """Wait a moment for what is retained, and note what was refused before."""
+        await self._news_until(
+            ANSWER_S,
+            lambda: self.scene is not None and self._sensors.keys() >= set(map(str, self._named)),
+        )
+        self._before = self._refused_by
+
+    async def end(self) -> None:
+        """Wait for what the session says of the last reports, if one runs: its next status."""
+        if self.scene is None:
+            return
+        known = self._statuses
+        await self._news_until(STATUS_S, lambda: self._statuses > known or self.scene is None)
+        await asyncio.sleep(0.2)  # for errors, which may come behind it
+
+    async def _news_until(self, most_s: float, is_so: Callable[[], bool]) -> None:
+        """Wait until that is so, but not for longer."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(most_s):
+                while not is_so():
+                    self._news.clear()
+                    await self._news.wait()
+
+    @property
+    def refused_meanwhile(self) -> Counter[str]:
+        """How many messages the session has refused since the beginning, for what, of whoever."""
+        return (self._refused_by or Counter()) - (self._before or Counter())
+
+    def nearest(self, reports: Sequence[PositionReport]) -> tuple[str, float, float] | None:
+        """The sensor that a flight comes nearest to, how near, and how far that sees, metres.
+
+        Of sensors that it comes into the range of, the one whose range it enters deepest; None if
+        no sensor has said where it is. Heights of unknown reference are taken as they are.
+        """
+        best: tuple[float, str, float, float] | None = None
+        for name, at in self._sensors.items():
+            place = at["latitude_deg"], at["longitude_deg"], at["height_m"]
+            ranges_m = np.linalg.norm(_ecef_m(reports, place[2]) - geodetic_to_ecef(*place), axis=1)
+            near_m = float(ranges_m.min())
+            found = near_m - at["range_max_m"], name, near_m, at["range_max_m"]
+            best = found if best is None else min(best, found)
+        return None if best is None else best[1:]
+
+
+def _ecef_m(reports: Sequence[PositionReport], ground_m: float) -> Floats:
+    """Where the reports are; above take-off counts from `ground_m`. (n, 3)."""
+    above_m = {AltitudeReference.ABOVE_TAKEOFF: ground_m}
+    rows = [
+        (r.latitude_deg, r.longitude_deg, r.altitude_m + above_m.get(r.altitude_reference, 0.0))
+        for r in reports
+    ]
+    return geodetic_to_ecef(*np.array(rows, np.float64).T)
