@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES, epilog_of
 from plotfeed.feeds.cli.options import (
     NEW_FILE,
     POSITIVE,
@@ -37,6 +38,12 @@ DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
 
 class Commands(click.Group):
     """The commands, of which none fails because nobody reads on: `plotfeed show ... | head`."""
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add one, with its summary and examples."""
+        summary, _ = SUMMARIES_AND_EXAMPLES[name or str(cmd.name)]
+        cmd.short_help, cmd.epilog = summary, epilog_of(name or str(cmd.name))
+        super().add_command(cmd, name)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run one, and be told of a broken pipe before click is."""
@@ -305,7 +312,7 @@ def _run() -> int:
     handler.setFormatter(PrintableFormatter("plotfeed: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     try:
-        code = cli.main(standalone_mode=False)
+        code = cli.main(prog_name="plotfeed", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         return error.exit_code

@@ -1,0 +1,63 @@
+"""What help says of each command beside its own text: a summary in a line, and examples."""
+
+from __future__ import annotations
+
+SUMMARIES_AND_EXAMPLES = {
+    "demo": ("Run the shipped scene section-4, with its live page.", ("demo --duration 60",)),
+    "run": (
+        "Run a scene, or a recorded session again.",
+        (
+            "run here.toml --record there.mcap",
+            "run here.toml --broker none --speed max --duration 60 --write here.ast",
+            "run there.mcap --broker none --speed max",
+        ),
+    ),
+    "inject": (
+        "Publish a recorded flight as live telemetry.",
+        ("inject flight.srt --now --takeoff-height-m 650",),
+    ),
+    "check": (
+        "Validate a scene; print Pd and errors against range.",
+        ("check here.toml", "check here.toml --json", "check here.toml --chart here.png"),
+    ),
+    "show": (
+        "Sum a recording up, or decode messages.",
+        ("show there.mcap", "show here.ast --list", "show mqtt://127.0.0.1:1883/plotfeed/#"),
+    ),
+    "convert": (
+        "Convert a recording to another format.",
+        ("convert here.ast here.pcap --date 2026-01-01", "convert there.mcap part.mcap --start 60"),
+    ),
+    "record": (
+        "Record a broker's topics, or datagrams.",
+        ("record mqtt://127.0.0.1:1883/plotfeed/# there.mcap", "record udp://0.0.0.0:8600 u.mcap"),
+    ),
+    "replay": (
+        "Replay a recording to a broker or over UDP.",
+        ("replay there.mcap", "replay there.pcap --udp 127.0.0.1:8600 --speed 2"),
+    ),
+    "report": (
+        "Hold what was delivered against what was asked.",
+        ("report there.mcap", "report there.mcap --chart there.png"),
+    ),
+    "chart": (
+        "Chart speed against accuracy of a scene's stages.",
+        ("chart here.toml --quick --out figures",),
+    ),
+    "sensors": (
+        "List commercial sensors for scenes.",
+        ("sensors", "sensors echodyne"),
+    ),
+    "schema": (
+        "Print the schema of scenes, messages or topics.",
+        ("schema", "schema messages", "schema asyncapi"),
+    ),
+}
+"""By the command's name; examples without the word plotfeed before them."""
+
+
+def epilog_of(name: str) -> str:
+    """The end of a command's help, in the marks of click, which keep its lines."""
+    examples = SUMMARIES_AND_EXAMPLES[name][1]
+    title = "Example:" if len(examples) == 1 else "Examples:"
+    return "\n".join(["\b", title, *(f"  plotfeed {line}" for line in examples)])
