@@ -126,7 +126,7 @@ def _address(text: str) -> str:
 class SapientPriorKeys(SceneTable):
     """Drones as sensors expect them: anywhere within range alike, up to 120 m above the sensor."""
 
-    drones: Annotated[float, Field(gt=0, le=10_000)] = 1.0
+    expected_drones: Annotated[float, Field(gt=0, le=10_000)] = 1.0
     """How many there are within a sensor's directions and range, on average."""
     rcs_m2: Annotated[float, Field(gt=0, le=1000)] = 0.01
     """Radar cross-section, mean over fluctuation."""

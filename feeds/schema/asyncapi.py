@@ -224,7 +224,8 @@ def _message(flow: Flow) -> dict[str, Any]:
             "additionalProperties": False,
         }
     message["payload"] = _payload(flow)
-    message["examples"] = [_example(flow)]
+    if flow.name in _examples():  # formats that others add have none
+        message["examples"] = [_example(flow)]
     if flow.message:
         message["x-protobuf-message"] = flow.message
     return message

@@ -319,7 +319,7 @@ def test_in_a_noise_environment_the_scene_flies_or_is_refused_with_a_reason() ->
         scene([quiet], seed=64)
     for changes, reason in (
         ({"noise_environment": "city"}, "leave it out"),
-        ({"external_noise_db": None}, "external_noise_db: needed"),
+        ({"external_noise_db": None}, "external_noise_db of 'passive': needed"),
         ({"gain_rx_dbi": None}, "gain_rx_dbi: needed"),
         ({"sidelobe_db": 22.0}, "sidelobe_db: input should be less than or equal to 0"),
         ({"transmitters": [EAST, EAST]}, "used twice"),

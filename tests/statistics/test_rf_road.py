@@ -309,7 +309,7 @@ def test_a_wrong_key_is_named(changes: dict[str, Any], key: str) -> None:
 def test_a_direction_finder_needs_a_baseline() -> None:
     sensor = finder()
     del sensor["baseline_m"]
-    with pytest.raises(SceneError, match=r"sensor\[0\]\.baseline_m: missing"):
+    with pytest.raises(SceneError, match=r"sensor\[0\]\.baseline_m of 'rf': missing"):
         scene([sensor], seed=1)
 
 

@@ -185,7 +185,7 @@ def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
     if sensor.band_hz is not None:
         emitters = (Emitter(frequency_hz=sum(sensor.band_hz) / 2, eirp_dbm=keys.eirp_dbm),)
     signature = Signature(rcs_m2=keys.rcs_m2, sound_power_db=keys.sound_power_db, emitters=emitters)
-    prior = TargetPrior(mean_number=keys.drones, signature=signature)
+    prior = TargetPrior(mean_number=keys.expected_drones, signature=signature)
     half_deg = field.horizontal_extent_deg / 2
     azimuths_deg = (field.azimuth_deg - half_deg, field.azimuth_deg + half_deg)
     return confidence_of(

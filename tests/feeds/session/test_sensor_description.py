@@ -78,7 +78,7 @@ def test_every_sensor_says_where_it_is_and_on_which_topics_it_reports() -> None:
 
 def test_the_session_says_where_its_site_is() -> None:
     there_is = example("section-4")
-    (told,) = (m for m in sent(there_is, 1.0) if m.topic == "plotfeed/session")
+    told, _ = (m for m in sent(there_is, 1.0) if m.topic == "plotfeed/session")
     site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
     assert json.loads(told.payload)["site"] == site
 
