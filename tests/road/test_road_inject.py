@@ -22,6 +22,8 @@ from plotfeed.feeds.session.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180
 
 SPEED = 20
+STALE_S = 0.3
+"""It does not fly straight on for long when nothing comes any more."""
 SHORT_S = 12.0
 """A flight that takes less is injected to its end."""
 LOOKS = 90
@@ -58,7 +60,7 @@ async def _live(flight: GivenFlight, port: int) -> Live:
         sensor,
         seed=111,
         mqtt={"port": port},
-        telemetry={"stale_after_s": 3.0, "max_speed_m_s": 1000.0, **flight.datum},
+        telemetry={"stale_after_s": STALE_S, "max_speed_m_s": 1000.0, **flight.datum},
     )
     totals = await run(
         scene, stop=stop, tap=lambda message, _: messages.append(message), on_ready=ready
