@@ -98,9 +98,12 @@ class UnpackedFile(io.RawIOBase):
 
 @contextmanager
 def open_unpacked(path: Path) -> Iterator[tuple[BinaryIO, UnpackedFile | None]]:
-    """A file for reading, and what unpacks it if gzip packed it; raises `OSError`."""
+    """A file for reading, and what unpacks it if gzip packed it; raises `OSError`.
+
+    Of a pipe nothing is read here: whoever writes to it may be slow to begin.
+    """
     with path.open("rb") as file:
-        if file.peek(len(MAGIC))[: len(MAGIC)] != MAGIC:
+        if not path.is_file() or file.peek(len(MAGIC))[: len(MAGIC)] != MAGIC:
             yield file, None
             return
         unpacked = UnpackedFile(file)

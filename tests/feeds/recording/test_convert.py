@@ -287,9 +287,12 @@ def test_a_conversion_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
     held_open = os.open(source, os.O_RDWR)
     command = [*PLOTFEED, "convert", str(source), str(target), "--from", "jsonl"]
     with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
-        wait_until(lambda: any(tmp_path.glob(".out.mcap.*")))
-        process.terminate()
-        _, said = process.communicate(timeout=PATIENCE_S)
+        try:
+            wait_until(lambda: any(tmp_path.glob(".out.mcap.*")))
+            process.terminate()
+            _, said = process.communicate(timeout=PATIENCE_S)
+        finally:
+            process.kill()
     os.close(held_open)
     assert (process.returncode, said) == (143, b"")
     assert [path.name for path in tmp_path.iterdir()] == ["in.jsonl"]
