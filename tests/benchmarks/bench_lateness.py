@@ -21,14 +21,14 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from aims import aim
+from aims import aim, ratios, spread
 from demo_process import demo, subscriber
 from support.nanosleep import nanosleep_late_us
 
 from plotfeed.proto import plotfeed_pb2 as pb
 
 NS = 1_000_000_000
-SECONDS, TURNS = 60.0, 3
+SECONDS, TURNS = 60.0, 5
 PERCENTILES = (50.0, 99.0, 99.9, 100.0)
 DEADLINES_PER_S = 40
 AIM_P50_MS, AIM_RATIO = 0.15, 2.0
@@ -98,12 +98,18 @@ def main() -> None:
         cells = " | ".join(f"{p:.3f}" for p in percentiles_ms(turns))
         print(f"| {what} | {sum(map(len, turns)):,} | {cells} |")
     if machine:
-        ours, theirs = percentiles_ms(left), percentiles_ms(machine)
-        what, ratio = "handed to the socket", ours[1] / theirs[1]
-        is_met = ours[0] <= AIM_P50_MS
-        print("\n" + aim(what, f"p50 {AIM_P50_MS} ms", f"{ours[0]:.2f} ms", is_met=is_met))
+        ours, theirs = (
+            np.array([np.percentile(turn, PERCENTILES) for turn in turns]).T
+            for turns in (left, machine)
+        )
+        each = [ratios(a, b) for a, b in zip(ours, theirs, strict=True)]
+        cells = " | ".join(spread(ratio, ".1f") for ratio in each)
+        print(f"| handed to the socket, times C, by turns | | {cells} |")
+        what, p50_ms, ratio = "handed to the socket", np.median(ours[0]), np.median(each[1])
+        is_met = p50_ms <= AIM_P50_MS
+        print("\n" + aim(what, f"p50 {AIM_P50_MS} ms", f"{spread(ours[0])} ms", is_met=is_met))
         limit = f"p99 {AIM_RATIO:g} times that of C"
-        print(aim(what, limit, f"{ratio:.1f} times", is_met=ratio <= AIM_RATIO))
+        print(aim(what, limit, f"{spread(each[1], '.1f')} times", is_met=ratio <= AIM_RATIO))
 
 
 if __name__ == "__main__":
