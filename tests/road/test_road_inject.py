@@ -1,6 +1,6 @@
 """Logs of flights injected over a real broker into sessions that run by the clock on the wall.
 
-As many sessions at once, each with its own embedded broker and a process of its own that injects.
+Some sessions at once, each with its own embedded broker and a process of its own that injects.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ STALE_S = 0.3
 """It does not fly straight on for long when nothing comes any more."""
 SHORT_S = 12.0
 """A flight that takes less is injected to its end."""
+AT_ONCE = 3
+"""Sessions, each with a process that injects twenty times as fast as was flown."""
 LOOKS = 90
 """Of the others, until so many."""
 
@@ -42,9 +44,15 @@ class Live:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def sessions() -> dict[str, Live]:
-    flown = (_live(flight, 21_883 + 10 * i) for i, flight in enumerate(FLIGHTS))
+    room = asyncio.Semaphore(AT_ONCE)
+
+    async def flown(number: int, flight: GivenFlight) -> Live:
+        async with room:
+            return await _live(flight, 21_883 + 10 * number)
+
+    flights = [flown(number, flight) for number, flight in enumerate(FLIGHTS)]
     files = (flight.file for flight in FLIGHTS)
-    return dict(zip(files, await asyncio.gather(*flown), strict=True))
+    return dict(zip(files, await asyncio.gather(*flights), strict=True))
 
 
 async def _live(flight: GivenFlight, port: int) -> Live:

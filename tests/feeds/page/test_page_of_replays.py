@@ -94,7 +94,7 @@ def test_a_recording_is_loaded_moved_along_and_left(run: Live, tmp_path: Path) -
     page.wait_for_timeout(300)
     heard = run.broker.count
     second = 0.0
-    for share in (0.7, 0.5, 0.8):
+    for share in (0.7, 0.8, 0.5):
         second = round((entries[int(share * len(entries))][0] - start_ns) / S, 1)
         page.get_by_label("Position in the recording").fill(str(second))
         now_ms = (start_ns + second * S) / MS
