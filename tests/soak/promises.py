@@ -145,7 +145,9 @@ def garbage(folder: Path, for_s: float) -> Kept:
     return Kept(
         f"Garbage for {for_s:.0f} s changes no octet that leaves, and is counted",
         f"{published:,} messages, refused {totals['refused']:,}, of them dropped as a flood "
-        f"{totals['flooded']:,}; octets {'the same' if same else 'OTHERS'}",
+        f"{totals['flooded']:,}; octets {'the same' if same else 'OTHERS'}; "
+        f"late p50 {totals['lateness_p50_us'] / 1e3:.2f} ms, p99 "
+        f"{totals['lateness_p99_us'] / 1e3:.2f} ms",
         same and totals["refused"] == published,
     )
 
