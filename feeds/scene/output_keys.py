@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
@@ -15,6 +15,10 @@ from plotfeed.feeds.scene.fields import Latitude, Longitude, Name, Positive, Sce
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
+
+
+USUAL_PORT = 1883
+"""Of MQTT."""
 
 
 class MqttQueueKeys(SceneTable):
@@ -75,7 +79,7 @@ class Mqtt(SceneTable):
     """First level or levels of every topic."""
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
-    port: Annotated[int, Field(ge=1, le=65533)] = 1883
+    port: Annotated[int, Field(ge=1, le=65533)] = USUAL_PORT
     """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket, if any, on the one
     after. One that is taken is an error; without this key, another one stands in for it."""
     version: Literal["5", "3.1.1", "any"] = "any"
@@ -273,10 +277,14 @@ class UdpDestination(SceneTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outgoing:
-    """Where a session sends, and what opens the doors there."""
+    """Where a session sends, what opens the doors there, and whom its own broker lets in."""
 
     broker: str | None = None
     """URL; None is the embedded broker."""
+    port: int | None = None
+    """Of the embedded broker, if it must be that one."""
+    embedded: EmbeddedBrokerKeys = field(default_factory=EmbeddedBrokerKeys)
+    """Whom it lets in, and what it bears."""
     ca_file: Path | None = None
     certificate_file: Path | None = None
     key_file: Path | None = None

@@ -262,6 +262,8 @@ class Scene(SceneTable):
         )
         return Outgoing(
             broker=mqtt.broker,
+            port=mqtt.port if "port" in mqtt.model_fields_set else None,
+            embedded=mqtt.embedded,
             ca_file=ca,
             certificate_file=certificate,
             key_file=key,
@@ -277,7 +279,7 @@ class Scene(SceneTable):
         return other
 
     def enclosed(self, files: Mapping[str, Path]) -> Self:
-        """Copy it as data: of its files it has these, by name, and no destinations."""
+        """Copy it as data: of its files it has these, by name, and nothing else outside."""
         other = self.sent_to(Outgoing())
         other._files = dict(files)
         return other

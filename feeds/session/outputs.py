@@ -16,6 +16,7 @@ from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import SessionContext, cares
@@ -49,7 +50,8 @@ Brokers = tuple[list[BrokerAddress], dict[str, str]]
 @contextlib.asynccontextmanager
 async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]:
     """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
-    url = broker or scene.outgoing.broker
+    to = scene.outgoing
+    url = broker or to.broker
     if url == NO_BROKER:
         yield [], {}
         return
@@ -57,9 +59,8 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
         address = broker_address(scene, url)
         yield [address], {"MQTT": str(address)}
         return
-    may_be_others = "port" not in scene.mqtt.model_fields_set
     embedded = await EmbeddedBroker.start(
-        scene.mqtt.port, scene.mqtt.embedded, may_be_others=may_be_others
+        to.port or USUAL_PORT, to.embedded, may_be_others=to.port is None
     )
     keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
     try:

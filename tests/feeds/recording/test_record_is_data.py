@@ -10,7 +10,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from support.command import plotfeed, plotfeed_here
+from support.brokers import free_port, port_is_taken
+from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
@@ -275,3 +276,19 @@ def test_no_command_replaces_a_file_unasked(tmp_path: Path) -> None:
             assert done.returncode == 0, (name, done.stderr)  # type: ignore[attr-defined]
             assert path.read_bytes() != b"dear to somebody"
         path.unlink()
+
+
+def test_it_opens_no_door_to_web_pages_and_claims_no_port(tmp_path: Path) -> None:
+    listening_at, origin = free_port(), "http://stranger.example"
+    text = scene_text(
+        start_utc="2026-01-01T12:00:00Z",
+        port=listening_at,
+        mqtt=f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]',
+    )
+    scene = load(scene_file(tmp_path, text))
+    assert scene.outgoing.port == listening_at
+    assert scene.outgoing.embedded.websocket_origins == (origin,)
+    record = recorded_by_a_stranger(tmp_path / "x.mcap", scene)
+    with port_is_taken(listening_at), running("run", record) as again:
+        assert not any("WebSocket" in line for line in again.introduction)
+        assert all(port != listening_at for port, _ in again.ports())
