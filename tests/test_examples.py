@@ -121,4 +121,4 @@ def test_a_scene_is_sound_and_runs(scene: Path) -> None:
 def test_every_example_is_told_of_on_its_page() -> None:
     page = (EXAMPLES / "README.md").read_text()
     there = {path.relative_to(EXAMPLES).as_posix() for path in (*EXAMPLES.glob("*.*"), *SCENES)}
-    assert set(re.findall(r"\]\(([\w./-]+\.(?:py|mjs|toml))\)", page)) == there - {"README.md"}
+    assert set(re.findall(r"\]\(([\w./-]+\.(?:py|mjs|toml|conf))\)", page)) == there - {"README.md"}
