@@ -12,7 +12,24 @@ from pages import table
 
 from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, why
 from plotfeed.feeds.scene.presets.preset import names, preset
+from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 
+BROADCAST_HEAD = """
+## Broadcasts as illuminators
+
+A passive radar's transmitters have presets of their own, which give what a scene does not say of
+them. They are of kinds, not of anybody's transmitter: powers above all are assumed, for the one
+that a scene means has its own. `noise_environment` reaches to 250 MHz: beside a transmitter of
+a higher frequency stands `external_noise_db`.
+
+```toml
+[[sensor.transmitters]]
+id = "hill"
+preset = "dab"
+erp_w = 4000.0             # what you write goes before what the preset says
+place = { east_m = 12000.0, north_m = 0.0, above_site_m = 150.0 }
+```
+"""
 PAGE = Path(__file__).parents[1] / "presets.md"
 
 HEAD = """# Commercial sensors as presets
@@ -57,6 +74,7 @@ def page() -> str:
     """All of it."""
     found = [details(preset(name)) for name in names()]
     lines = [HEAD, *_overview(found), *(line for each in found for line in _section(each))]
+    lines += [BROADCAST_HEAD, *_broadcasts()]
     return "\n".join(lines) + "\n"
 
 
@@ -100,6 +118,15 @@ def _section(each: dict[str, Any]) -> list[str]:
     if each["left_out"]:
         lines += ["", "Stated and not modelled:", "", *(f"- {text}" for text in each["left_out"])]
     return lines
+
+
+def _broadcasts() -> list[str]:
+    rows = [
+        (f"`{name}`", kind.title, f"`{key}`", shown_value(value), *kind.notes[key])
+        for name, kind in BROADCASTS.items()
+        for key, value in kind.keys.items()
+    ]
+    return table(("preset", "broadcast", "key", "value", "mark", "why"), rows)
 
 
 if __name__ == "__main__":

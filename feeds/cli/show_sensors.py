@@ -10,6 +10,7 @@ from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.scene.presets.preset import Preset, names, preset
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
+from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
 
@@ -106,6 +107,8 @@ def _list_lines(found: list[dict[str, Any]]) -> list[str]:
         *aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows], "<<<<"),
         "",
         DISCLAIMER,
+        "",
+        f"Transmitters of a passive radar have presets too: {', '.join(BROADCASTS)}.",
     ]
 
 

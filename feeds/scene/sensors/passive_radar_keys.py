@@ -22,9 +22,9 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
     MultipathKeys,
 )
+from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
-    IlluminatorKeys,
     Reports,
     SensorGeometry,
     TrackingSensorKeys,

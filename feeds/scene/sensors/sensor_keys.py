@@ -20,17 +20,15 @@ from plotfeed.feeds.scene.fields import (
     Azimuth,
     Elevation,
     Enu,
-    Frequency,
-    Location,
     Name,
     NotNegative,
-    Positive,
     SceneTable,
     Site,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DriftKeys
+from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
@@ -44,23 +42,6 @@ class SensorGeometry(Enum):
     MONOSTATIC = "there and back"
     BISTATIC = "from a transmitter elsewhere to the target and on to the sensor, less the baseline"
     BEARINGS = "none: it measures no range"
-
-
-class IlluminatorKeys(SceneTable):
-    """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
-
-    id: Name
-    """For people, and for warnings."""
-    erp_w: Positive
-    """Effective radiated power, over a half-wave dipole."""
-    frequency_hz: Frequency
-    """Of the carrier."""
-    bandwidth_hz: Positive
-    """Of the signal that is correlated; the bistatic range is resolved to c over it."""
-    place: Location
-    """Of the antenna."""
-    external_noise_db: float | None = None
-    """In this channel, in place of the sensor's."""
 
 
 TRAITS = ("label", "geometry", "sapient_type", "formats")
