@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import statistics
 import subprocess
 import sys
 import time
@@ -21,6 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from aims import ratios, spread
 from asterix_cases import CASES, SAC, SIC, SOURCE, theirs
 
 PROJECT = Path(__file__).parents[2]
@@ -100,9 +100,9 @@ def main(categories: list[int]) -> None:
     import numpy as np
 
     libasterix = Libasterix()
-    print(f"µs a record: median (least to most) of {REPEATS} repeats. {platform.machine()},")
-    print(f"{os.cpu_count()} cores, {platform.system()}; Python {platform.python_version()},")
-    print(f"NumPy {np.__version__}, {LIBASTERIX}.\n")
+    print(f"µs a record: median (least to most) of {REPEATS} repeats in turns.")
+    print(f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}; Python")
+    print(f"{platform.python_version()}, NumPy {np.__version__}, {LIBASTERIX}.\n")
     print("| category | octets | records | plotfeed | libasterix | ratio |")
     print("|--:|--:|--:|--:|--:|--:|")
     for category in categories:
@@ -150,14 +150,9 @@ def measure(number: int, libasterix: Libasterix) -> None:
 
 
 def _line(number: int, octets: int, n: int, ours: list[float], others: list[float]) -> str:
-    spread = _spread(others, 0) if others else "has none"
-    ratio = f"{statistics.median(others) / statistics.median(ours):.0f}" if others else ""
-    return f"| {number:03} | {octets} | {n} | {_spread(ours, 3)} | {spread} | {ratio} |"
-
-
-def _spread(times: list[float], digits: int) -> str:
-    middle = statistics.median(times)
-    return f"{middle:.{digits}f} ({min(times):.{digits}f} to {max(times):.{digits}f})"
+    other = spread(others, ".0f") if others else "has none"
+    ratio = spread(ratios(others, ours), ".0f") if others else ""
+    return f"| {number:03} | {octets} | {n} | {spread(ours, '.3f')} | {other} | {ratio} |"
 
 
 if __name__ == "__main__":

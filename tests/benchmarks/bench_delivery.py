@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from aims import aim
+from aims import YARDSTICK, aim, ratios, spread, yardstick_us
 from bench_engine import a_broker
 from support.waiting import PATIENCE_S
 
@@ -35,7 +35,7 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.state import Looks, Plots
 from plotfeed.proto.ledger_octets import LedgerOctets, ledger
 
-SENSORS, DEADLINES = 200, 150
+SENSORS, DEADLINES, RUNS = 200, 100, 3
 EVERY_S = 0.02
 AIM_US, AIM_MESSAGE_US = 1000, 2.0
 
@@ -47,6 +47,7 @@ class Found:
     write: list[float] = field(default_factory=list)
     tell: list[float] = field(default_factory=list)
     statuses: list[float] = field(default_factory=list)
+    both: list[float] = field(default_factory=list)
 
 
 def messages(sensor: str, due_utc_ns: int) -> list[Message]:
@@ -121,6 +122,7 @@ def one_deadline(outboxes: list[Outbox], due_utc_ns: int, found: Found) -> None:
     end = time.process_time()
     found.write.append((told[0] - start) * 1e6)
     found.tell.append((end - told[0]) * 1e6)
+    found.both.append((end - start) * 1e6 / len(departures) / 2)
 
 
 def ledger_us(sectors: int, drones: int) -> float:
@@ -175,33 +177,42 @@ def main() -> None:
         for place in places:
             place.mkdir()
         brokers = [stack.enter_context(a_broker(place)) for place in places]
-        over_brokers = asyncio.run(measured([port for _, port in brokers]))
-        over_none = asyncio.run(measured([]))
-    print(f"Medians of {DEADLINES}, µs of processor; {brokers[0][0]} as the brokers.\n")
-    print("| | two brokers | none |\n|---|--:|--:|")
+        ports = [port for _, port in brokers]
+        runs = [
+            (asyncio.run(measured(ports)), asyncio.run(measured([])), yardstick_us())
+            for _ in range(RUNS)
+        ]
+    over_brokers, over_none, yardsticks = zip(*runs, strict=True)
+    print(f"Medians of {DEADLINES}, µs of processor: median (least to most) of {RUNS} runs; "
+          f"{brokers[0][0]} as the brokers.\n{YARDSTICK}\n")  # fmt: skip
+    print("| | two brokers | a yardstick's | none | a yardstick's |\n|---|--:|--:|--:|--:|")
     for what, attribute in (
         ("a deadline, up to the last write", "write"),
         ("counted and told afterwards", "tell"),
         ("200 retained statuses of QoS 1, one by one", "statuses"),
+        ("a message, both", "both"),
     ):
-        cells = [statistics.median(getattr(one, attribute)) for one in (over_brokers, over_none)]
-        print(f"| {what} | " + " | ".join(f"{us:,.0f}" for us in cells) + " |")
-    each = [
-        statistics.median(map(sum, zip(one.write, one.tell, strict=True))) / SENSORS / 2
-        for one in (over_brokers, over_none)
-    ]
-    print(f"| a message, both | {each[0]:.1f} | {each[1]:.1f} |\n")
-    write_us = statistics.median(over_brokers.write)
-    for what, limit, us in (
-        ("a deadline, with two brokers", AIM_US, write_us),
-        ("a message, with none", AIM_MESSAGE_US, each[1]),
+        cells = []
+        for found in (over_brokers, over_none):
+            each = [statistics.median(getattr(one, attribute)) for one in found]
+            form = ".1f" if attribute == "both" else ",.0f"
+            cells += [spread(each, form), spread(ratios(each, yardsticks), ".2g")]
+        print(f"| {what} | {' | '.join(cells)} |")
+    print()
+    for what, limit, found, attribute in (
+        ("a deadline, with two brokers", AIM_US, over_brokers, "write"),
+        ("a message, with none", AIM_MESSAGE_US, over_none, "both"),
     ):
+        us = statistics.median(statistics.median(getattr(one, attribute)) for one in found)
         print(aim(what, f"{limit:,g} µs", f"{us:,.3g} µs", is_met=us <= limit))
     print("\nAn entry of the ledger, by how many are made at once, µs:\n")
-    print("| looks and plots in each | 1 | 50 | 200 |\n|--:|--:|--:|--:|")
+    print("| looks and plots in each | 1 | 50 | 200 | 1 beside 200 |\n|--:|--:|--:|--:|--:|")
     for drones in (1, 10, 1000):
-        cells = [ledger_us(sectors, drones) for sectors in (1, 50, 200)]
-        print(f"| {drones:,} | " + " | ".join(f"{us:,.1f}" for us in cells) + " |")
+        runs = [[ledger_us(sectors, drones) for sectors in (1, 50, 200)] for _ in range(RUNS)]
+        each = [spread(column, ",.1f") for column in zip(*runs, strict=True)]
+        alone, together = (column for column in (*zip(*runs, strict=True),)[::2])
+        each.append(spread(ratios(alone, together), ".1f"))
+        print(f"| {drones:,} | " + " | ".join(each) + " |")
 
 
 if __name__ == "__main__":

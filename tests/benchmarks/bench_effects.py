@@ -9,7 +9,6 @@ the interpreter's own, counted one by one in a sector of three drones that names
 
 from __future__ import annotations
 
-import statistics
 import sys
 import time
 from collections import defaultdict
@@ -19,6 +18,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "sensing"))
 
+from aims import ratios, spread
 from section_4_crowd import START_NS, scene_of
 from support.instructions import text_of
 from support.station import Station
@@ -82,7 +82,13 @@ def main() -> None:
     print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
     print("|---|" + "--:|" * len(SIZES))
     for name in EFFECTS:
-        print(f"| {name} | " + " | ".join(_spread(found[name, n]) for n in SIZES) + " |")
+        print(f"| {name} | " + " | ".join(spread(found[name, n], ",.0f") for n in SIZES) + " |")
+    print("\nTimes what it takes with nothing named, by turns:\n")
+    print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
+    print("|---|" + "--:|" * len(SIZES))
+    for name in list(EFFECTS)[1:]:
+        each = (ratios(found[name, n], found["nothing named", n]) for n in SIZES)
+        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
     print(
         "\nWith nothing named, of the instructions of a sector of three drones, those that ask:\n"
     )
@@ -92,10 +98,6 @@ def main() -> None:
         asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
         share = asking / counts.total()
         print(f"| {kind} | {counts.total():,} | {asking} | {share:.2%} |")
-
-
-def _spread(values: list[float]) -> str:
-    return f"{statistics.median(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})"
 
 
 if __name__ == "__main__":

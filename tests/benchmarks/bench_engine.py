@@ -30,7 +30,7 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from aims import aim, ratios, spread  # noqa: E402
+from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
 from demo_process import COMMAND  # noqa: E402
 from support.arrivals import Arrivals  # noqa: E402
 from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
@@ -46,7 +46,7 @@ from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
 from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
 
-SECONDS = 30.0
+SECONDS, RUNS = 12.0, 3
 RADARS, SECTORS, DRONES = 200, 32, 50
 NS = 1_000_000_000
 PERCENTILES = (50, 99, 99.9)
@@ -159,48 +159,54 @@ def cpu_s(pid: int) -> float:
 
 
 def under_load(seconds: float) -> None:
-    """With the ledger and without it, and C alone before each of them."""
-    alone, runs = [], []
-    for truth in (True, False):
-        found = nanosleep_late_us(500, NS // 100)
-        if found is not None:
-            alone.append(np.percentile(found, PERCENTILES) / 1e3)
-        runs.append(loaded(seconds, truth=truth))
+    """With the ledger and without it in turns, and C alone before each of them."""
+    alone: dict[bool, list[Any]] = {True: [], False: []}
+    runs: dict[bool, list[Loaded]] = {True: [], False: []}
+    for _ in range(RUNS):
+        for truth in (True, False):
+            found = nanosleep_late_us(500, NS // 100)
+            if found is not None:
+                alone[truth].append(np.percentile(found, PERCENTILES) / 1e3)
+            runs[truth].append(loaded(seconds, truth=truth))
     print(
-        f"{RADARS} radars of {SECTORS} sectors at 1 Hz, {DRONES} drones, {runs[0].broker} and a "
-        f"subscriber on the same {os.cpu_count()} cores, {seconds:g} s each:\n"
+        f"{RADARS} radars of {SECTORS} sectors at 1 Hz, {DRONES} drones, {runs[True][0].broker} "
+        f"and a subscriber on the same {os.cpu_count()} cores: median (least to most) of {RUNS} "
+        f"runs of {seconds:g} s each in turns.\n"
     )
     print("| | with the ledger | without |\n|---|--:|--:|")
 
-    def row(what: str, of: Callable[[Loaded], object]) -> None:
-        print(f"| {what} | " + " | ".join(str(of(each)) for each in runs) + " |")
+    def row(what: str, of: Callable[[Loaded], float], form: str = ",.0f") -> None:
+        cells = (spread(map(of, each), form) for each in runs.values())
+        print(f"| {what} | {' | '.join(cells)} |")
 
-    row("messages sent by sensors", lambda x: f"{x.totals['messages']:,}")
-    row("of these arrived", lambda x: f"{x.arrived:,}")
+    row("messages sent by sensors", lambda x: x.totals["messages"])
+    row("of these arrived", lambda x: x.arrived)
     row("undelivered", lambda x: x.totals["undelivered"])
     row("scans missed", lambda x: x.totals["missed_scans"])
     for name, key in (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999")):
-        row(f"lateness {name}, ms", lambda x, k=key: f"{x.totals[f'lateness_{k}_us'] / 1e3:.2f}")
-    if alone:
-        row(
-            "clock_nanosleep in C beside it, p50, p99, p99.9, ms",
-            lambda x: _ms(x.machine_ms),
-        )
-        cells = " | ".join(map(_ms, alone))
-        print(f"| the same before it, with nothing beside it | {cells} |")
-    row("processor, cores", lambda x: f"{x.cores:.2f}")
-    print("\nLateness is of the last 100,000 messages.\n")
-    for name, cores, run_ in zip(("with the ledger", "without"), AIMS_CORES, runs, strict=True):
-        print(aim(name, f"{cores} cores", f"{run_.cores:.2f}", is_met=run_.cores <= cores))
-        if alone:
-            limit_ms = max(AIM_MS, 2 * run_.machine_ms[1])
-            late_ms = run_.totals["lateness_p99_us"] / 1e3
-            limit = f"p99 of lateness {AIM_MS:g} ms, or twice C's where that is more"
-            print(aim(name, limit, f"{late_ms:.2f} ms", is_met=late_ms <= limit_ms))
+        row(f"lateness {name}, ms", lambda x, k=key: x.totals[f"lateness_{k}_us"] / 1e3, ".2f")
+    if alone[True]:
+        for i, name in enumerate(("p50", "p99", "p99.9")):
+            row(f"C beside it, {name}, ms", lambda x, i=i: x.machine_ms[i], ".2f")
+        row("lateness p99, times that of C beside it", _beside_c, ".1f")
+        cells = (spread([found[1] for found in each]) for each in alone.values())
+        print(f"| C before it, with nothing beside it, p99, ms | {' | '.join(cells)} |")
+    row("processor, cores", lambda x: x.cores, ".2f")
+    print("\nC calls clock_nanosleep. Lateness is of the last 100,000 messages.\n")
+    for truth, name, limit in zip(runs, ("with the ledger", "without"), AIMS_CORES, strict=True):
+        cores = [each.cores for each in runs[truth]]
+        is_met = bool(np.median(cores) <= limit)
+        print(aim(name, f"{limit} cores", spread(cores), is_met=is_met))
+        if alone[True]:
+            late_ms = [each.totals["lateness_p99_us"] / 1e3 for each in runs[truth]]
+            limit_ms = max(AIM_MS, 2 * np.median([each.machine_ms[1] for each in runs[truth]]))
+            words = f"p99 of lateness {AIM_MS:g} ms, or twice C's where that is more"
+            is_met = bool(np.median(late_ms) <= limit_ms)
+            print(aim(name, words, f"{spread(late_ms)} ms", is_met=is_met))
 
 
-def _ms(values: Any) -> str:
-    return ", ".join(f"{x:.2f}" for x in values)
+def _beside_c(found: Loaded) -> float:
+    return float(found.totals["lateness_p99_us"] / 1e3 / found.machine_ms[1])
 
 
 class NothingComesIn:
@@ -276,25 +282,30 @@ def beside_nanosleep(seconds: float) -> None:
 
 def plots_a_second() -> None:
     """As fast as possible, in memory: models, encoding, links and account, without a broker."""
-    print("\nPlots a second of one process:\n")
-    print("| drones seen by one radar at once | with the ledger | without |\n|--:|--:|--:|")
+    print("\nPlots of one process, a second and a yardstick: median (least to most) of "
+          f"{RUNS} runs.\n{YARDSTICK}\n")  # fmt: skip
+    print("| drones seen by one radar | with the ledger | a yardstick | without | a yardstick |")
+    print("|--:|--:|--:|--:|--:|")
     for drones in (100, 1000, 5000):
         sensor = radar(scan=staring(), report=["asterix-048"], pfa=1e-8, power_w=5e6)
         cells = []
         for truth in (True, False):
             tree = scene_tree([sensor], drones, mqtt={"truth": truth})
             tree["scene"]["start_utc"] = datetime(2026, 1, 1, tzinfo=UTC)
-            cells.append(rate(from_tree(tree, Path("load.toml")), 50_000 // drones))
-        print(f"| {drones:,} | {cells[0]:,.0f} | {cells[1]:,.0f} |")
-        if drones == AIM_DRONES:
-            reached = cells[0]
+            found = rates(from_tree(tree, Path("load.toml")), 50_000 // drones)
+            yardsticks_s = [yardstick_us() / 1e6 for _ in found]
+            each = [plots * s for plots, s in zip(found, yardsticks_s, strict=True)]
+            cells += [spread(found, ",.0f"), spread(each, ",.0f")]
+            if truth and drones == AIM_DRONES:
+                reached = np.median(found)
+        print(f"| {drones:,} | {' | '.join(cells)} |")
     what = f"with the ledger at {AIM_DRONES:,} drones"
     found = f"{reached:,.0f}"
     print("\n" + aim(what, f"{AIM_PLOTS:,} plots a second", found, is_met=reached >= AIM_PLOTS))
 
 
-def rate(scene: Scene, scans: int) -> float:
-    """Plots a second of processor time; median of three."""
+def rates(scene: Scene, scans: int) -> list[float]:
+    """Plots a second of processor time, of some runs."""
 
     def once() -> float:
         at_work, clock = AtWork(), InstantClock(scene.scene.start_utc_ns)
@@ -304,7 +315,7 @@ def rate(scene: Scene, scans: int) -> float:
         )
         return totals.plots / at_work.took_s
 
-    return float(np.median([once() for _ in range(3)]))
+    return [once() for _ in range(RUNS)]
 
 
 class AtWork(Observer):

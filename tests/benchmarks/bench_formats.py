@@ -19,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from aims import YARDSTICK, ratios, spread, yardstick_us
 from support.seen_sectors import scene_of, sectors_of, seen_by
 
 from plotfeed.feeds.cli.run import GARBAGE_OF_SESSION
@@ -29,7 +30,7 @@ from plotfeed.feeds.transport.mqtt.publish_packet import pack
 
 SENSORS = 200
 PASSES = (1, 64, 200)
-REPEATS = 7
+REPEATS, RUNS = 5, 3
 SECONDS_A_REPEAT = 0.03
 CASES = (
     ("rotating", "asterix-048"),
@@ -59,8 +60,8 @@ def seen_sectors(kind: str, report: str, count: int) -> tuple[SceneFormats, Seen
     rng = np.random.default_rng(1)
     scene = scene_of(kind, SENSORS, [report])
     sensors = np.arange(count) % SENSORS
-    spread = 0 if count == SENSORS else np.arange(count) % 29
-    sectors = sectors_of(scene, sensors, 3 + spread)
+    apart = 0 if count == SENSORS else np.arange(count) % 29
+    sectors = sectors_of(scene, sensors, 3 + apart)
     return SceneFormats(scene), seen_by(kind, sectors, rng.integers(1, 3, count), rng)
 
 
@@ -73,9 +74,11 @@ def main() -> None:
 
 def table() -> None:
     """Measures and prints each line."""
-    print("µs of processor time a sector; a packet's is on top of the message's.\n")
-    print("| sensor | format | sectors in a pass | messages | MQTT 5 | MQTT 3.1.1 | all |")
-    print("|---|---|--:|--:|--:|--:|--:|")
+    print(f"µs of processor time a sector: medians of {REPEATS}; a packet's is on top of the "
+          f"message's.\n{YARDSTICK} Median (least to most) of {RUNS} runs.\n")  # fmt: skip
+    print("| sensor | format | sectors in a pass | messages | MQTT 5 | MQTT 3.1.1 | all "
+          "| sectors a yardstick |")  # fmt: skip
+    print("|---|---|--:|--:|--:|--:|--:|--:|")
     for kind, report in CASES:
         for count in PASSES:
             formats, seen = seen_sectors(kind, report, count)
@@ -84,16 +87,18 @@ def table() -> None:
                 vars(seen).pop("stamps", None)  # each pass has its own
                 return [m for each in formats.messages(seen) for m in each]
 
-            alone, five, four = (
-                us_of(call) / count
-                for call in (made, lambda: pack(made(), 5), lambda: pack(made(), 4))
-            )
-            five, four = five - alone, four - alone
-            print(
-                f"| {kind} | {report} | {count} | {alone:.2f} | {five:.2f} | {four:.2f} "
-                f"| {alone + five + four:.2f} |",
-                flush=True,
-            )
+            runs = []
+            for _ in range(RUNS):
+                alone, five, four = (
+                    us_of(call) / count
+                    for call in (made, lambda: pack(made(), 5), lambda: pack(made(), 4))
+                )
+                runs.append((alone, five - alone, four - alone, five + four - alone))
+            columns = (*zip(*runs, strict=True),)
+            cells = [*map(spread, columns)]
+            yardsticks = [yardstick_us() for _ in range(RUNS)]
+            cells.append(spread(ratios(yardsticks, columns[-1]), ".0f"))
+            print(f"| {kind} | {report} | {count} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

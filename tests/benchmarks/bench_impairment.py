@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 import numpy as np
-from aims import aim
+from aims import aim, ratios, spread
 
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -80,8 +80,13 @@ def main() -> None:
     print("|---|" + "--:|" * len(RATES_HZ))
     for name in CASES:
         cells = (times[name, rate] for rate in RATES_HZ)
-        told = (f"{statistics.median(c):.2f} ({min(c):.2f} to {max(c):.2f})" for c in cells)
-        print(f"| {name} | " + " | ".join(told) + " |")
+        print(f"| {name} | " + " | ".join(map(spread, cells)) + " |")
+    print("\nTimes what a message takes that nothing is asked of, by turns:\n")
+    print("| messages a second | " + " | ".join(f"{rate:,}" for rate in RATES_HZ) + " |")
+    print("|---|" + "--:|" * len(RATES_HZ))
+    for name in list(CASES)[1:]:
+        each = (ratios(times[name, rate], times["nothing", rate]) for rate in RATES_HZ)
+        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
     median = statistics.median(times[OF_THE_AIM, 1000])
     what, found = f"{OF_THE_AIM} at 1,000 a second", f"{median:.2f} µs"
     print("\n" + aim(what, f"{AIM_US:g} µs", found, is_met=median <= AIM_US))

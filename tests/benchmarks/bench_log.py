@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from aims import aim
+from aims import aim, ratios, spread
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -147,16 +147,11 @@ def throughput(octets: int) -> None:
     for name in methods:
         theirs = name.replace("plotfeed", OFFICIAL)
         cells = [
-            f"{_rates(times[name], count)} | "
-            f"{statistics.median(times[theirs]) / statistics.median(times[name]):.1f}"
+            f"{spread((count / each / 1e3 for each in times[name]), '.0f')} | "
+            f"{spread(ratios(times[theirs], times[name]), '.1f')}"
             for times in (writing, reading)
         ]
         print(f"| {name} | {octets} | {' | '.join(cells)} | {sizes[name]:.2f} |", flush=True)
-
-
-def _rates(times: list[float], count: int) -> str:
-    rates = sorted(count / each / 1e3 for each in times)
-    return f"{statistics.median(rates):.0f} ({rates[0]:.0f} to {rates[-1]:.0f})"
 
 
 def hand_over() -> None:
@@ -193,11 +188,11 @@ def seek(count: int) -> None:
             ours.append(seconds(lambda: _ours_at(path, middle_ns)) * 1e3)
             official.append(seconds(lambda: _official_at(path, middle_ns)) * 1e3)
         size = path.stat().st_size
-    ours_ms, official_ms = statistics.median(ours), statistics.median(official)
+    ours_ms = statistics.median(ours)
     print(
         f"\nOpening a file of {count:,} messages ({size / 1e6:.0f} MB) and its first message in "
-        f"the middle: {ours_ms:.1f} ms ({min(ours):.1f} to {max(ours):.1f}), the official library "
-        f"{official_ms:.0f} ms ({min(official):.0f} to {max(official):.0f}).\n"
+        f"the middle: {spread(ours, '.1f')} ms, the official library {spread(official, '.0f')} ms, "
+        f"{spread(ratios(official, ours), '.1f')} times as much.\n"
     )
     what, found = "its first message in the middle", f"{ours_ms:.1f} ms"
     print(aim(what, f"{SEEK_AIM_MS} ms", found, is_met=ours_ms < SEEK_AIM_MS))

@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import importlib.metadata
 import json
-import statistics
 import subprocess
 import sys
 import threading
@@ -21,6 +20,8 @@ import venv
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
+
+from aims import ratios, spread
 
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-bench"
@@ -146,15 +147,14 @@ async def main() -> None:
         broker.stop()
     print(f"Median (least to most) of {REPEATS} repeats in turns. {_versions(python)}; iotcore "
           f"{importlib.metadata.version('iotcore')} as the broker.\n")  # fmt: skip
-    print("| octets | client | messages/s | CPU µs a message |\n|--:|---|--:|--:|")
+    print("| octets | client | messages/s | CPU µs a message | CPU × paho-mqtt |")
+    print("|--:|---|--:|--:|--:|")
     for octets in COUNTS:
         for client in CLIENTS:
             rates, cpu_us = zip(*found[client, octets], strict=True)
-            print(f"| {octets:,} | {client} | {_spread(rates)} | {_spread(cpu_us)} |")
-
-
-def _spread(values: Any) -> str:
-    return f"{statistics.median(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})"
+            _, of_paho = zip(*found["paho-mqtt", octets], strict=True)
+            cells = spread(rates, ",.0f"), spread(cpu_us, ".0f"), spread(ratios(cpu_us, of_paho))
+            print(f"| {octets:,} | {client} | {' | '.join(cells)} |")
 
 
 def _publish(client: str, port: str, octets: str, count: str) -> None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from aims import aim
+from aims import aim, spread
 from support import made_up_session, road
 from support.chromium import OPTIONS, program
 
@@ -26,8 +26,8 @@ from plotfeed.feeds.scene.scene import Scene
 
 SIZES = ((500, 5_000), (2_000, 20_000))
 WINDOW = {"width": 1920, "height": 1080}
-WARM_UP_S = 12.0
-MEASURED_S = 20.0
+WARM_UP_S, MEASURED_S, EMPTY_S = 12.0, 15.0, 3.0
+RUNS = 3
 FADE_S = 10
 AIM_FPS, AIM_SERVER_PERCENT, AIM_PAINT_MS = 50, 5.0, 1000.0
 CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
@@ -121,24 +121,36 @@ def measured(drones: int) -> dict[str, float]:
         assert path, "no Chromium is installed"
         browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
         page = browser.new_page(viewport=WINDOW)
+        empty = page.evaluate(EMPTY, EMPTY_S * 1000) / EMPTY_S
         page.goto(url)
         page.get_by_role("button", name="Truth").click()
         page.wait_for_timeout(WARM_UP_S * 1000)
-        before = [counts(page), cpu_s(process) - cpu_s(bare), browser_cpu_s(), time.monotonic()]
+        before = counts(page), cpu_s(process), cpu_s(bare), browser_cpu_s(), time.monotonic()
         page.wait_for_timeout(MEASURED_S * 1000)
-        after = [counts(page), cpu_s(process) - cpu_s(bare), browser_cpu_s(), time.monotonic()]
-        passed_s = after[3] - before[3]
+        after = counts(page), cpu_s(process), cpu_s(bare), browser_cpu_s(), time.monotonic()
+        served_s, bare_s, browser_s, passed_s = (
+            b - a for a, b in zip(before[1:], after[1:], strict=True)
+        )
         found["frames"] = (after[0]["frames"] - before[0]["frames"]) / passed_s
+        found["of empty"] = found["frames"] / empty
         found["updates"] = (after[0]["updates"] - before[0]["updates"]) / passed_s
         found["plots"] = after[0]["plots"]
         found["kB"] = (after[0]["octets"] - before[0]["octets"]) / passed_s / 1000
-        found["browser"] = 100 * (after[2] - before[2]) / passed_s
-        found["server"] = 100 * (after[1] - before[1]) / passed_s
-        found["paint"] = median(first_paint_ms(browser, url) for _ in range(5))
+        found["browser"] = 100 * browser_s / passed_s
+        found["server"] = 100 * (served_s - bare_s) / passed_s
+        found["of session"] = served_s / bare_s
+        found["paint"] = statistics.median(first_paint_ms(browser, url) for _ in range(5))
         browser.close()
     return found
 
 
+EMPTY = """ms => new Promise(done => {
+  let frames = 0;
+  const began = performance.now();
+  const next = now => { frames++; now - began < ms ? requestAnimationFrame(next) : done(frames); };
+  requestAnimationFrame(next);
+})"""
+"""How many frames a page gets that draws nothing."""
 COUNTS = """() => {
   const { picture, display } = plotfeed, { plots, framesTaken, octetsTaken } = picture;
   const now = picture.nowMs(performance.now());
@@ -167,28 +179,39 @@ def first_paint_ms(browser: Any, url: str) -> float:
     return paint_ms
 
 
+COLUMNS = {
+    "plots": (",.0f", "plots on show"),
+    "frames": (".0f", "frames/s"),
+    "of empty": (".2f", "× an empty page's"),
+    "updates": (".1f", "updates/s"),
+    "kB": (".0f", "kB/s"),
+    "server": (".1f", "server, %"),
+    "of session": (".2f", "processor with the page × without"),
+    "browser": (".0f", "browser, %"),
+    "paint": (".0f", "paint, ms"),
+}
+"""What a run measures: its form, and its title."""
+TITLES = [title for _, title in COLUMNS.values()]
 HEAD = f"""{WINDOW["width"]} by {WINDOW["height"]} pixels, rendered in software, truth shown,
-{MEASURED_S:g} s each. The server's share is that of a session with the page less that of the same
-session without one, run beside it; the browser's is of all its processes together.
+{RUNS} runs of {MEASURED_S:g} s in turns: median (least to most). The server's share of a core is
+that of a session with the page less that of the same session without one, run beside it; the
+browser's is of all its processes together. An empty page draws nothing, in the same browser.
 
-| drones | plots on show | frames/s | updates/s | kB/s | server, % | browser, % | paint, ms |
-|--:|--:|--:|--:|--:|--:|--:|--:|"""
+| drones | {" | ".join(TITLES)} |
+|--:|{"--:|" * len(TITLES)}"""
 
 
 def main() -> None:
     """Print the table."""
     print(HEAD)
-    results = [(drones, measured(drones)) for drones, _ in SIZES]
-    for drones, r in results:
-        cells = [f"{drones:,}", f"{r['plots']:,.0f}", f"{r['frames']:.0f}", f"{r['updates']:.1f}"]
-        cells += [
-            f"{r['kB']:.0f}",
-            f"{r['server']:.1f}",
-            f"{r['browser']:.0f}",
-            f"{r['paint']:.0f}",
-        ]
-        print(f"| {' | '.join(cells)} |")
-    first = results[0][1]
+    runs: dict[int, list[dict[str, float]]] = {drones: [] for drones, _ in SIZES}
+    for _ in range(RUNS):
+        for drones, found in runs.items():
+            found.append(measured(drones))
+    for drones, found in runs.items():
+        cells = (spread((run[name] for run in found), form) for name, (form, _) in COLUMNS.items())
+        print(f"| {drones:,} | {' | '.join(cells)} |")
+    first = {name: statistics.median(run[name] for run in runs[SIZES[0][0]]) for name in COLUMNS}
     what = f"{SIZES[0][0]} drones"
     frames, server, paint_ms = (first[name] for name in ("frames", "server", "paint"))
     print()

@@ -28,12 +28,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from aims import ratios, spread
+
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-ast-tool"
 IN_C = "clock_nanosleep and sendto in C"
 AST_TOOL = "ast-tool-py==0.27.25"
-SECONDS, DRIFT_SECONDS = 12.0, 60.0
-REPEATS = 5
+SECONDS, DRIFT_SECONDS = 12.0, 40.0
+REPEATS = 3
 UNPACED = {100: 100_000, 1400: 50_000}
 HOST = "127.0.0.1"
 SO_TIMESTAMPNS, SO_RCVBUFFORCE = 35, 33
@@ -283,27 +285,34 @@ def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
             + " | ".join(_spread(column) for column in zip(*runs, strict=True))
             + " |"
         )
-    middle = {name: np.median(runs, axis=0) for name, runs in found.items()}
-    for name, others in middle.items():
+    for name, others in found.items():
         if name != "plotfeed":
-            p50, p99, _ = middle["plotfeed"] / others
-            print(f"\nOf {name}'s, plotfeed's p50 is {p50:.2f} times as much, its p99 {p99:.2f}.")
+            p50, p99, _ = (
+                spread(ratios(a, b))
+                for a, b in zip(zip(*found["plotfeed"], strict=True), zip(*others, strict=True),
+                                strict=True)
+            )  # fmt: skip
+            print(f"\nOf {name}'s, by turns, plotfeed's p50 is {p50} times as much, its p99 {p99}.")
 
 
-def drift(folder: Path, messages: Sequence[Any]) -> None:
+def drift(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     """Prints how much later the last seconds came than the first."""
     import numpy as np
 
     file = pcap(folder / "long.pcap", messages)
-    print(f"\nDrift: median error of the last 5 s less that of the first 5, of a recording of "
-          f"{DRIFT_SECONDS:g} s,\nµs.\n")  # fmt: skip
+    print("\nDrift: median error of the last 5 s less that of the first 5, of a recording of "
+          f"{DRIFT_SECONDS:g} s,\nµs: median (least to most) of {repeats} runs.\n")  # fmt: skip
     print("| | drift |\n|---|--:|")
     few = sum(m.log_time_ns < messages[0].log_time_ns + 5 * S for m in messages)
-    for name, play in players().items():
-        listener = Listener(folder, len(messages))
-        play(file, listener.port)
-        errors = errors_us(messages, listener.heard())
-        print(f"| {name} | {np.median(errors[-few:]) - np.median(errors[:few]):.1f} |", flush=True)
+    found: dict[str, list[float]] = {name: [] for name in players()}
+    for _ in range(repeats):
+        for name, play in players().items():
+            listener = Listener(folder, len(messages))
+            play(file, listener.port)
+            errors = errors_us(messages, listener.heard())
+            found[name].append(float(np.median(errors[-few:]) - np.median(errors[:few])))
+    for name, drifts in found.items():
+        print(f"| {name} | {spread(drifts, '.1f')} |", flush=True)
 
 
 def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
@@ -311,26 +320,31 @@ def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     print(f"\nWithout deadlines, thousand messages a second: median (least to most) of {repeats} "
           "runs.\nOurs is from MCAP, by its own count of messages and time; ast-tool-py's is from "
           "the first to\nthe last datagram of a pcap.\n")  # fmt: skip
-    print("| | octets | over | messages/s |\n|---|--:|---|--:|")
+    print("| | octets | over | messages/s | × ast-tool-py's |\n|---|--:|---|--:|--:|")
+    theirs = at_full_speed(folder, messages, repeats)
     for octets, count in UNPACED.items():
         file = mcap(folder / f"{octets}.mcap", octets, count)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
             deaf.bind((HOST, 0))
             port = deaf.getsockname()[1]
             runs = [by_plotfeed(file, port, "--fastest") for _ in range(repeats)]
-        print(f"| plotfeed | {octets} | UDP | {_rate(runs)} |", flush=True)
+        print(f"| plotfeed | {octets} | UDP | {_rate(runs, theirs)} |", flush=True)
         for broker, url in brokers(folder):
             runs = [by_broker(file, url) for _ in range(repeats)]
-            print(f"| plotfeed | {octets} | MQTT, {broker} | {_rate(runs)} |", flush=True)
-    file = pcap(folder / "short.pcap", messages)
+            print(f"| plotfeed | {octets} | MQTT, {broker} | {_rate(runs, theirs)} |", flush=True)
     mean = statistics.mean(len(m.payload) for m in messages)
-    found = []
+    print(f"| ast-tool-py | {mean:.0f} | UDP | {_spread(theirs)} | |")
+
+
+def at_full_speed(folder: Path, messages: Sequence[Any], repeats: int) -> list[float]:
+    """Thousand messages a second of ast-tool-py."""
+    file, found = pcap(folder / "short.pcap", messages), []
     for _ in range(repeats):
         listener = Listener(folder, len(messages))
         by_ast_tool(file, listener.port, "--full-speed")
         heard = listener.heard()
         found.append((heard.count - 1) / (int(heard.times_ns[-1] - heard.times_ns[0]) / S) / 1e3)
-    print(f"| ast-tool-py | {mean:.0f} | UDP | {_spread(found)} |")
+    return found
 
 
 def by_broker(file: Path, url: str) -> dict[str, Any]:
@@ -359,8 +373,9 @@ def brokers(folder: Path) -> Iterator[tuple[str, str]]:
             raise
 
 
-def _rate(runs: Sequence[dict[str, Any]]) -> str:
-    return _spread([run["messages"] / run["duration_s"] / 1e3 for run in runs])
+def _rate(runs: Sequence[dict[str, Any]], theirs: Sequence[float]) -> str:
+    each = [run["messages"] / run["duration_s"] / 1e3 for run in runs]
+    return f"{_spread(each)} | {spread(ratios(each, theirs), '.1f')}"
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -387,7 +402,7 @@ def main(repeats: int) -> None:
         long = recorded(Path(folder), DRIFT_SECONDS)
         short = [m for m in long if m.log_time_ns < long[0].log_time_ns + SECONDS * S]
         exactness(Path(folder), short, repeats)
-        drift(Path(folder), long)
+        drift(Path(folder), long, repeats)
         rates(Path(folder), short, repeats)
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import os
 import platform
-import statistics
 import time
 from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
+from aims import ratios, spread
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
@@ -125,13 +125,18 @@ def main() -> None:
             for name, way in ways.items():
                 times.setdefault((name, n), []).append(us_per_call(lambda: way(n)) / n)  # noqa: B023
     octets = len(encoder.messages(T_NS, found[1])[0])
-    print(f"{octets} octets a message; µs a message: median of {REPEATS} repeats, by the number of")
-    print(f"detections in a group. {platform.machine()}, {os.cpu_count()} cores; Python")
-    print(f"{platform.python_version()}, protobuf {version('protobuf')}.\n")
+    print(f"{octets} octets a message; µs a message: median (least to most) of {REPEATS}")
+    print("repeats in turns, by the number of detections in a group.")
+    print(f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()},")
+    print(f"protobuf {version('protobuf')}.\n")
     print("| | " + " | ".join(f"{n}" for n in SIZES) + " |\n|---|" + "--:|" * len(SIZES))
     for name in ways:
-        cells = " | ".join(f"{statistics.median(times[name, n]):.2f}" for n in SIZES)
-        print(f"| {name} | {cells} |")
+        print(f"| {name} | " + " | ".join(spread(times[name, n]) for n in SIZES) + " |")
+    print("\nFrom its parts, times what ours takes, by turns:\n")
+    print("| | " + " | ".join(f"{n}" for n in SIZES) + " |\n|---|" + "--:|" * len(SIZES))
+    for name in list(ways)[:-1]:
+        each = (ratios(times["from its parts", n], times[name, n]) for n in SIZES)
+        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from aims import aim
+from aims import aim, ratios, spread
 
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-stonesoup"
@@ -242,7 +242,7 @@ def main() -> None:
 
 
 def _row(title: str, share: float, name: str, times: dict[tuple[str, int], list[float]]) -> str:
-    cells = [_spread(times[name, n]) if (name, n) in times else "" for n in SIZES]
+    cells = [spread(times[name, n], ",.0f") if (name, n) in times else "" for n in SIZES]
     return f"| {title} | {share:.2f} | " + " | ".join(cells) + " |"
 
 
@@ -250,17 +250,17 @@ def _verdict(
     name: str, their_share: float, our_share: float, times: dict[tuple[str, int], list[float]]
 ) -> str:
     """How many times as fast per detection the active radar is, by the number of targets."""
-    ratios = {
-        n: statistics.median(times[name, n]) / their_share
-        / statistics.median(times["active", n]) * our_share
+    each = {
+        n: [r * our_share / their_share for r in ratios(times[name, n], times["active", n])]
         for n in SIZES_OF_STONESOUP
-    }  # fmt: skip
-    told = ", ".join(f"{ratio:,.1f} at {n:,}" for n, ratio in ratios.items())
+    }
+    told = ", ".join(f"{spread(found, ',.1f')} at {n:,}" for n, found in each.items())
     what = f"the active radar beside {THEIRS[name]}"
-    limit, found = f"{AIM} times as fast per detection at 1,000", f"{ratios[1000]:,.0f} times"
+    limit = f"{AIM} times as fast per detection at 1,000"
+    found = f"{spread(each[1000], ',.0f')} times"
     return (
         f"- The active radar beside {THEIRS[name]}, times as fast per detection: {told}.\n"
-        + aim(what, limit, found, is_met=ratios[1000] >= AIM)
+        + aim(what, limit, found, is_met=statistics.median(each[1000]) >= AIM)
     )
 
 
@@ -284,10 +284,6 @@ def _reached(times: dict[tuple[str, int], list[float]]) -> str:
         limit = f"{aim_ns} ns at {n:,} targets"
         told.append(aim(CASES[name][0], limit, f"{ns:,.0f} ns", is_met=ns <= aim_ns))
     return "\n".join(told)
-
-
-def _spread(values: list[float]) -> str:
-    return f"{statistics.median(values):,.0f} ({min(values):,.0f} to {max(values):,.0f})"
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from aims import aim  # noqa: E402
+from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
 from bench_engine import radars, scene_tree  # noqa: E402
 
 from plotfeed.feeds.console.process import (  # noqa: E402
@@ -55,29 +55,32 @@ def main() -> None:
     """Prints a table."""
     repeats = int(sys.argv[1]) if sys.argv[1:] else REPEATS
     keep_freed()
-    print(f"Median (least to most) of {repeats} repeats.\n")
-    print("| radars | drones | ledger | times real time | µs a message |\n|--:|--:|---|--:|--:|")
+    print(f"Median (least to most) of {repeats} repeats. {YARDSTICK}\n")
+    print("| radars | drones | ledger | times real time | µs a message | messages a yardstick |")
+    print("|--:|--:|---|--:|--:|--:|")
     first: list[float] = []
     for sensors, drones, seconds in CASES:
         for truth in (True, False):
             scene = scene_of(sensors, drones, truth=truth)
-            times, costs = [], []
+            times, costs, yardsticks = [], [], []
             for _ in range(repeats):
+                yardsticks.append(yardstick_us())
                 with undisturbed(GARBAGE_OF_SESSION):
                     short_s, few = spent(scene, seconds / 4)
                     long_s, many = spent(scene, seconds * 5 / 4)
                 times.append(seconds / (long_s - short_s))
                 costs.append(1e6 * (long_s - short_s) / (many - few))
             first = first or times
-            kept = "yes" if truth else "no"
-            print(f"| {sensors} | {drones} | {kept} | {_spread(times)} | {_spread(costs)} |")
+            cells = (
+                f"{sensors} | {drones} | {'yes' if truth else 'no'}",
+                spread(times, ",.1f"),
+                spread(costs, ".1f"),
+                spread(ratios(yardsticks, costs), ".1f"),
+            )
+            print(f"| {' | '.join(cells)} |", flush=True)
     middle = statistics.median(first)
     limit, found = f"{AIM:,} times real time", f"{middle:,.0f} times"
     print("\n" + aim("one radar and one drone", limit, found, is_met=middle >= AIM))
-
-
-def _spread(values: list[float]) -> str:
-    return f"{statistics.median(values):,.1f} ({min(values):,.1f} to {max(values):,.1f})"
 
 
 if __name__ == "__main__":

@@ -12,12 +12,14 @@ import asyncio
 import resource
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from aims import aim
+from aims import aim, ratios, spread
 from bench_engine import radars, scene_text
 from demo_process import COMMAND, demo, subscriber
 
@@ -28,18 +30,21 @@ AIM_HELP_S, AIM_PLOT_S, AIM_RADARS_S = 0.3, 3.0, 1.5
 TIMEOUT_S = 20.0
 
 
-def help_s() -> float:
-    """Wall time of one `plotfeed --help`."""
+NUMPY = (sys.executable, "-c", "import numpy")
+"""What each is set beside: Python that loads NumPy and ends."""
+
+
+def wall_s(command: Sequence[object]) -> float:
+    """Of one run of a command."""
     start = time.perf_counter()
-    subprocess.run([COMMAND, "--help"], check=True, capture_output=True)
+    subprocess.run([str(word) for word in command], check=True, capture_output=True)
     return time.perf_counter() - start
 
 
-def radars_start_s(scene: Path) -> float:
-    """Processor time of a session of many sensors that is over at once."""
+def processor_s(command: Sequence[object]) -> float:
+    """Processor time of one run of a command."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [COMMAND, "run", scene, "--broker", "none", "--duration", "0.01", "--json"]
-    subprocess.run(command, check=True, capture_output=True)
+    subprocess.run([str(word) for word in command], check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -66,20 +71,31 @@ async def first_messages_s() -> tuple[float, float]:
 
 def main() -> None:
     """Prints a table."""
-    helps = [help_s() for _ in range(HELPS)]
-    sectors, plots = zip(*(asyncio.run(first_messages_s()) for _ in range(DEMOS)), strict=True)
-    print("Seconds from the start of the process: median (least to most).\n")
-    print("| | s | repeats |\n|---|--:|--:|")
-    print(f"| `plotfeed --help`, to its end | {_spread(helps)} | {HELPS} |")
-    print(
-        f"| `plotfeed demo`, to the first sector at a subscriber | {_spread(sectors)} | {DEMOS} |"
+    helps, beside_help = zip(
+        *((wall_s([COMMAND, "--help"]), wall_s(NUMPY)) for _ in range(HELPS)), strict=True
     )
-    print(f"| `plotfeed demo`, to the first plot at a subscriber | {_spread(plots)} | {DEMOS} |")
+    sectors, plots, beside_demo = zip(
+        *((*asyncio.run(first_messages_s()), wall_s(NUMPY)) for _ in range(DEMOS)), strict=True
+    )
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "radars.toml"
         scene.write_text(scene_text(radars(RADARS), 50))
-        starts = [radars_start_s(scene) for _ in range(STARTS)]
-    print(f"| {RADARS} radars, processor time | {_spread(starts)} | {STARTS} |\n")
+        command = [COMMAND, "run", scene, "--broker", "none", "--duration", "0.01", "--json"]
+        starts, beside_start = zip(
+            *((processor_s(command), processor_s(NUMPY)) for _ in range(STARTS)), strict=True
+        )
+    print("Seconds from the start of the process, and times what Python takes that loads NumPy and")
+    print("ends, in turns: median (least to most).\n")
+    print("| | s | × NumPy | repeats |\n|---|--:|--:|--:|")
+    for what, values, beside in (
+        ("`plotfeed --help`, to its end", helps, beside_help),
+        ("`plotfeed demo`, to the first sector at a subscriber", sectors, beside_demo),
+        ("`plotfeed demo`, to the first plot at a subscriber", plots, beside_demo),
+        (f"{RADARS} radars, processor time", starts, beside_start),
+    ):
+        times = spread(ratios(values, beside), ".1f")
+        print(f"| {what} | {spread(values)} | {times} | {len(values)} |")
+    print()
     for what, values, aim_s in (
         ("`plotfeed --help`", helps, AIM_HELP_S),
         ("`plotfeed demo`, to the first plot", plots, AIM_PLOT_S),
@@ -88,10 +104,6 @@ def main() -> None:
         middle_s = statistics.median(values)
         print(aim(what, f"{aim_s:g} s", f"{middle_s:.2f} s", is_met=middle_s < aim_s))
     print("\nThe plot waits for the beam to come round to the drone: up to a scan of one second.")
-
-
-def _spread(values: Any) -> str:
-    return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 if __name__ == "__main__":

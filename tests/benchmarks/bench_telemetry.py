@@ -20,6 +20,7 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
+from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
 from support.brokers import free_port, mosquitto  # noqa: E402
 from support.mqtt_client import listening  # noqa: E402
 from support.scene_files import radar, scene_file, scene_text  # noqa: E402
@@ -41,7 +42,7 @@ from plotfeed.models.truth import Trajectories  # noqa: E402
 NS = 1_000_000_000
 TICK_NS = 10_000_000
 START_NS = 1_767_268_800 * NS
-SECONDS = 10.0
+SECONDS, RUNS = 5.0, 3
 
 
 def report(t_utc_ns: int, number: int, *, with_velocity: bool) -> PositionReport:
@@ -117,8 +118,11 @@ def cost_us(scene: Scene, by_tick: Ticks, content_type: str) -> tuple[float, flo
 
 def show_costs(scene: Scene) -> None:
     """A table of loads."""
-    print("| drones | rate | as | queued | taken in | asked where | a second of one core |")
-    print("|--:|--:|---|--:|--:|--:|--:|")
+    print(f"Microseconds of processor time a message: median (least to most) of {RUNS} runs.")
+    print(f"{YARDSTICK}\n")
+    print("| drones | rate | as | queued | taken in | asked where | a second of one core "
+          "| messages a yardstick |")  # fmt: skip
+    print("|--:|--:|---|--:|--:|--:|--:|--:|")
     for drones, rate_hz, kind, with_velocity in (
         (1, 10.0, "protobuf", True),
         (50, 10.0, "protobuf", True),
@@ -131,13 +135,13 @@ def show_costs(scene: Scene) -> None:
         seconds = max(0.5, min(5.0, 20_000 / (drones * rate_hz)))
         by_tick = ticks(drones, rate_hz, seconds, kind=kind, with_velocity=with_velocity)
         content_type = "application/json" if kind == "JSON" else "application/x-protobuf"
-        costs = cost_us(scene, by_tick, content_type)
+        runs = [(cost_us(scene, by_tick, content_type), yardstick_us()) for _ in range(RUNS)]
         words = kind if with_velocity else f"{kind}, no velocities"
-        print(
-            f"| {drones:,} | {rate_hz:g} Hz | {words} | "
-            + " | ".join(f"{cost:.1f} µs" for cost in costs)
-            + f" | {1e6 / sum(costs):,.0f} |"
-        )
+        each = [spread(costs, ".1f") for costs in zip(*(costs for costs, _ in runs), strict=True)]
+        sums = [sum(costs) for costs, _ in runs]
+        each.append(spread((1e6 / us for us in sums), ",.0f"))
+        each.append(spread(ratios([yardstick for _, yardstick in runs], sums), ",.0f"))
+        print(f"| {drones:,} | {rate_hz:g} Hz | {words} | {' | '.join(each)} |", flush=True)
 
 
 FLOOD_HZ, QUIET_HZ, RADARS = 50_000.0, 10.0, 20
@@ -176,14 +180,21 @@ class Watch(Observer):
 
 
 async def show_flood(folder: Path, seconds: float) -> None:
-    """A table of one session beside a flood, and the same without it."""
+    """A table of sessions beside a flood, and of the same without it, in turns."""
+    without, flooded = [], []
+    for _ in range(RUNS):
+        without.append(await beside(folder, seconds, flooded=False))
+        flooded.append(await beside(folder, seconds, flooded=True))
     print("| | without | with the flood |\n|---|--:|--:|")
-    both = [await beside(folder, seconds, flooded=flooded) for flooded in (False, True)]
-    for name in both[0]:
-        print(f"| {name} | {both[0][name]} | {both[1][name]} |")
+    for name in without[0]:
+        form = ",.0f" if isinstance(without[0][name], int) else ".3f"
+        cells = (spread([run[name] for run in runs], form) for runs in (without, flooded))
+        print(f"| {name} | {' | '.join(cells)} |")
+    cores = ([run["share of a core"] for run in runs] for runs in (flooded, without))
+    print(f"| share of a core, times that without | | {spread(ratios(*cores), '.1f')} |")
 
 
-async def beside(folder: Path, seconds: float, *, flooded: bool) -> dict[str, str]:
+async def beside(folder: Path, seconds: float, *, flooded: bool) -> dict[str, float]:
     """What becomes of a drone at 10 Hz, and of the session."""
     sensors = "".join(radar(f"radar{i}", period_s=1.0, sectors=32) for i in range(RADARS))
     text = scene_text(port=1883, drones="", sensors=sensors, mqtt="truth = false")
@@ -222,14 +233,15 @@ async def beside(folder: Path, seconds: float, *, flooded: bool) -> dict[str, st
         await running
     late_us = lateness_us(totals.lateness_ns, 50, 99)
     return {
-        "telemetry taken": f"{taken:,}",
-        "flooded, dropped": f"{flooded_number:,}",
-        "quiet drone's last report, age p50": f"{np.percentile(ages_s, 50):.3f} s",
-        "and at most": f"{max(ages_s):.3f} s",
-        "intake behind, at most": f"{max(behind_s):.3f} s",
-        "sectors' lateness p50, p99": f"{late_us[0] / 1000:.1f}, {late_us[1] / 1000:.1f} ms",
-        "scans missed": str(totals.missed_scans),
-        "share of a core": f"{cpu_s / took_s:.2f}",
+        "telemetry taken": taken,
+        "flooded, dropped": flooded_number,
+        "quiet drone's last report, age p50, s": float(np.percentile(ages_s, 50)),
+        "and at most, s": max(ages_s),
+        "intake behind, at most, s": max(behind_s),
+        "sectors' lateness p50, ms": late_us[0] / 1000,
+        "sectors' lateness p99, ms": late_us[1] / 1000,
+        "scans missed": totals.missed_scans,
+        "share of a core": cpu_s / took_s,
     }
 
 
@@ -245,7 +257,8 @@ def main(seconds: float) -> None:
         )
         show_costs(load(scene_file(folder, text)))
         print(
-            f"\nA drone at {QUIET_HZ:g} Hz beside {FLOOD_HZ:,.0f} messages a second of another:\n"
+            f"\nA drone at {QUIET_HZ:g} Hz beside {FLOOD_HZ:,.0f} messages a second of another, "
+            f"{RUNS} runs of {seconds:g} s in turns:\n"
         )
         asyncio.run(show_flood(folder, seconds))
 

@@ -39,23 +39,27 @@ class Client:
         self.ended = False
         self._news = threading.Condition()
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+        try:
+            self._greet()
+            for i, topic_filter in enumerate(filters):
+                self._send(0x82, _u16(i + 1) + self._none() + _text(topic_filter) + b"\x01")
+                while (got := self._packet())[0] != 0x90:
+                    self._take(*got)  # retained messages may come before the acknowledgement
+        except BaseException:
+            self._socket.close()
+            raise
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _greet(self) -> None:
         flags, keep_alive_s = 0x02, 60
         name = _text(f"test-{uuid4().hex[:12]}")
         self._send(
-            0x10, _text("MQTT") + bytes([version, flags]) + _u16(keep_alive_s) + self._none() + name
+            0x10,
+            _text("MQTT") + bytes([self.version, flags]) + _u16(keep_alive_s) + self._none() + name,
         )
-        try:
-            kind, answer = self._packet()
-        except OSError:
-            self._socket.close()
-            raise
+        kind, answer = self._packet()
         assert (kind, answer[1]) == (0x20, 0), answer.hex()
-        for i, topic_filter in enumerate(filters):
-            self._send(0x82, _u16(i + 1) + self._none() + _text(topic_filter) + b"\x01")
-            while (got := self._packet())[0] != 0x90:
-                self._take(*got)  # retained messages may come before the acknowledgement
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
 
     def publish(
         self, topic: str, payload: bytes, content_type: str | None = None, *, retain: bool = False
