@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from typing import Any
 
@@ -137,7 +137,7 @@ def case_of(scene: Scene, sensor: Sensor, flights: Flown, effort: Effort, rng: R
 
 def alarm_moments(model: SensorModel) -> tuple[float, float]:
     """Mean and variance of the number of false alarms a scan: binomial where cells are known."""
-    cells, pfa = getattr(model, "resolution_cells", None), getattr(model, "pfa", None)
+    cells, pfa = getattr(model, "alarm_cells", None), getattr(model, "pfa", None)
     if cells is None or pfa is None:
         return model.false_alarms_per_scan, model.false_alarms_per_scan
     mean = float(np.sum(cells) * pfa)
@@ -187,13 +187,26 @@ class ErrorLaw:
     inverse: Floats
 
 
+def error_law(model: SensorModel, targets: Targets) -> ErrorLaw | None:
+    """The law of a sensor; None if it is not known, and the stage of errors left out."""
+    law, factor = _law_of_kind(model, targets), model.error_factor
+    if law is None or model.degradation is None:
+        return law
+
+    def larger(sigmas: Sigmas) -> Sigmas:
+        return lambda snr: {name: sigma * factor for name, sigma in sigmas(snr).items()}
+
+    printed = None if law.printed is None else larger(law.printed)
+    return replace(law, sigmas=larger(law.sigmas), printed=printed)
+
+
 @singledispatch
-def error_law(_model: SensorModel, _targets: Targets) -> ErrorLaw | None:
-    """The law of a kind of sensor; None if it is not known, and the stage of errors left out."""
+def _law_of_kind(_model: SensorModel, _targets: Targets) -> ErrorLaw | None:
+    """The law of a kind of sensor that is not degraded."""
     return None
 
 
-@error_law.register
+@_law_of_kind.register
 def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
     snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
     names = ("range_m", "azimuth_deg", "elevation_deg")[: 3 if model.measures_elevation else 2]
@@ -214,7 +227,7 @@ def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
     )
 
 
-@error_law.register
+@_law_of_kind.register
 def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
     snrs = passive_snrs(model, targets)
     snr, best = snrs.max(axis=1), snrs.argmax(axis=1)
@@ -235,7 +248,7 @@ def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
     )
 
 
-@error_law.register
+@_law_of_kind.register
 def _(model: MicrophoneArray, targets: Targets) -> ErrorLaw:
     snr = 10 ** (model.snr_db(targets.sound_power_db(), targets.position_enu_m) / 10)
     laws = {"azimuth_deg": model.sigma_azimuth_deg}
@@ -252,7 +265,7 @@ def _(model: MicrophoneArray, targets: Targets) -> ErrorLaw:
     )
 
 
-@error_law.register
+@_law_of_kind.register
 def _(model: RfDirectionFinder, targets: Targets) -> ErrorLaw | None:
     if not model.measures_azimuth:
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial, singledispatch
 from typing import Any
 
@@ -132,8 +132,30 @@ def _hits(case: Case, targets: Callable[[int], Targets], numbers: int) -> tuple[
     return (law.hits, len(some)) if law is not None else (None, 0)
 
 
-@singledispatch
 def detection_law(model: SensorModel, targets: Targets) -> DetectionLaw | None:
+    """How a sensor decides; None if it detects all of those targets."""
+    if model.degradation is None:
+        return _law_of_kind(model, targets)
+    share, plain = model.pd_factor, replace(model, degradation=None)
+    law = _law_of_kind(plain, targets)
+    if law is None:
+        law = DetectionLaw(ours=lambda: plain.predict(targets).pd, exact=lambda _: 1.0)
+    ours, hits = law.ours, law.hits
+
+    def left_of(pd: Callable[[], AnyFloats]) -> Callable[[], AnyFloats]:
+        return lambda: pd() * share
+
+    return DetectionLaw(
+        ours=lambda: ours() * share,
+        exact=lambda row: law.exact(row) * share,
+        others={name: left_of(pd) for name, pd in law.others.items()},
+        hits=None if hits is None else lambda rng: hits(rng) & (rng.random(len(targets)) < share),
+        signals=law.signals,
+    )
+
+
+@singledispatch
+def _law_of_kind(model: SensorModel, targets: Targets) -> DetectionLaw | None:
     """How a kind of sensor decides; of one that is not known here, what it predicts is its law.
 
     None if it detects all of those targets.
@@ -144,13 +166,13 @@ def detection_law(model: SensorModel, targets: Targets) -> DetectionLaw | None:
     return DetectionLaw(ours=lambda: model.predict(targets).pd, exact=lambda row: pd[row])
 
 
-@detection_law.register
+@_law_of_kind.register
 def _(model: ActiveRadar, targets: Targets) -> DetectionLaw:
     snr = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())[:, 0]
     return _swerling1(lambda: model.pd(snr[:, None]), snr, model.pfa, model.n_reference)
 
 
-@detection_law.register
+@_law_of_kind.register
 def _(model: PassiveRadar, targets: Targets) -> DetectionLaw:
     snr = passive_snrs(model, targets).max(axis=1)
     return _swerling1(lambda: model.pd(snr), snr, model.pfa, model.n_reference)
@@ -176,7 +198,7 @@ def _swerling1(
     )
 
 
-@detection_law.register
+@_law_of_kind.register
 def _(model: MimoRadar, targets: Targets) -> DetectionLaw:
     snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
     pfa, n = model.pfa, model.n_reference_total
@@ -197,7 +219,7 @@ def _(model: MimoRadar, targets: Targets) -> DetectionLaw:
     )
 
 
-@detection_law.register
+@_law_of_kind.register
 def _(model: MicrophoneArray, targets: Targets) -> DetectionLaw:
     snr_db = model.snr_db(targets.sound_power_db(), targets.position_enu_m)
     curve = (model.sensitivity_db, model.slope_per_db)
@@ -214,7 +236,7 @@ def _(model: MicrophoneArray, targets: Targets) -> DetectionLaw:
     )
 
 
-@detection_law.register
+@_law_of_kind.register
 def _(model: RfDirectionFinder, targets: Targets) -> DetectionLaw:
     emissions, snr = strongest_emissions(model, targets)
     pfa, n = model.pfa, model.samples

@@ -49,7 +49,8 @@ def propagation_stage(case: Case) -> ChartStage | None:
     judged = propagation_methods(case.model, case.anywhere_targets(), antenna_m)
     if timed is None or judged is None:
         return None
-    true = judged.pds[judged.ours]()
+    share = case.model.pd_factor
+    true = judged.pds[judged.ours]() * share
     places_m = case.seen_targets().position_enu_m
     gate = Method(
         name=GATE,
@@ -63,7 +64,7 @@ def propagation_stage(case: Case) -> ChartStage | None:
             name=name,
             run=run,
             units=len(case.seen),
-            errors={PD: rms(judged.pds[name]() - true)},
+            errors={PD: rms(judged.pds[name]() * share - true)},
             ours=name == timed.ours,
         )
         for name, run in timed.ratios.items()
@@ -92,7 +93,7 @@ def propagation_methods(
         model,
         antenna_m,
         lambda sensor: sensor.predict(targets).snr,
-        lambda sensor: sensor.predict(targets).pd,
+        lambda sensor: replace(sensor, degradation=None).predict(targets).pd,
     )
 
 

@@ -29,7 +29,7 @@ from plotfeed.proto.units import decibels
 ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
 DEFAULT_SPEED_M_S = 15.0
-EFFECTS = ("bias", "drift", "multipath", "doppler", "merging")
+EFFECTS = ("bias", "drift", "degradation", "multipath", "doppler", "merging")
 """Keys of what a sensor models only if its scene names it."""
 RANGES_SEARCHED = 2000
 LOUDEST_SNR_DB = 100.0

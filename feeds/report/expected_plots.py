@@ -213,7 +213,10 @@ def _sigmas(
     channel: Ints,
     steps: Mapping[str, float],
 ) -> dict[str, Floats]:
-    """Standard deviations by the columns: as they are stated, if that is fine enough."""
+    """Standard deviations by the columns: as they are stated, if that is fine enough.
+
+    Those of a degraded sensor are as much larger as it was asked for.
+    """
     by_ratio: Mapping[str, Floats] = {}
     if asked is not None and steps:
         snr_db = measured.snr_db
@@ -227,6 +230,8 @@ def _sigmas(
         derived = by_ratio.get(column, np.full(len(measured), np.nan))
         is_fine = stated >= COARSE * steps.get(column, 0.0)
         found[name] = np.where(is_fine, stated, derived)
+        if asked is not None:
+            found[name] = found[name] * asked.model.error_factor
     return found
 
 

@@ -53,12 +53,14 @@ class Hits:
 class DetailedDetector:
     """What of a radar's detector only few model.
 
-    `odds` gives the mean ratio and Pd of echoes of those powers, (n, ...), by their channels.
+    `odds` gives the mean ratio and Pd of echoes of those powers, (n, ...), by their channels, of
+    which a degraded sensor has `pd_factor`, (n,) of several sensors.
     """
 
     doppler: Doppler | None
     merging: Merging | None
     odds: Callable[[Floats, Ints], tuple[Floats, Floats]]
+    pd_factor: float | Floats = 1.0
 
     def detect(
         self,
@@ -81,6 +83,7 @@ class DetailedDetector:
                 powers, of_looks = groups.total(powers), groups.group
                 rng = of_rows(rng, groups.leader)
         snr, pd = self.odds(powers, echoes.channel)
+        pd = pd * self.pd_factor
         if self.doppler is not None and details.range_rate_m_s is not None:
             pd = pd * self.doppler.share_passed(details.range_rate_m_s, echoes.channel)
         detected = detection.draw_hits(pd, rng)

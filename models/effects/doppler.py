@@ -66,11 +66,20 @@ class Doppler:
         return accuracy.with_floor(sigma_m_s, self._floors_m_s[channel])
 
     def measured(
-        self, rate_m_s: Floats, snr: Floats, channel: Ints, rng: np.random.Generator
+        self,
+        rate_m_s: Floats,
+        snr: Floats,
+        channel: Ints,
+        rng: np.random.Generator,
+        error_factor: float | Floats = 1.0,
     ) -> dict[str, Floats]:
-        """The columns of plots for detections of those powers: rates with noise, as they appear."""
+        """The columns of plots for detections of those powers: rates with noise, as they appear.
+
+        The noise is `error_factor` times what plots state.
+        """
         sigma_m_s = self.sigma_m_s(snr, channel)
-        noisy_m_s = rate_m_s + sigma_m_s * rng.standard_normal((len(snr),))
+        noise_m_s = sigma_m_s * rng.standard_normal((len(snr),))
+        noisy_m_s = rate_m_s + noise_m_s * error_factor
         return {
             "range_rate_m_s": self.folded(noisy_m_s, channel),
             "sigma_range_rate_m_s": sigma_m_s,

@@ -118,6 +118,8 @@ class MicrophoneArray(CellSensor):
         of_audible, rng = self.rows(audible), of_rows(rng, audible)
         snr_db = of_audible.snr_db(power_level_db[audible], targets.position_enu_m[audible])
         pd, snr = of_audible.pd(snr_db), 10 ** (snr_db / 10)
+        if of_audible.degradation is not None:
+            pd = pd * of_audible.degradation.pd_factor
         detected = detection.draw_hits(pd, rng)  # eq 44
         looks = targets.looks(audible, geometry, snr=snr, pd=pd, detected=detected)
         if not detected.any():
@@ -140,10 +142,10 @@ class MicrophoneArray(CellSensor):
         snr = 10 ** (snr_db / 10)
         return Prediction(
             snr=snr,
-            pd=np.nan_to_num(self.pd(snr_db), nan=0.0),
+            pd=np.nan_to_num(self.pd(snr_db), nan=0.0) * self.pd_factor,
             sigma_range_m=np.full(len(snr), np.nan),
-            sigma_azimuth_deg=self.sigma_azimuth_deg(snr),
-            sigma_elevation_deg=self.sigma_elevation_deg(snr),
+            sigma_azimuth_deg=self.sigma_azimuth_deg(snr) * self.error_factor,
+            sigma_elevation_deg=self.sigma_elevation_deg(snr) * self.error_factor,
         )
 
     def _measure(
@@ -151,6 +153,8 @@ class MicrophoneArray(CellSensor):
     ) -> Plots:
         """Where the sound comes from plus errors; beside it, privately, where the drone is now."""
         errors = rng.standard_normal((2, len(hits)))
+        if self.degradation is not None:
+            errors *= self.degradation.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),

@@ -63,7 +63,12 @@ class EchoRadar(SensorModel, ABC):
         """The detector of a radar that models more than the usual; None for any other."""
         if self.doppler is None and self.merging is None:
             return None
-        return DetailedDetector(doppler=self.doppler, merging=self.merging, odds=self._odds)
+        return DetailedDetector(
+            doppler=self.doppler,
+            merging=self.merging,
+            odds=self._odds,
+            pd_factor=self.pd_factor,
+        )
 
     def _looks_and_plots(
         self,
@@ -78,6 +83,8 @@ class EchoRadar(SensorModel, ABC):
         channel: Ints | None = None,
     ) -> tuple[Looks, Plots]:
         """Looks at those rows of targets, the model's own, and the plots of those detected."""
+        if self.degradation is not None:
+            pd = pd * self.degradation.pd_factor
         detected = UNDECIDED[: len(pd)] if self._detailed else detection.draw_hits(pd, rng)  # eq 8
         looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
         if self._detailed is None:

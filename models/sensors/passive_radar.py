@@ -91,12 +91,15 @@ class PassiveRadar(PassiveSignals):
         )
         excess_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
-        columns["bistatic_range_m"] = excess_m + sigmas[0] * rng.standard_normal(sigmas[0].shape)
-        columns["azimuth_deg"] = wrap_360(
-            azimuth_deg + sigmas[1] * rng.standard_normal(sigmas[1].shape)
-        )
+        errors = [sigma * rng.standard_normal(sigma.shape) for sigma in sigmas]
+        if self.degradation is not None:
+            errors = [error * self.degradation.error_factor for error in errors]
+        columns["bistatic_range_m"] = excess_m + errors[0]
+        columns["azimuth_deg"] = wrap_360(azimuth_deg + errors[1])
         if self.doppler is not None and "range_rate_m_s" in columns:
-            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
+            columns |= self.doppler.measured(
+                columns["range_rate_m_s"], snr, echoes.channel, rng, self.error_factor
+            )
         return self._plots(
             snr,
             sigmas,
@@ -132,8 +135,9 @@ class PassiveRadar(PassiveSignals):
         snr = self.mean_snr(target_w)
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
-        sigma_excess_m, sigma_azimuth_deg = self.sigmas(
-            effective_snr, self.range_resolution_m, self.range_floors_m
+        sigma_excess_m, sigma_azimuth_deg = (
+            sigma * self.error_factor
+            for sigma in self.sigmas(effective_snr, self.range_resolution_m, self.range_floors_m)
         )
         excess_m = propagation.bistatic_range(position_enu_m[:, None], self.positions_enu_m)
         azimuth_deg = enu_to_aer(targets.position_enu_m)[0][:, None]
@@ -142,10 +146,10 @@ class PassiveRadar(PassiveSignals):
         placed = flat.chance_between(
             self.range_min_m, self.range_max_m, sigma_range_m, excess_m / sigma_excess_m
         )
-        pd, sigma_rate_m_s = self.pd(snr) * placed, None
+        pd, sigma_rate_m_s = self.pd(snr) * placed * self.pd_factor, None
         if self.doppler is not None:
             channel = np.broadcast_to(np.arange(snr.shape[1]), snr.shape)
-            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel) * self.error_factor
             pd = pd * self._share_passed(targets)
         best = np.argmax(np.nan_to_num(pd), axis=1)[:, None]
 
@@ -183,7 +187,7 @@ class PassiveRadar(PassiveSignals):
         """
         found = [
             false_alarms.draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
-            for cells in self.resolution_cells
+            for cells in self.alarm_cells
         ]
         azimuth_deg = np.concatenate(found)
         n = len(azimuth_deg)

@@ -131,7 +131,12 @@ class PassiveSignals(Volume, EchoRadar, ABC):
     @property
     def false_alarms_per_scan(self) -> float:
         """Mean number of false plots: what the detectors let through (eq 9) and has a place."""
-        return float(self.pfa * np.array(self.resolution_cells) @ self.placed_shares)
+        return float(self.pfa * np.array(self.alarm_cells) @ self.placed_shares)
+
+    @property
+    def alarm_cells(self) -> tuple[float, ...]:
+        """As many cells as give its false alarms, by channel: those of more, if degraded so."""
+        return tuple(cells * self.false_alarm_factor for cells in self.resolution_cells)
 
     @cached_property
     def placed_shares(self) -> Floats:

@@ -177,13 +177,14 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
         snrs = self.signal_snrs(targets.true_position_enu_m, targets.rcs_m2())
-        pd, sigma_rate_m_s = self.pd(snrs), None
+        pd, sigma_rate_m_s = self.pd(snrs) * self.pd_factor, None
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / self.inverse_detected(snrs)
-        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = self.sigmas(effective_snr)
+        sigmas = self.sigmas(effective_snr) * self.error_factor
+        sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = sigmas
         if self.doppler is not None:
             channel = np.zeros(len(snrs), np.int64)
-            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel)
+            sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel) * self.error_factor
             rate_m_s = self._range_rates(targets, slice(None))
             if rate_m_s is not None:
                 pd = pd * self.doppler.share_passed(rate_m_s, channel)
@@ -204,13 +205,17 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         snr, threshold = self.draw_detected(hits.powers, rng)
         sigmas = self.sigmas(snr)
         errors = rng.standard_normal((3, len(echoes))) * sigmas
+        if self.degradation is not None:
+            errors *= self.degradation.error_factor
         range_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             azimuth_deg + errors[1], echoes.elevation_deg + errors[2]
         )
         if self.doppler is not None and "range_rate_m_s" in columns:
-            columns |= self.doppler.measured(columns["range_rate_m_s"], snr, echoes.channel, rng)
+            columns |= self.doppler.measured(
+                columns["range_rate_m_s"], snr, echoes.channel, rng, self.error_factor
+            )
         plots = self._plots(
             snr,
             threshold,

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from plotfeed.models import detection
 from plotfeed.models.beam import Sector
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_360
@@ -42,34 +43,51 @@ class RangeGate(SensorModel):
             pd=np.ones(len(seen)),
             detected=np.ones(len(seen), np.bool_),
         )
-        of_seen = self.rows(seen)
+        hits = looks
+        if self.degradation is not None:
+            pd = looks.pd * self.rows(seen).pd_factor
+            detected = detection.draw_hits(pd, of_rows(rng, seen))
+            looks = looks.but(pd=pd, detected=detected)
+            hits, seen = looks.rows(detected), seen[detected]
+            if not len(hits):
+                return looks, NO_PLOTS
+        return looks, self.rows(seen)._measure(
+            hits, targets, seen, of_rows(rng, np.repeat(seen, 3))
+        )
+
+    def _measure(
+        self, hits: Looks, targets: Targets, rows: Ints, rng: np.random.Generator
+    ) -> Plots:
+        """Places with noise added, of those rows of the targets."""
         # Three numbers a target, one after the other.
-        normal = of_rows(rng, np.repeat(seen, 3)).standard_normal((3 * len(seen),)).reshape(-1, 3)
-        noise_m = (normal.T * of_seen.sigma_m).T
-        azimuth_deg, elevation_deg, noisy_m = enu_to_aer(targets.position_enu_m[seen] + noise_m)
-        sigmas = of_seen._sigmas(elevation_deg, noisy_m)
+        normal = rng.standard_normal((3 * len(rows),)).reshape(-1, 3)
+        noise_m = (normal.T * self.sigma_m).T
+        if self.degradation is not None:
+            noise_m = (noise_m.T * self.degradation.error_factor).T
+        azimuth_deg, elevation_deg, noisy_m = enu_to_aer(targets.position_enu_m[rows] + noise_m)
+        sigmas = self._sigmas(elevation_deg, noisy_m)
         range_m = noisy_m
         if targets.readings is not None:  # errors of reading do not scale the noise
-            read_m = targets.read_range_m(looks.range_m, looks.t_utc_ns)
-            range_m = read_m + (noisy_m - looks.range_m)
-        azimuth_deg = wrap_360(targets.read_azimuth_deg(azimuth_deg, looks.t_utc_ns))
-        return looks, Plots.of(
-            t_utc_ns=looks.t_utc_ns,
+            read_m = targets.read_range_m(hits.range_m, hits.t_utc_ns)
+            range_m = read_m + (noisy_m - hits.range_m)
+        azimuth_deg = wrap_360(targets.read_azimuth_deg(azimuth_deg, hits.t_utc_ns))
+        return Plots.of(
+            t_utc_ns=hits.t_utc_ns,
             range_m=range_m,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             sigma_range_m=sigmas[0],
             sigma_azimuth_deg=sigmas[1],
             sigma_elevation_deg=sigmas[2],
-            **looks.whose(),
-            **targets.true_geometry(looks, seen),
+            **hits.whose(),
+            **targets.true_geometry(hits, rows),
         )
 
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Means to second order in noise over range: that across the line of sight adds to it."""
-        share = self.sigma_m / range_m
+        share = self.sigma_m * self.error_factor / range_m
         lower_deg = np.degrees(share**2 * np.tan(np.radians(elevation_deg)) / 2)
         return azimuth_deg, elevation_deg - lower_deg, range_m * (1 + share**2)
 
@@ -90,10 +108,10 @@ class RangeGate(SensorModel):
     def predict(self, targets: Targets) -> Prediction:
         """Certain within the gate, with the same noise everywhere."""
         _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
-        sigmas = self._sigmas(elevation_deg, range_m)
+        sigmas = [s * self.error_factor for s in self._sigmas(elevation_deg, range_m)]
         return Prediction(
             snr=np.full(len(range_m), np.nan),
-            pd=np.where(range_m <= self.range_max_m, 1.0, 0.0),
+            pd=np.where(range_m <= self.range_max_m, 1.0, 0.0) * self.pd_factor,
             sigma_range_m=sigmas[0],
             sigma_azimuth_deg=sigmas[1],
             sigma_elevation_deg=sigmas[2],

@@ -173,6 +173,8 @@ class RfDirectionFinder(CellSensor):
         mine, rng = self.rows(emissions.target), of_rows(rng, emissions.target)
         snr = mine.received_snr(emissions, targets, range_m)
         pd = mine.pd(emissions, snr)
+        if mine.degradation is not None:
+            pd = pd * mine.degradation.pd_factor
         detected = detection.draw_hits(pd, rng)
         looks = targets.looks(
             emissions.target,
@@ -215,7 +217,7 @@ class RfDirectionFinder(CellSensor):
         emissions = emissions_of(targets)
         source = emissions.target
         snr = self.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
-        pd = np.nan_to_num(self.pd(emissions, snr))
+        pd = np.nan_to_num(self.pd(emissions, snr)) * self.pd_factor
         miss = np.ones(len(targets))
         np.multiply.at(miss, source, 1 - pd)
         strongest = np.full(len(targets), np.nan)
@@ -239,7 +241,8 @@ class RfDirectionFinder(CellSensor):
         reported = pd > 0
         rows, weights = emissions.target[reported], pd[reported]
         squares_deg2 = np.bincount(rows, weights * sigma_deg[reported] ** 2, n_targets)
-        return np.sqrt(squares_deg2 / np.bincount(rows, weights, n_targets))
+        mean_deg2 = squares_deg2 / np.bincount(rows, weights, n_targets)
+        return np.sqrt(mean_deg2) * self.error_factor
 
     def _measure(
         self, hits: Looks, emissions: Emissions, targets: Targets, rng: np.random.Generator
@@ -247,6 +250,8 @@ class RfDirectionFinder(CellSensor):
         """Directions with errors by the SNR that each very detection shows."""
         snr = self._draw_estimated_snr(hits.snr, rng)
         errors = rng.standard_normal((len(hits),))
+        if self.degradation is not None:
+            errors *= self.degradation.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         return self._plots(
             snr,

@@ -17,6 +17,7 @@ from plotfeed.models.sensors.stacking import Stackable
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.degradation import Degradation
     from plotfeed.models.effects.readings import Readings
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
@@ -159,6 +160,22 @@ class SensorModel(Stackable, ABC):
     """
 
     range_max_m: float
+    degradation: Degradation | None = None
+
+    @property
+    def error_factor(self) -> float | Floats:
+        """True errors by noise over those that plots state; of several sensors (n,)."""
+        return 1.0 if self.degradation is None else self.degradation.error_factor
+
+    @property
+    def pd_factor(self) -> float | Floats:
+        """What of the Pd of each look is left; of several sensors (n,)."""
+        return 1.0 if self.degradation is None else self.degradation.pd_factor
+
+    @property
+    def false_alarm_factor(self) -> float:
+        """False alarms over those that its cells and threshold give."""
+        return 1.0 if self.degradation is None else self.degradation.false_alarm_factor
 
     @property
     def signal_speed_m_s(self) -> float | None:
@@ -231,14 +248,19 @@ class CellSensor(SensorModel, ABC):
         """How many there are in a scan; not whole where cover is no multiple of beams."""
 
     @property
+    def alarm_cells(self) -> float:
+        """As many cells as give its false alarms: those of more, if it is degraded so."""
+        return self.resolution_cells * self.false_alarm_factor
+
+    @property
     def false_alarms_per_scan(self) -> float:
         """Mean number of false alarms in a scan (eq 9)."""
-        return self.resolution_cells * self.pfa
+        return self.alarm_cells * self.pfa
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over its cells, uniform in azimuth (eq 9)."""
         azimuth_deg = false_alarms.draw_azimuths(
-            self.resolution_cells, self.pfa, self.azimuth_cover, sector, rng
+            self.alarm_cells, self.pfa, self.azimuth_cover, sector, rng
         )
         if not len(azimuth_deg):
             return NO_PLOTS

@@ -72,8 +72,7 @@ class Stackable:
         stack: _Stack | None = held.get("_stack")
         if stack is None or (isinstance(which, slice) and which == EVERY_ROW):
             return self
-        made = object.__new__(type(self))
-        vars(made).update(stack.plain, _stack=stack, _at=held["_at"][which])
+        made: Self = stack.of(held["_at"][which])
         return made
 
     def of_channel(self, name: str, channel: Ints) -> Floats:
@@ -103,6 +102,17 @@ class _Stack:
         self._models = models
         self.plain = plain
         self.columns: dict[str, Any] = {}
+        self.defaulted: list[str] = []
+        """Fields that are columns and would be found on the class, by their defaults, unasked."""
+
+    def of(self, at: Ints) -> Any:
+        """The model of the sensors at those indices."""
+        kind: Any = type(self._models[0])
+        made = object.__new__(kind)
+        vars(made).update(self.plain, _stack=self, _at=at)
+        for name in self.defaulted:
+            vars(made)[name] = self.gathered(name, at)
+        return made
 
     def whole(self, name: str) -> Any:
         """The values of all sensors, columns where they differ."""
@@ -151,8 +161,9 @@ def stacked(models: Sequence[M]) -> M:
     stack = _Stack(models, plain)
     for field in fields(first):
         stack.whole(field.name)
-    made = object.__new__(type(first))
-    vars(made).update(plain, _stack=stack, _at=np.arange(len(models)))
+        if field.name in stack.columns and hasattr(type(first), field.name):
+            stack.defaulted.append(field.name)
+    made: M = stack.of(np.arange(len(models)))
     return made
 
 

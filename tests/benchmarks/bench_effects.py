@@ -36,6 +36,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "nothing named": {},
     "bias": {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 0.3, "tilt_deg": 0.1}},
     "drift": {"drift": {"sigma_range_m": 5.0, "sigma_azimuth_deg": 0.1, "time_constant_s": 600.0}},
+    "degradation": {"degradation": {"pd_factor": 0.9, "error_factor": 2.0}},
     "two rays": {"multipath": {"antenna_height_m": 5.0}},
     "Doppler": {"doppler": {"notch_m_s": 1e-3, "prf_hz": 4000.0}},
     "merging": {"merging": {}},

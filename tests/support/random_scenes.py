@@ -125,6 +125,8 @@ def _sensor(dice: Dice, number: int) -> Keys:
             "sigma_range_m": dice.between(0, 30),
             "sigma_azimuth_deg": dice.between(0, 2),
         }
+    if dice.happens(0.3):
+        sensor["degradation"] = _degradation(dice)
     if dice.happens(0.7):
         sensor["link"] = _link(dice)
     if dice.happens(0.4):
@@ -140,6 +142,15 @@ def _bias(dice: Dice) -> Keys:
         "tilt_deg": dice.between(0, 5),
         "tilt_azimuth_deg": dice.between(0, 359),
         "time_offset_s": dice.between(-3, 3),
+    }
+    return {key: whole[key] for key in dice.some_of(*whole)}
+
+
+def _degradation(dice: Dice) -> Keys:
+    whole = {
+        "pd_factor": dice.between(0.2, 1),
+        "false_alarm_factor": dice.log_between(0.3, 10),
+        "error_factor": dice.between(0.5, 3),
     }
     return {key: whole[key] for key in dice.some_of(*whole)}
 
@@ -326,6 +337,7 @@ def _link(dice: Dice) -> Keys:
 def _events(dice: Dice, sensor: Keys) -> list[Keys]:
     """What lasts for a part of the scene, one thing or several."""
     changes: list[Keys] = [{"enabled": False}, {"bias": _bias(dice)}]
+    changes.append({"degradation": _degradation(dice)})
     if "pfa" in sensor:
         changes.append({"pfa_factor": dice.one_of(0.2, 3.0)})
     if "link" in sensor:

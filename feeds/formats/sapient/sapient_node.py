@@ -104,7 +104,7 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
     """The node that a sensor registers as."""
     site, manner, measures = scene.scene.site, manner_of(scene, sensor), measures_of(scene, sensor)
     frame = frame_at(site, sensor.position_enu_m)
-    rate_per_s = sensor.model(site).false_alarms_per_scan / sensor.scan.period_s
+    rate_per_s = sensor.believed.model(site).false_alarms_per_scan / sensor.scan.period_s
     return Node(
         seed=scene.scene.seed,
         sensor=sensor.id,
@@ -189,7 +189,7 @@ def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
     half_deg = field.horizontal_extent_deg / 2
     azimuths_deg = (field.azimuth_deg - half_deg, field.azimuth_deg + half_deg)
     return confidence_of(
-        sensor.model(scene.scene.site),
+        sensor.believed.model(scene.scene.site),
         prior,
         azimuths_deg,
         np.random.Generator(np.random.Philox(0)),

@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.fields import (
 )
 from plotfeed.feeds.scene.sensors.usual_accuracy import RATE_SHARE, odd_floor, stated_or
 from plotfeed.models.chance import Chance
+from plotfeed.models.effects.degradation import Degradation
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings, SkewFrame
@@ -66,6 +67,21 @@ class DriftKeys(SceneTable):
     """Standard deviation of the drift in range, or in bistatic range."""
     sigma_azimuth_deg: NotNegative = 0.0
     """Standard deviation of the drift in azimuth."""
+
+
+class DegradationKeys(SceneTable):
+    """What a sensor does worse than it takes itself to do, each by itself; for events above all."""
+
+    pd_factor: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """What is left of the probability of detection of each look, however strong the target."""
+    false_alarm_factor: Annotated[float, Field(ge=0, le=1e6)] = 1.0
+    """So many times the false alarms; the threshold, and with it Pd, stays as it is."""
+    error_factor: Annotated[float, Field(ge=0, le=1000)] = 1.0
+    """So many times the errors by noise; the standard deviations in plots stay as they are."""
+
+    def model(self) -> Degradation:
+        """The same for a model."""
+        return Degradation(**self.model_dump())
 
 
 class MultipathKeys(SceneTable):

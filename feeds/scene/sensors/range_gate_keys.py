@@ -34,7 +34,7 @@ class RangeGateKeys(TrackingSensorKeys):
 
     def model(self, _site: Site, /) -> RangeGate:
         """The model."""
-        return RangeGate(range_max_m=self.range_max_m, sigma_m=self.sigma_m)
+        return RangeGate(**self.by_name(RangeGate))
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Noise that is none."""

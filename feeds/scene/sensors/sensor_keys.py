@@ -27,7 +27,7 @@ from plotfeed.feeds.scene.fields import (
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
-from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DriftKeys
+from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, DriftKeys
 from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
 from plotfeed.models.beam import AzimuthCover
@@ -89,6 +89,8 @@ class SensorKeys(SceneTable):
     """Systematic errors; without it, none."""
     drift: DriftKeys | None = None
     """Errors that change slowly; without it, none."""
+    degradation: DegradationKeys | None = None
+    """What it does worse than it takes itself to do; without it, nothing."""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
@@ -153,9 +155,15 @@ class SensorKeys(SceneTable):
         raise NotImplementedError
 
     def by_name(self, model: Any) -> dict[str, Any]:
-        """The keys that a model, a dataclass, has under the same names."""
+        """The keys that a model, a dataclass, has under the same names; degradation as its own."""
         names = {field.name for field in fields(model)} & type(self).model_fields.keys()
-        return {name: getattr(self, name) for name in names}
+        found = {name: getattr(self, name) for name in names}
+        return found | {"degradation": self.degradation and self.degradation.model()}
+
+    @property
+    def believed(self) -> Self:
+        """The sensor as it takes itself to be: not degraded."""
+        return self if self.degradation is None else self.model_copy(update={"degradation": None})
 
     @property
     def illuminators(self) -> tuple[IlluminatorKeys, ...]:

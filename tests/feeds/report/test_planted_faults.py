@@ -242,6 +242,12 @@ IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
         {"azimuth"},
     ),
     "four times the false alarms": ("fine", {"pfa": 4e-5}, {"false alarms"}),
+    "errors that are larger than stated": (
+        "fine",
+        {"degradation": {"error_factor": 2.0}},
+        {"range", "azimuth", "elevation", "height", "range rate"},
+    ),
+    "more clutter": ("fine", {"degradation": {"false_alarm_factor": 4.0}}, {"false alarms"}),
     "another north": ("coarse", {"bias": {"azimuth_offset_deg": 0.3}}, {"azimuth"}),
     "a clock that is ahead": ("coarse", {"bias": {"time_offset_s": 1.0}}, {"time"}),
 }

@@ -24,8 +24,8 @@ from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
     r"\bmultipath is|\bdoppler is|\bmerging is|_detailed\b|readings is|\.errs\b|bias is|drift is"
-    r"|axes is not|measures_range_rate|velocity_enu_m_s=?|readings=|true_geometry"
-    r"|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
+    r"|degradation is|pd_factor|axes is not|measures_range_rate|velocity_enu_m_s=?|readings="
+    r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
 )
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 POLAR = {
@@ -58,6 +58,7 @@ SENSORS: dict[str, dict[str, Any]] = {
 EVERYTHING = {
     "bias": {"range_offset_m": 1.0, "azimuth_offset_deg": 1.0, "time_offset_s": 0.1},
     "drift": {"sigma_range_m": 1.0, "time_constant_s": 60.0},
+    "degradation": {"pd_factor": 0.99, "error_factor": 2.0},
     "multipath": {"antenna_height_m": 5.0},
     "doppler": {"notch_m_s": 1e-6},
     "merging": {},

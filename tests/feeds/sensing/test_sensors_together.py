@@ -55,6 +55,7 @@ EFFECTS: list[dict[str, Any]] = [
     {"merging": {}},
     {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 1.0, "time_offset_s": 0.1}},
     {"drift": {"sigma_range_m": 3.0, "time_constant_s": 60.0}},
+    {"degradation": {"pd_factor": 0.7, "false_alarm_factor": 3.0, "error_factor": 2.0}},
 ]
 EVENTS = [
     {"from_s": 0.9, "to_s": 2.3, "set": {"pfa": 1e-4}},
@@ -76,6 +77,9 @@ def sensors(seed: int) -> list[dict[str, Any]]:
                 one |= {"power_w": by_chance.uniform(300.0, 900.0)}
                 one |= by_chance.choice(EFFECTS) if i == 1 else {}
                 one |= {"event": EVENTS} if i == 2 else {}
+                if by_chance.random() < 0.3:  # by factors of its own, in one pass with others
+                    one["degradation"] = {"pd_factor": by_chance.uniform(0.2, 0.9)}
+                    one["degradation"] |= {"error_factor": by_chance.uniform(1.0, 3.0)}
                 if "sectors" in one["scan"] and i == 0:
                     one["scan"] = one["scan"] | {"jitter_ms": 2.0}
             found.append(one)

@@ -1,0 +1,71 @@
+"""A sensor of each kind, by the name that tests have for it, and drones that all of them detect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from support.road import held, radar, rotating, staring, waypoint
+
+RANGES_M = (1000.0, 4000.0)
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+RADAR = radar(elevation_max_deg=60.0, report=["asterix-048", "plots"])
+MIMO = {
+    "id": "radar", "type": "mimo_radar", "scan": staring(),
+    "transmitters": [
+        {"power_w": 2000.0, "east_m": 100.0 * k, "north_m": 0.0, "above_site_m": 0.0}
+        for k in range(2)
+    ],
+    "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
+    "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
+    "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
+}  # fmt: skip
+PASSIVE = {
+    "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
+    "transmitters": [
+        {"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
+         "place": waypoint(300.0, 0.2, 20_000.0)},
+    ],
+    "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
+    "range_max_m": 10_000.0,
+}  # fmt: skip
+GATE = {
+    "id": "radar",
+    "type": "range_gate",
+    "scan": staring(),
+    "range_max_m": 9000.0,
+    "sigma_m": 3.0,
+}
+RF = {
+    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2, "azimuth_floor_deg": 0.5,
+}  # fmt: skip
+MICROPHONES = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
+    "range_max_m": 500.0, "azimuth_beamwidth_deg": 20.0, "elevation_beamwidth_deg": 20.0,
+}  # fmt: skip
+SENSORS = {
+    "active": RADAR,
+    "rotating": RADAR | {"scan": rotating(1.0, 8)},
+    "mimo": MIMO,
+    "passive": PASSIVE,
+    "gate": GATE,
+    "rf": RF,
+    "microphones": MICROPHONES,
+}
+
+
+def drones(kind: str) -> list[dict[str, Any]]:
+    scale = 0.05 if kind == "microphones" else 1.0
+    return [
+        held(
+            f"{ring}-{i}",
+            18 * i + 7 * ring + 5,
+            12.0,
+            range_m * scale,
+            rcs_m2=1.0,
+            emitters=[EMITTER],
+        )
+        for ring, range_m in enumerate(RANGES_M)
+        for i in range(20)
+    ]
