@@ -135,7 +135,7 @@ class PassiveSignals(Volume, EchoRadar, ABC):
 
     @property
     def alarm_cells(self) -> tuple[float, ...]:
-        """As many cells as give its false alarms, by channel: those of more, if degraded so."""
+        """Cells that give its false alarms, by channel: those of more, if it is degraded so."""
         return tuple(cells * self.false_alarm_factor for cells in self.resolution_cells)
 
     @cached_property

@@ -249,7 +249,7 @@ class CellSensor(SensorModel, ABC):
 
     @property
     def alarm_cells(self) -> float:
-        """As many cells as give its false alarms: those of more, if it is degraded so."""
+        """Cells that give its false alarms: those of more, if it is degraded so."""
         return self.resolution_cells * self.false_alarm_factor
 
     @property

@@ -80,7 +80,7 @@ class DegradationKeys(SceneTable):
     """So many times the errors by noise; the standard deviations in plots stay as they are."""
 
     def model(self) -> Degradation:
-        """The same for a model."""
+        """Factors for a model."""
         return Degradation(**self.model_dump())
 
 
