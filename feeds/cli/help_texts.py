@@ -8,7 +8,7 @@ SUMMARIES_AND_EXAMPLES = {
         "Run a scene, or a recorded session again.",
         (
             "run here.toml --record there.mcap",
-            "run here.toml --broker none --speed max --duration 60 --write here.ast",
+            "run here.toml --speed max --duration 60 --write here.ast",
             "run there.mcap --broker none --speed max",
         ),
     ),
@@ -30,11 +30,14 @@ SUMMARIES_AND_EXAMPLES = {
     ),
     "record": (
         "Record a broker's topics, or datagrams.",
-        ("record mqtt://127.0.0.1:1883/plotfeed/# there.mcap", "record udp://0.0.0.0:8600 u.mcap"),
+        (
+            "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap",
+            "record udp://0.0.0.0:8600 udp.mcap",
+        ),
     ),
     "replay": (
         "Replay a recording to a broker or over UDP.",
-        ("replay there.mcap", "replay there.pcap --udp 127.0.0.1:8600 --speed 2"),
+        ("replay there.mcap", "replay here.pcap --udp 127.0.0.1:8600 --speed 2"),
     ),
     "report": (
         "Hold what was delivered against what was asked.",

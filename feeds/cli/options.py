@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+DEFAULT_BROKER = "mqtt://127.0.0.1:1883"
 EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -40,10 +41,14 @@ def force_option(help_text: str) -> Decorator:
 date_option = click.option(
     "--date",
     type=click.DateTime(["%Y-%m-%d"]),
-    help="The first day of a file that has none: FINAL, raw.",
+    help="Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01.",
 )
 topic_option = click.option(
-    "--topic", "topics", multiple=True, metavar="FILTER", help="Only these: + and #."
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="FILTER",
+    help="Take only topics that fit this filter, as of MQTT with + and #; may be repeated.",
 )
 
 
@@ -56,65 +61,111 @@ def stage_option(help_text: str) -> Decorator:
 
 
 part_options = together(
-    click.option("--start", metavar="TIME", help="Seconds from the beginning, or UTC."),
-    click.option("--end", metavar="TIME", help="As --start; what was recorded then is left out."),
+    click.option(
+        "--start",
+        metavar="TIME",
+        help="Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
+    ),
+    click.option(
+        "--end",
+        metavar="TIME",
+        help="End before that time, given as for --start; what was recorded at it is left out.",
+    ),
 )
 session_options = together(
     click.option(
         "--broker",
         metavar="URL",
-        help="mqtt://HOST:PORT, or 'none'; without it the scene's, else an embedded one.",
+        help="Connect to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT, or to none by "
+        "'none'; without it the scene's broker is used, else an embedded one.",
     ),
     click.option(
         "--udp",
         multiple=True,
         metavar="ADDRESS:PORT",
-        help="Send all ASTERIX there, instead of where the scene says; may be repeated.",
+        help="Send all ASTERIX to this address by UDP, unicast or multicast, instead of where the "
+        "scene says; may be repeated.",
     ),
     click.option(
         "--middleware",
         metavar="HOST:PORT",
-        help="Connect to that SAPIENT middleware instead of the scene's.",
+        help="Connect to this SAPIENT middleware by TCP instead of the scene's.",
     ),
-    click.option("--duration", type=POSITIVE, metavar="SECONDS"),
+    click.option(
+        "--duration",
+        type=POSITIVE,
+        metavar="SECONDS",
+        help="End after so many seconds of the session's time; else as the scene says, or never.",
+    ),
     click.option(
         "--speed",
         default="1",
         metavar="FACTOR",
-        help="Times real time, or 'max' for as fast as possible.",
+        show_default=True,
+        help="Run so many times as fast as real time (0.001 to 10000), or with 'max' as fast as "
+        "possible.",
     ),
     click.option(
         "--write",
         type=NEW_FILE,
         metavar="FILE",
-        help="Also write the ASTERIX data blocks to a raw file.",
+        help="Write the ASTERIX data blocks that are sent to this raw file (.ast) too.",
     ),
     click.option(
         "--record",
         type=NEW_FILE,
         metavar="FILE",
-        help="Record all that comes in and goes out, and the ledger, as MCAP.",
+        help="Record all that comes in and goes out, and the ledger, to this MCAP file.",
     ),
-    force_option("Replace the files of --record and --write."),
+    force_option("Replace the files of --record and --write where they are there already."),
     click.option(
         "--metrics",
         type=click.IntRange(1, 65535),
         metavar="PORT",
-        help="Serve Prometheus metrics on that port of loopback.",
+        help="Serve Prometheus metrics on this port of loopback.",
     ),
     click.option(
         "--page",
         metavar="[HOST:]PORT",
-        help="Serve the live page there; HOST is this machine alone unless it is given.",
+        help="Serve the live page there: to this machine alone, or where HOST says, with a token.",
     ),
-    click.option("--json", "as_json", is_flag=True, help="End with the totals as JSON."),
+    click.option(
+        "--json",
+        "as_json",
+        is_flag=True,
+        help="Print nothing but the totals at the end, as one JSON object.",
+    ),
 )
 access_options = together(
-    click.option("--ca-file", type=EXISTING, help="Who vouches for a mqtts:// broker."),
-    click.option("--client-certificate", type=EXISTING, help="For a broker that asks."),
-    click.option("--client-key", type=EXISTING),
-    click.option("--credentials", type=EXISTING, help="TOML: username, password."),
-    click.option("--mqtt-version", type=click.Choice(["5", "3.1.1", "any"]), default="any"),
+    click.option(
+        "--ca-file",
+        type=EXISTING,
+        help="Trust the certificate of an mqtts:// broker by the authorities in this PEM file; "
+        "without it by those that the system trusts.",
+    ),
+    click.option(
+        "--client-certificate",
+        type=EXISTING,
+        help="Show this certificate, a PEM file, to a broker that asks for one.",
+    ),
+    click.option(
+        "--client-key",
+        type=EXISTING,
+        help="Take the private key of --client-certificate from this PEM file.",
+    ),
+    click.option(
+        "--credentials",
+        type=EXISTING,
+        help="Take username and password from this TOML file; PLOTFEED_MQTT_USERNAME and "
+        "PLOTFEED_MQTT_PASSWORD stand before it.",
+    ),
+    click.option(
+        "--mqtt-version",
+        type=click.Choice(["5", "3.1.1", "any"]),
+        default="any",
+        show_default=True,
+        help="Speak this version of MQTT; any tries 5 first, and then 3.1.1.",
+    ),
 )
 """How to get into a broker; user and password come from the environment or a file."""
 flight_options = together(
@@ -123,96 +174,32 @@ flight_options = together(
         "columns",
         multiple=True,
         metavar="OURS=THEIRS",
-        help="A CSV's own name for one of our columns, such as latitude_deg=lat.",
+        help="Read one of our columns under a CSV's own name for it, such as latitude_deg=lat; may "
+        "be repeated.",
     ),
     click.option(
         "--altitude-reference",
         type=click.Choice(["ellipsoid", "mean_sea_level", "above_takeoff"]),
-        help="What altitudes are above, where the file does not say.",
+        help="Take altitudes as above this, where the file does not say above what they are.",
     ),
     click.option(
         "--gps-order",
         type=click.Choice(["lat-lon", "lon-lat"]),
-        help="Order of an SRT's GPS(...) values, where the file does not show it.",
+        help="Take the GPS(A,B) values of a DJI subtitle file so, where it shows no order.",
     ),
     click.option(
         "--utc-offset-h",
         type=click.FloatRange(-14, 14),
         default=0.0,
-        help="Of the file's local time.",
+        show_default=True,
+        help="Take times without a zone as so many hours ahead of UTC.",
     ),
     click.option(
         "--max-speed-m-s",
         type=click.FloatRange(min=0, min_open=True, max=1000),
         default=150.0,
         show_default=True,
-        help="What cannot have been flown to at this speed is skipped.",
-    ),
-)
-replay_options = together(
-    click.option(
-        "--broker", metavar="URL", help="mqtt://HOST:PORT; loopback if there is no --udp either."
-    ),
-    click.option(
-        "--udp",
-        multiple=True,
-        metavar="ADDRESS:PORT",
-        help="Send datagrams there; 'recorded' is where each of them once went.",
-    ),
-    click.option("--ttl", type=click.IntRange(0, 255), default=1, help="Of multicast."),
-    click.option("--interface", metavar="NAME", help="By which multicast leaves."),
-    click.option(
-        "--topic",
-        "topics",
-        multiple=True,
-        metavar="OLD=NEW",
-        help="Topics that begin with the levels of OLD begin with NEW instead.",
-    ),
-    click.option("--speed", type=click.FloatRange(0.001, 10_000), default=1.0, show_default=True),
-    click.option("--fastest", is_flag=True, help="As fast as possible, without deadlines."),
-    part_options,
-    click.option(
-        "--loop",
-        "laps",
-        is_flag=False,
-        flag_value=0,
-        default=1,
-        type=click.IntRange(min=0),
-        metavar="[N]",
-        help="So many times; without N, until it is stopped.",
-    ),
-    date_option,
-    click.option(
-        "--stage",
-        type=click.Choice(["after", "before", "telemetry"]),
-        default="after",
-        show_default=True,
-        help="What left or was heard; what sensors handed to their links; what came in.",
-    ),
-    click.option("--truth", is_flag=True, help="The ledger too."),
-    click.option(
-        "--stamps",
-        metavar="HOW",
-        help="Times inside messages: keep, now, or so many seconds later. Without it keep, "
-        "but now for telemetry.",
-    ),
-    click.option("--json", "as_json", is_flag=True, help="End with the counts as JSON."),
-    click.option(
-        "--link",
-        "links",
-        multiple=True,
-        metavar="[TOPIC=]FILE",
-        help="TOML with the keys of a scene's [sensor.link]; each sensor has one of its own.",
-    ),
-    click.option("--latency-ms", type=NOT_NEGATIVE, help="Of a link for all that has no --link."),
-    click.option("--jitter-ms", type=NOT_NEGATIVE),
-    click.option("--loss", type=click.FloatRange(0, 1), metavar="PROBABILITY"),
-    click.option(
-        "--seed",
-        type=click.IntRange(0, (1 << 63) - 1),
-        default=0,
-        show_default=True,
-        help="Of the links.",
+        help="Skip positions that cannot have been flown to at this speed.",
     ),
 )
 

@@ -15,7 +15,7 @@ from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
-from plotfeed.feeds.telemetry.flights import _BY_SUFFIX, FlightOptions
+from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -121,7 +121,7 @@ def flight(suffix: str) -> Target:
 
     def read(data: bytes) -> None:
         options = FlightOptions(altitude_reference=AltitudeReference.ELLIPSOID)
-        _BY_SUFFIX[suffix](data, options, Log())
+        BY_SUFFIX[suffix](data, options, Log())
 
     return read
 
@@ -137,7 +137,7 @@ TARGETS: Mapping[str, Target] = {
     "sapient": sapient,
     "shown": shown,
     **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
-    **{f"flight-{suffix[1:]}": flight(suffix) for suffix in _BY_SUFFIX},
+    **{f"flight-{suffix[1:]}": flight(suffix) for suffix in BY_SUFFIX},
 }
 
 

@@ -106,7 +106,7 @@ def _of_text(read_text: Callable[[str, FlightOptions, Log], None]) -> Reader:
     return lambda data, options, log: read_text(data.decode("utf-8-sig", "replace"), options, log)
 
 
-_BY_SUFFIX: Mapping[str, Reader] = {
+BY_SUFFIX: Mapping[str, Reader] = {
     ".srt": _of_text(read_srt),
     ".csv": _of_text(read_table),
     ".tsv": _of_text(read_table),
@@ -159,14 +159,14 @@ def _reader(path: Path, data: bytes) -> Reader:
     if start.startswith(RECORD_START):
         return read_dataflash
     if start.startswith((b"<?xml", b"<gpx")):
-        return _BY_SUFFIX[".gpx"]
+        return BY_SUFFIX[".gpx"]
     if b"-->" in start:
-        return _BY_SUFFIX[".srt"]
-    if (by_name := _BY_SUFFIX.get(path.suffix.lower())) is not None:
+        return BY_SUFFIX[".srt"]
+    if (by_name := BY_SUFFIX.get(path.suffix.lower())) is not None:
         return by_name
     if looks_like_tlog(data):
         return read_tlog
-    raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(_BY_SUFFIX)}")
+    raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(BY_SUFFIX)}")
 
 
 __all__ = ["Flight", "FlightOptions", "GpsOrder", "read", "smoothed"]

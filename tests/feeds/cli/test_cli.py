@@ -44,14 +44,6 @@ def test_help_waits_for_no_library_of_a_session() -> None:
     assert done.stdout == "set()\n"
 
 
-def test_help_names_every_command() -> None:
-    done = plotfeed_here("--help")
-    assert done.returncode == 0
-    for name in ("demo", "run", "inject", "check", "show", "convert", "schema"):
-        assert f"  {name} " in done.stdout
-        assert plotfeed_here(name, "-h").returncode == 0
-
-
 def test_version_is_that_of_the_package() -> None:
     assert version("plotfeed") in plotfeed("--version").stdout
 

@@ -13,8 +13,6 @@ from support.command import PLOTFEED, plotfeed_here
 from support.recordings import plots, written
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
-from plotfeed.feeds.cli.main import cli
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 
 RF = """
@@ -202,19 +200,6 @@ def test_a_chart_without_a_known_suffix_is_refused(name: str, tmp_path: Path) ->
     assert done.returncode == 2
     assert "expected a name that ends in .png, .svg, .pdf" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
-
-
-def test_help_of_every_command_has_examples_that_are_commands() -> None:
-    assert cli.commands.keys() == SUMMARIES_AND_EXAMPLES.keys()
-    listed = plotfeed_here("--help").stdout
-    for name, (summary, examples) in SUMMARIES_AND_EXAMPLES.items():
-        assert f"  {summary}\n" in listed
-        told = plotfeed_here(name, "--help").stdout
-        for example in examples:
-            assert f"  plotfeed {example}\n" in told
-            verb, *words = example.split()
-            assert verb == name
-            cli.commands[name].make_context(name, words)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

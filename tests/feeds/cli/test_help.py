@@ -1,0 +1,141 @@
+"""What `--help` says of each command: sentences, formats, and examples, each of which is run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from support.brokers import free_port, mosquitto
+from support.command import plotfeed_here, running
+
+from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
+from plotfeed.feeds.cli.main import cli
+from plotfeed.feeds.cli.recording_commands import FORMATS
+from plotfeed.feeds.telemetry.flights import BY_SUFFIX
+
+ROOT = Path(__file__).parents[3]
+SIMULATED = "--broker none --speed max"
+SENTENCE = re.compile(r"[A-Z][a-z]+ [^ ].* [^ ]+[^.]\.")
+VERBS = re.compile(
+    "Add|Begin|Connect|Draw|Encode|End|Fly|Join|Judge|Let|Measure|Name|Print|Publish|Put|Read|"
+    "Record|Replace|Replay|Report|Run|Send|Serve|Show|Skip|Speak|Take|Trust|Write"
+)
+"""With which a sentence begins that says what an option does."""
+FILES = [
+    "MCAP" if name == "mcap" else "JSON lines" if name == "jsonl" else name for name in FORMATS
+]
+SPOKEN = {
+    "demo": ["ASTERIX", "SAPIENT", "protobuf", "MQTT"],
+    "run": ["TOML", "MCAP", "ASTERIX", "SAPIENT", "protobuf", "MQTT", "UDP"],
+    "inject": list(BY_SUFFIX),
+    "check": ["TOML", ".png", ".svg", ".pdf", "JSON"],
+    "show": [name for name in FILES if name != "csv"],
+    "replay": [name for name in FILES if name != "csv"],
+    "convert": FILES,
+    "record": ["mqtt://", "udp://", "MCAP"],
+    "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
+    "chart": ["TOML", "png", "svg", "JSON"],
+    "sensors": ["JSON"],
+    "schema": ["JSON schema", "protobuf", "AsyncAPI"],
+}
+"""Formats that a command reads and writes."""
+PARAMETERS = [
+    pytest.param(command, parameter, id=f"{name} {parameter.opts[0]}")
+    for name, command in cli.commands.items()
+    for parameter in command.params
+]
+
+
+@pytest.mark.parametrize(("command", "parameter"), PARAMETERS)
+def test_each_option_and_argument_is_told_of_in_a_sentence(
+    command: click.Command, parameter: click.Parameter
+) -> None:
+    if isinstance(parameter, click.Option):
+        told = parameter.help or ""
+        assert SENTENCE.fullmatch(told)
+        assert VERBS.fullmatch(told.split()[0])
+    else:  # click has no help of arguments: the command's text names them
+        name = parameter.make_metavar(click.Context(command)).strip("[]").split("-or-")[0]
+        assert re.search(rf"\b{name}\b", command.help or "", re.IGNORECASE if "-or-" else 0)
+
+
+@pytest.mark.parametrize("name", cli.commands)
+def test_help_names_the_formats_and_is_cut_nowhere(name: str) -> None:
+    told = plotfeed_here(name, "--help").stdout
+    joined = " ".join(told.split())
+    assert [word for word in SPOKEN[name] if word.lower() not in joined.lower()] == []
+    text = cli.commands[name].help or ""
+    assert all(sentence[-1] in ".:" for sentence in text.strip().split("\n\n"))
+    assert max(map(len, told.splitlines())) <= 80
+    assert "..." not in told
+
+
+def test_the_list_of_commands_has_whole_summaries() -> None:
+    assert cli.commands.keys() == SUMMARIES_AND_EXAMPLES.keys() == SPOKEN.keys()
+    listed = plotfeed_here("--help").stdout
+    assert max(map(len, listed.splitlines())) <= 80
+    for name, (summary, _) in SUMMARIES_AND_EXAMPLES.items():
+        assert re.search(rf"^  {name} +{re.escape(summary)}$", listed, re.MULTILINE)
+        assert summary.endswith(".")
+
+
+ENDS = {
+    "demo --duration 60": SIMULATED,
+    "run here.toml --record there.mcap": f"{SIMULATED} --duration 70",
+    "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
+    "inject flight.srt --now --takeoff-height-m 650": "--broker {broker}",
+    "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
+    "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",
+    "record udp://0.0.0.0:8600 udp.mcap": "--duration 0.1",
+    "replay there.mcap": "--broker {broker} --fastest",
+    "replay here.pcap --udp 127.0.0.1:8600 --speed 2": "--fastest",
+}
+"""What makes an example end soon, or go to the broker of the test."""
+
+
+@pytest.fixture(scope="module")
+def beside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
+    """A folder with what examples name, and a broker at which a session runs."""
+    folder, port = tmp_path_factory.mktemp("examples"), free_port()
+    subtitles = (ROOT / "tests" / "golden" / "flights" / "eight.srt").read_text()
+    (folder / "flight.srt").write_text("\n\n".join(subtitles.split("\n\n")[:4]))
+    scene = (ROOT / "examples" / "scenes" / "radar-udp.toml").read_text()
+    for theirs, ours in (
+        ("127.0.0.1:8600", f"127.0.0.1:{free_port()}"),
+        ("latitude_deg = 40.45", "latitude_deg = 43.31"),
+        ("longitude_deg = -3.73", "longitude_deg = -5.9"),
+    ):
+        assert theirs in scene
+        scene = scene.replace(theirs, ours)
+    (folder / "here.toml").write_text(scene)
+    with mosquitto(folder, port):
+        broker = f"mqtt://127.0.0.1:{port}"
+        with running("run", folder / "here.toml", "--broker", broker):
+            yield folder, broker
+
+
+def test_every_example_does_what_it_says(
+    beside: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, broker = beside
+    monkeypatch.chdir(folder)
+    examples = [line for _, lines in SUMMARIES_AND_EXAMPLES.values() for line in lines]
+    assert ENDS.keys() <= set(examples)
+    order = {"run": 0, "convert": 1}  # others read what they write
+    for example in sorted(examples, key=lambda line: order.get(line.split()[0], 2)):
+        assert f"  plotfeed {example}\n" in plotfeed_here(example.split()[0], "--help").stdout
+        words = shlex.split(f"{example} {ENDS.get(example, '')}".format(broker=broker))
+        words = [
+            word.replace("mqtt://127.0.0.1:1883", broker).replace(":8600", f":{free_port()}")
+            for word in words
+        ]
+        done = plotfeed_here(*words)
+        assert done.returncode == 0, (example, done.stdout, done.stderr)
+        assert done.stdout.strip(), example
+    for name in ("here.ast", "here.pcap", "here.png", "there.png", "part.mcap", "heard.mcap"):
+        assert (folder / name).stat().st_size > 100, name
+    assert list((folder / "figures").glob("*.png"))
