@@ -1,4 +1,4 @@
-"""Tracks of a sensor that tracks on board: the truth with a filter's errors, and their lives."""
+"""Tracks as a sensor on board makes them, and one way to them: the truth with a filter's errors."""
 
 from __future__ import annotations
 
@@ -10,132 +10,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, trimmed, with_room
-
-MAX_TRACKS = 65535
-"""Numbers are 1 to this: what 16 bits hold but 0."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackRule:
-    """A track begins with `confirm_hits` among `confirm_window` looks, ends with `drop_misses`.
-
-    A sensor looks at a drone once a period. One that it has not looked at for a period and
-    `patience_ns` counts as missed: a beam comes by a little earlier or later.
-    """
-
-    confirm_hits: int
-    confirm_window: int
-    drop_misses: int
-    period_ns: int
-    patience_ns: int = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class LivingTracks(Columns):
-    """Tracks that were hit or missed; `misses` are those in a row, `hit_utc_ns` the last hit's."""
-
-    drone: Ints
-    track: Ints
-    misses: Ints
-    hit_utc_ns: Ints
-    first: Bools
-    last: Bools
-
-
-_OF_LIVES = ("_looked_ns", "_hit_ns", "_misses", "_track", "_hits")
-
-
-class TrackLives:
-    """The tracks of one sensor, fed with its looks sector by sector."""
-
-    def __init__(self, rule: TrackRule) -> None:
-        self._rule = rule
-        self._end_ns: int | None = None
-        self._newest = 0
-        self._looked_ns: Ints = np.zeros(0, np.int64)  # 0 for a drone that is not followed
-        self._hit_ns: Ints = np.zeros(0, np.int64)
-        self._misses: Ints = np.zeros(0, np.int64)
-        self._track: Ints = np.zeros(0, np.int64)  # 0 for none
-        self._hits: Bools = np.zeros((0, rule.confirm_window), np.bool_)
-
-    @property
-    def drones(self) -> Ints:
-        """The drones that have a track, or were detected of late."""
-        return np.flatnonzero(self._looked_ns)
-
-    def take(
-        self, drone: Ints, t_utc_ns: Ints, hit: Bools, *, start_ns: int, end_ns: int
-    ) -> LivingTracks:
-        """The tracks to report after a sector, by drone; one look a drone, with ascending indices.
-
-        Time between this sector and the one before it is not counted: nobody looked.
-        """
-        self._make_room(int(drone[-1]) + 1 if len(drone) else 0)
-        self._stand_still_until(start_ns)
-        self._end_ns = end_ns
-        missed = self._not_looked_at(drone, end_ns)
-        self._looked_ns[missed] += self._rule.period_ns
-        self._looked_ns[drone] = t_utc_ns
-        self._hit_ns[drone[hit]] = t_utc_ns[hit]
-        self._count(missed, np.zeros(len(missed), np.bool_))
-        self._count(drone, hit)
-        first = self._begin(drone[hit])
-        found = np.union1d(drone, missed)
-        found = found[self._track[found] > 0]
-        living = LivingTracks(
-            drone=found,
-            track=self._track[found],
-            misses=self._misses[found],
-            hit_utc_ns=self._hit_ns[found],
-            first=np.isin(found, first),
-            last=self._misses[found] >= self._rule.drop_misses,
-        )
-        self._forget(living.drone[living.last])
-        return living
-
-    def forget(self, drone: Ints, n: int) -> None:
-        """Take those drones for others; there are n, and no room is kept for many more."""
-        self._forget(drone[drone < len(self._track)])
-        n = max(n, int(self.drones.max(initial=-1)) + 1)
-        for name in _OF_LIVES:
-            setattr(self, name, trimmed(getattr(self, name), n))
-
-    def _make_room(self, drones: int) -> None:
-        for name in _OF_LIVES:
-            setattr(self, name, with_room(getattr(self, name), drones))
-
-    def _stand_still_until(self, start_ns: int) -> None:
-        if self._end_ns is not None and start_ns > self._end_ns:
-            self._looked_ns[self.drones] += start_ns - self._end_ns
-
-    def _not_looked_at(self, looked_at: Ints, end_ns: int) -> Ints:
-        """The drones whose look is overdue at the end of a sector."""
-        known = np.setdiff1d(self.drones, looked_at)
-        due_ns = self._looked_ns[known] + self._rule.period_ns + self._rule.patience_ns
-        return known[due_ns <= end_ns]
-
-    def _count(self, drone: Ints, hit: Bools) -> None:
-        self._hits[drone] = np.concatenate([self._hits[drone, 1:], hit[:, None]], axis=1)
-        self._misses[drone] = np.where(hit, 0, self._misses[drone] + 1)
-        self._forget(drone[~self._hits[drone].any(axis=1) & (self._track[drone] == 0)])
-
-    def _begin(self, drone: Ints) -> Ints:
-        """Give numbers to the drones that were hit often enough and have none; those drones."""
-        often = self._hits[drone].sum(axis=1) >= self._rule.confirm_hits
-        new: Ints = drone[often & (self._track[drone] == 0)]
-        taken = set(self._track[self._track > 0].tolist()) if len(new) else set()
-        new = new[: MAX_TRACKS - len(taken)]
-        for row in new:
-            self._newest = self._newest % MAX_TRACKS + 1
-            while self._newest in taken:
-                self._newest = self._newest % MAX_TRACKS + 1
-            taken.add(self._newest)
-            self._track[row] = self._newest
-        return new
-
-    def _forget(self, drone: Ints) -> None:
-        for column in (self._looked_ns, self._misses, self._track, self._hits):
-            column[drone] = 0
+from plotfeed.models.track_lives import TrackLives, TrackRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +88,8 @@ class LocalStates(Columns):
 class TrackStates(Columns):
     """Tracks at one time, east, north and up of one place; vectors and sigmas are (n, 3).
 
-    `misses` are the looks since the last plot, of which `age_s` is the age.
+    `misses` are the looks since the last plot, of which `age_s` is the age. `drone` is -1 where
+    nobody knows; `has_height` tells whether the sensor measures where a track is upwards.
     """
 
     drone: Ints
@@ -225,6 +101,8 @@ class TrackStates(Columns):
     position_enu_m: Floats
     velocity_enu_m_s: Floats
     sigma_position_m: Floats
+    sigma_velocity_m_s: Floats
+    has_height: Bools
 
 
 _OF_SMOOTHED = ("_t_ns", "_units", "_covariance_m2", "_states")
@@ -263,8 +141,9 @@ class SmoothedTruth:
         start_ns: int,
         end_ns: int,
         rng: np.random.Generator,
+        has_height: bool = True,
     ) -> TrackStates:
-        """The tracks to report at the end of a sector.
+        """The tracks to report at the end of a sector, of a sensor that has heights or has none.
 
         `truth` is of that time, for the drones looked at and those in `drones`, as far as they are
         still there. A track whose drone is gone flies straight on until it ends.
@@ -295,6 +174,8 @@ class SmoothedTruth:
             position_enu_m=self._states[living.drone, 0] + scale * shaped_m[:, 0],
             velocity_enu_m_s=self._states[living.drone, 1] + rate_hz * shaped_m[:, 1],
             sigma_position_m=scale * sigma_m,
+            sigma_velocity_m_s=rate_hz * sigma_m,
+            has_height=np.full(len(living), has_height, np.bool_),
         )
 
     def _make_room(self, drones: int) -> None:

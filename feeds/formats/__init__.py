@@ -25,6 +25,7 @@ from plotfeed.feeds.formats.message_format import (
 from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
 from plotfeed.feeds.formats.seen import Seen, SeenSector
+from plotfeed.feeds.formats.sensor_tracks import SceneTracks
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -87,9 +88,11 @@ class SceneFormats:
         self._report = np.array([self._reports.index(names) for names in asked], np.int64)
         wanted = dict.fromkeys(name for names in self._reports for name in names)
         self._formats = {name: FORMATS[name].make(scene) for name in wanted}
+        self._tracks = SceneTracks(scene)
 
     def messages(self, seen: Seen) -> list[list[Message]]:
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
+        seen = self._tracks.tracked(seen)
         if len(self._reports) == 1:
             return self._in_formats(0, seen)
         return seen.in_groups(self._report[seen.sectors.sensor], self._in_formats)

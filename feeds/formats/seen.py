@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self, TypeVar
 
@@ -14,6 +14,7 @@ from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.models.state import Columns, Ints, Looks, Plots, TruthState
 from plotfeed.proto.asterix.codec.reports import Parts
+from plotfeed.proto.tracks.told_tracks import NO_TRACKS, ToldTracks
 
 C = TypeVar("C", bound=Columns)
 T = TypeVar("T")
@@ -37,6 +38,8 @@ class SeenSector:
     """Where drones, by index, truly are at a time, as far as the sensor can tell."""
     clock_ahead_ns: int
     names: Sequence[str]
+    tracks: ToldTracks = NO_TRACKS
+    """At its end."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,15 @@ class Seen:
     clock_ahead_ns: int = 0
     names: Sequence[str] = ()
     """Of the drones then, by index."""
+    tracks: ToldTracks = NO_TRACKS
+    """Of sensors that report tracks, at the ends of their sectors, as rows by sector."""
+    tracked_by: Ints | None = None
+    """Where the tracks of each sector begin, (m+1,); None where no sensor reports any."""
+
+    @property
+    def tracks_by(self) -> Ints:
+        """Where the tracks of each sector begin, (m+1,)."""
+        return np.zeros(len(self) + 1, np.int64) if self.tracked_by is None else self.tracked_by
 
     @classmethod
     def of_one(
@@ -112,6 +124,7 @@ class Seen:
             truth_at=lambda t_utc_ns, drones: self.truth_at(i, t_utc_ns, drones),
             clock_ahead_ns=self.clock_ahead_ns,
             names=self.names,
+            tracks=self.tracks.between(int(self.tracks_by[i]), int(self.tracks_by[i + 1])),
         )
 
     def rows(self, which: Ints) -> Seen:
@@ -120,6 +133,9 @@ class Seen:
         looks, looks_by = self.looks, self.looks_by
         if looks_by is not None:
             looks, looks_by = of_parts(looks, looks_by, which)
+        tracks, tracked_by = self.tracks, self.tracked_by
+        if tracked_by is not None:
+            tracks, tracked_by = of_parts(tracks, tracked_by, which)
         numbers, truth_at = which.tolist(), self.truth_at
         return Seen(
             sectors=self.sectors.rows(which),
@@ -130,7 +146,13 @@ class Seen:
             truth_at=lambda i, t_utc_ns, drones: truth_at(numbers[i], t_utc_ns, drones),
             clock_ahead_ns=self.clock_ahead_ns,
             names=self.names,
+            tracks=tracks,
+            tracked_by=tracked_by,
         )
+
+    def with_tracks(self, tracks: ToldTracks, tracks_by: Ints) -> Seen:
+        """The same with those tracks, of each sector from where `tracks_by` says, (m+1,)."""
+        return replace(self, tracks=tracks, tracked_by=tracks_by)
 
     def in_groups(self, groups: Ints, make: Callable[[int, Seen], list[T]]) -> list[T]:
         """What `make` makes of the sectors of each group, (m,), put in the sectors' order."""

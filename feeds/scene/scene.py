@@ -31,7 +31,7 @@ from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.source_codes import check_sources, numbered
+from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -177,7 +177,7 @@ class Scene(SceneTable):
     def _sensors_are_numbered(cls, tree: Any) -> Any:
         if not isinstance(tree, dict) or not isinstance(tree.get("sensor"), list | tuple):
             return tree
-        return {**tree, "sensor": numbered(tree["sensor"])}
+        return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:

@@ -1,4 +1,4 @@
-"""Who says it in ASTERIX: a SAC and SIC for each sensor, which no other sensor of the scene has."""
+"""What no two sensors of a scene may share: SAC and SIC in ASTERIX, and the numbers of tracks."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
-from plotfeed.feeds.scene.sensors import SensorKeys
+from plotfeed.feeds.scene.sensors import SENSORS, SensorKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys
+from plotfeed.models.track_lives import MAX_TRACKS
 
 LAST_CODE = 255
+FEWEST_NUMBERS = 1000
+"""That a sensor must have for its tracks; where there are too many sensors, none has its own."""
 Source = tuple[int, int]
 """System area code and system identification code."""
 
@@ -70,3 +74,35 @@ def check_sources(sensors: Sequence[SensorKeys]) -> None:
                 f"{sensor.sic}, and both report in ASTERIX, which tells them apart by that alone; "
                 "leave out sic, and they are numbered"
             )
+
+
+def with_track_numbers(sensors: Sequence[Any]) -> list[Any]:
+    """Tables of sensors, those that report tracks with an even share of their numbers each.
+
+    A sensor that states its own keeps them, one that is alone has all, and so has each where all
+    report in ASTERIX, whose records say of whom they are.
+    """
+    formats = [_track_formats(sensor) for sensor in sensors]
+    tracking = [n for n, names in enumerate(formats) if names]
+    share = MAX_TRACKS // max(len(tracking), 1)
+    is_asterix = all(REPORT_FORMATS[name].categories for names in formats for name in names)
+    found = list(sensors)
+    if is_asterix or len(tracking) < 2 or share < FEWEST_NUMBERS:
+        return found
+    for place, n in enumerate(tracking):
+        tracks = sensors[n].get("tracks", {})
+        if isinstance(tracks, dict):
+            numbers = (place * share + 1, (place + 1) * share)
+            found[n] = {**sensors[n], "tracks": {"numbers": numbers, **tracks}}
+    return found
+
+
+def _track_formats(sensor: Any) -> list[str]:
+    """The formats of tracks in which a table's sensor reports."""
+    if not isinstance(sensor, dict) or not isinstance(sensor.get("report"), list | tuple):
+        return []
+    kind = SENSORS.get(str(sensor.get("type")))
+    if kind is None or not issubclass(kind, TrackingSensorKeys):
+        return []
+    names = [name for name in sensor["report"] if isinstance(name, str) and name in REPORT_FORMATS]
+    return [name for name in names if REPORT_FORMATS[name].tells_tracks]

@@ -10,7 +10,7 @@ from support.held_sizes import held
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.state import NS, Emitter, Signature, renamed
-from plotfeed.models.tracks import TrackLives, TrackRule
+from plotfeed.models.track_lives import TrackLives, TrackRule
 from plotfeed.models.truth import Trajectories
 
 T0 = 1_767_268_800 * NS

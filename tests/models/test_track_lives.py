@@ -4,12 +4,10 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models import tracks
-from plotfeed.models.tracks import LivingTracks, TrackLives, TrackRule
+from plotfeed.models.track_lives import LivingTracks, TrackLives, TrackRule
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -129,9 +127,8 @@ def test_a_beam_may_come_by_half_a_turn_late() -> None:
     assert told[20].last.tolist() == [True]
 
 
-def test_numbers_start_again_and_leave_out_those_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MAX_TRACKS", 3)
-    rule = TrackRule(confirm_hits=1, confirm_window=1, drop_misses=1, period_ns=S)
+def test_numbers_start_again_and_leave_out_those_in_use() -> None:
+    rule = TrackRule(confirm_hits=1, confirm_window=1, drop_misses=1, period_ns=S, last_number=3)
     lives = TrackLives(rule)
     assert feed(lives, 0, (HIT, HIT)).track.tolist() == [1, 2]
     assert feed(lives, 1, (HIT, MISS)).track.tolist() == [1, 2]

@@ -33,6 +33,7 @@ from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.track_lives import MAX_TRACKS
 from plotfeed.proto.utc import NS
 
 
@@ -253,22 +254,40 @@ class VolumeKeys(AzimuthCoverKeys):
         return self
 
 
-class TracksKeys(SceneTable):
-    """How tracks begin and end, and how smooth they are: used by asterix-062 alone."""
+TrackNumber = Annotated[int, Field(ge=1, le=MAX_TRACKS)]
 
+
+class TracksKeys(SceneTable):
+    """Which tracks a sensor reports, and how they begin and end: of formats that tell of tracks."""
+
+    kind: Literal["smoothed-truth", "plain"] = "smoothed-truth"
+    """smoothed-truth is the truth with a filter's errors, and no tracker; plain is a plain tracker
+    of the sensor's plots, with its misses, swaps and false tracks."""
     confirm_hits: Annotated[int, Field(ge=1, le=50)] = 3
-    """Detections of a drone with which a track begins, among its last `confirm_window` looks."""
+    """Detections with which a track begins, among the last `confirm_window` looks at a drone; of a
+    plain tracker, plots among as many looks from the first one on."""
     confirm_window: Annotated[int, Field(ge=1, le=50)] = 5
     """Looks among which they are counted."""
     drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
     """Looks in a row without a detection after which it ends."""
     smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
-    """Memory of the filter: a plot that is so many scans old weighs 1/e."""
+    """Memory of the filter of smoothed truth: a plot that is so many scans old weighs 1/e."""
+    acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    """That a plain tracker expects of drones along each axis, anew every scan."""
+    initial_speed_m_s: Annotated[float, Field(gt=0, le=1000)] = 15.0
+    """Standard deviation along each axis of the velocity with which its tracks begin."""
+    gate_probability: Annotated[float, Field(ge=0.5, le=0.999999)] = 0.999
+    """That the right plot lies within the gate of its tracks."""
+    numbers: Annotated[tuple[TrackNumber, TrackNumber], Field(strict=False)] = (1, MAX_TRACKS)
+    """First and last number of its tracks; without it 1 to 65535, or, where several sensors report
+    tracks and not all of them in ASTERIX, an even share of these that is the sensor's alone."""
 
     @model_validator(mode="after")
     def _can_begin(self) -> Self:
         if self.confirm_hits > self.confirm_window:
             raise ValueError("confirm_hits: must not exceed confirm_window")
+        if self.numbers[0] > self.numbers[1]:
+            raise ValueError("numbers: the first must not exceed the last")
         return self
 
 
@@ -276,7 +295,7 @@ class TrackingSensorKeys(SensorKeys):
     """A sensor that may report tracks."""
 
     tracks: TracksKeys = TracksKeys()
-    """For asterix-062."""
+    """For asterix-062 and the other formats of tracks."""
 
 
 def gain_or_of_beam(

@@ -1,0 +1,251 @@
+"""Tracks of a scene's sensors, made once for all formats that tell of tracks.
+
+Which kind a sensor has its keys say: the truth, smoothed, or what a plain tracker makes of plots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from plotfeed.feeds.formats.seen import Seen, SeenSector
+from plotfeed.feeds.scene.fields import frame_at, site_frame
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksKeys
+from plotfeed.models.accuracy import stated_covariance_m2
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracker
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, renamed
+from plotfeed.models.track_lives import TrackRule
+from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
+from plotfeed.proto.tracks.told_tracks import ToldTracks
+
+LEAST_SIGMA_M = 0.01
+"""An error of less has a plot that claims none: a filter needs some."""
+UNMEASURED_SIGMA_M = 1.0
+"""Of a height that is not measured: a tracker on a plane holds targets to it."""
+
+
+class SensorTracker(Protocol):
+    """Whatever makes the tracks of one sensor, fed sector by sector."""
+
+    def take(self, seen: SeenSector) -> TrackStates:
+        """The tracks at the end of a sector, east, north and up of the scene's site."""
+
+
+class SceneTracks:
+    """The trackers of the sensors that report in a format of tracks."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._site = site_frame(scene.scene.site)
+        self._trackers: dict[int, SensorTracker] = {}
+        for i, sensor in enumerate(scene.sensor):
+            if any(REPORT_FORMATS[name].tells_tracks for name in sensor.report):
+                is_plain = _keys_of(sensor).kind == "plain"
+                kind = _PlainTracks if is_plain else _SmoothedTruth
+                self._trackers[i] = kind(scene, sensor, self._site)
+
+    def tracked(self, seen: Seen) -> Seen:
+        """The same with the tracks at the ends of its sectors."""
+        if not self._trackers:
+            return seen
+        trackers = [self._trackers.get(sensor) for sensor in seen.sectors.sensor.tolist()]
+        states = [
+            _NO_STATES if tracker is None else tracker.take(seen.one(i))
+            for i, tracker in enumerate(trackers)
+        ]
+        lengths = np.array([len(each) for each in states], np.int64)
+        t_utc_ns = np.repeat(seen.sectors.end_ns, lengths)
+        return seen.with_tracks(
+            self._told(TrackStates.joined(states or [_NO_STATES]), t_utc_ns),
+            np.concatenate([[0], np.cumsum(lengths)]),
+        )
+
+    def _told(self, states: TrackStates, t_utc_ns: Ints) -> ToldTracks:
+        """Tracks on the Earth; no height of those of a sensor that measures none."""
+        latitude_deg, longitude_deg, height_m = self._site.to_geodetic(states.position_enu_m)
+        climb_m_s = _along_vertical(
+            self._site, states.velocity_enu_m_s, latitude_deg, longitude_deg
+        )
+        sigma_m, sigma_m_s = states.sigma_position_m, states.sigma_velocity_m_s
+
+        def if_measured(column: Floats) -> Floats:
+            return np.where(states.has_height, column, np.nan)
+
+        return ToldTracks(
+            track=states.track,
+            t_utc_ns=t_utc_ns,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            east_m=states.position_enu_m[:, 0],
+            north_m=states.position_enu_m[:, 1],
+            velocity_east_m_s=states.velocity_enu_m_s[:, 0],
+            velocity_north_m_s=states.velocity_enu_m_s[:, 1],
+            height_m=if_measured(height_m),
+            climb_m_s=if_measured(climb_m_s),
+            age_s=states.age_s,
+            sigma_east_m=sigma_m[:, 0],
+            sigma_north_m=sigma_m[:, 1],
+            sigma_up_m=if_measured(sigma_m[:, 2]),
+            sigma_velocity_east_m_s=sigma_m_s[:, 0],
+            sigma_velocity_north_m_s=sigma_m_s[:, 1],
+            sigma_climb_m_s=if_measured(sigma_m_s[:, 2]),
+            tentative=np.zeros(len(states), np.bool_),
+            coasted=states.misses > 0,
+            first=states.first,
+            last=states.last,
+        )
+
+
+class _SmoothedTruth:
+    """The truth with a filter's errors, of one sensor."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, site: LocalFrame) -> None:
+        here = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._site = site
+        self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
+        self._tracks = SmoothedTruth(_rule_of(sensor), _keys_of(sensor).smoothing_scans)
+        self._has_height = False
+        self._names: Sequence[str] = ()
+        """Of drones by index, when it last knew of them."""
+        self._chance = Chance(scene.scene.seed, sensor.id)
+
+    def take(self, seen: SeenSector) -> TrackStates:
+        """The tracks at the end of a sector."""
+        sector, ahead_ns = seen.sector, seen.clock_ahead_ns
+        if seen.names is not self._names:
+            others = renamed(self._names, seen.names)
+            # A track whose drone is forgotten ends by itself, unless another has its row.
+            reused = [row for row in others.tolist() if row < len(seen.names) and seen.names[row]]
+            self._tracks.forget(np.array(reused, np.int64), len(seen.names))
+            self._names = seen.names
+        looks = self._looks(seen.looks, seen.plots)
+        return self._tracks.take(
+            looks,
+            self._truth(seen, np.union1d(looks.drone, self._tracks.drones)),
+            start_ns=sector.start_ns - ahead_ns,
+            end_ns=sector.end_ns - ahead_ns,
+            rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
+            has_height=self._has_height,
+        )
+
+    def _looks(self, looks: Looks, plots: Plots) -> TrackerLooks:
+        """One look a drone, however many signals it was looked at by, and its best plot's error."""
+        drone, at = np.unique(looks.drone, return_index=True)
+        plots = plots.rows(plots.drone != FALSE_ALARM)
+        self._has_height = self._has_height or bool((~np.isnan(plots.sigma_elevation_deg)).any())
+        covariance_m2 = stated_covariance_m2(plots)
+        order = np.lexsort((np.trace(covariance_m2, axis1=1, axis2=2), plots.drone))
+        plotted, best = np.unique(plots.drone[order], return_index=True)
+        covariance_m2 = covariance_m2[order[best]]
+        hit: Bools = np.isin(drone, plotted)
+        errors_m2 = np.full((len(drone), 3, 3), np.nan)
+        errors_m2[hit] = np.einsum("ia,nab,jb->nij", self._to_site, covariance_m2, self._to_site)
+        return TrackerLooks(
+            drone=drone, t_utc_ns=looks.t_utc_ns[at], hit=hit, covariance_m2=errors_m2
+        )
+
+    def _truth(self, seen: SeenSector, drones: Ints) -> LocalStates:
+        truth = seen.truth_at(seen.sector.end_ns, drones)
+        return LocalStates(
+            drone=truth.drone,
+            position_enu_m=self._site.from_ecef(truth.position_ecef_m),
+            velocity_enu_m_s=self._site.rotate_from_ecef(truth.velocity_ecef_m_s),
+        )
+
+
+class _PlainTracks:
+    """What a plain tracker makes of the plots of one sensor, which it is given before its link."""
+
+    def __init__(self, scene: Scene, sensor: Sensor, site: LocalFrame) -> None:
+        self._here = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._site = site
+        self._to_site = site.rotation_from_ecef @ self._here.rotation_from_ecef.T
+        keys = _keys_of(sensor)
+        motion = PlainMotion(
+            density_m2_s3=keys.acceleration_m_s2**2 * sensor.scan.period_s,
+            initial_speed_m_s=keys.initial_speed_m_s,
+            gate_probability=keys.gate_probability,
+        )
+        turns = sensor.scan.sectors > 1
+        self._tracker = PlainTracker(_rule_of(sensor), motion, turns=turns)
+
+    def take(self, seen: SeenSector) -> TrackStates:
+        """The tracks at the end of a sector."""
+        start_ns, end_ns = seen.sector.start_ns, seen.sector.end_ns
+        return self._tracker.take(self._located(seen.plots), start_ns=start_ns, end_ns=end_ns)
+
+    def _located(self, plots: Plots) -> LocatedPlots:
+        """Plots as places about the site; without an elevation, on the sensor's horizontal."""
+        has_height = ~np.isnan(plots.elevation_deg)
+        elevation_deg = np.where(has_height, plots.elevation_deg, 0.0)
+        there_m = aer_to_enu(plots.azimuth_deg, elevation_deg, plots.range_m)
+        position_m = self._site.from_ecef(self._here.to_ecef(there_m))
+        covariance_m2 = stated_covariance_m2(plots) + LEAST_SIGMA_M**2 * np.eye(3)
+        covariance_m2[~has_height, 2, 2] += UNMEASURED_SIGMA_M**2
+        covariance_m2 = np.einsum("ia,nab,jb->nij", self._to_site, covariance_m2, self._to_site)
+        located = LocatedPlots(
+            t_utc_ns=plots.t_utc_ns,
+            channel=plots.channel,
+            position_enu_m=position_m,
+            covariance_m2=covariance_m2,
+            has_height=has_height,
+        )
+        is_place = np.isfinite(position_m).all(axis=1)
+        return located.rows(is_place & np.isfinite(covariance_m2).all(axis=(1, 2)))
+
+
+def _keys_of(sensor: Sensor) -> TracksKeys:
+    return sensor.tracks if isinstance(sensor, TrackingSensorKeys) else TracksKeys()
+
+
+def _rule_of(sensor: Sensor) -> TrackRule:
+    keys, period_ns = _keys_of(sensor), sensor.scan.period_ns
+    first, last = keys.numbers
+    return TrackRule(
+        confirm_hits=keys.confirm_hits,
+        confirm_window=keys.confirm_window,
+        drop_misses=keys.drop_misses,
+        period_ns=period_ns,
+        patience_ns=period_ns // 2 if sensor.scan.rotates else 0,
+        first_number=first,
+        last_number=last,
+    )
+
+
+def _along_vertical(
+    frame: LocalFrame, velocity_enu_m_s: Floats, latitude_deg: Floats, longitude_deg: Floats
+) -> Floats:
+    """The part of velocities in a frame that is upward where each is; (n,)."""
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    up = np.stack(
+        [
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+        ],
+        axis=-1,
+    )
+    climb_m_s: Floats = (frame.rotate_to_ecef(velocity_enu_m_s) * up).sum(axis=-1)
+    return climb_m_s
+
+
+_NO_INTS, _NO_BOOLS, _NO_PLACES = np.zeros(0, np.int64), np.zeros(0, np.bool_), np.zeros((0, 3))
+_NO_STATES = TrackStates(
+    drone=_NO_INTS,
+    track=_NO_INTS,
+    misses=_NO_INTS,
+    age_s=np.zeros(0),
+    first=_NO_BOOLS,
+    last=_NO_BOOLS,
+    position_enu_m=_NO_PLACES,
+    velocity_enu_m_s=_NO_PLACES,
+    sigma_position_m=_NO_PLACES,
+    sigma_velocity_m_s=_NO_PLACES,
+    has_height=_NO_BOOLS,
+)

@@ -1,0 +1,294 @@
+"""A plain tracker of one sensor's plots: it knows no truth, so it misses, swaps and is deceived.
+
+Kalman's filter of constant velocity, one plot a track by the least sum of statistical distances
+within a gate (global nearest neighbour: Blackman and Popoli, Design and Analysis of Modern Tracking
+Systems, section 6.4), tracks that begin with M plots in N looks and end with misses in a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
+
+from plotfeed.models.constant_velocity import AXES, distances2, predicted, updated
+from plotfeed.models.state import FALSE_ALARM, NS, Bools, Columns, Floats, Ints
+from plotfeed.models.track_lives import TrackNumbers, TrackRule
+from plotfeed.models.tracks import TrackStates
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocatedPlots(Columns):
+    """Plots as places with their errors, along three fixed axes: (n,), (n, 3) and (n, 3, 3).
+
+    All are finite, and errors positive definite. `channel` is that of plots.
+    """
+
+    t_utc_ns: Ints
+    channel: Ints
+    position_enu_m: Floats
+    covariance_m2: Floats
+    has_height: Bools
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlainMotion:
+    """What the filter takes for granted of targets, and how far off a plot of theirs may lie."""
+
+    density_m2_s3: float
+    """Of white acceleration."""
+    initial_speed_m_s: float
+    """Standard deviation of a new track's velocity along each axis."""
+    gate_probability: float
+    """That the right plot lies within the gate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tracks(Columns):
+    """All tracks, begun (`track` above 0) or not: each is as of its last plot."""
+
+    track: Ints
+    t_ns: Ints
+    states: Floats
+    covariances: Floats
+    looked_ns: Ints
+    looks: Ints
+    hits: Ints
+    misses: Ints
+    is_hit: Bools
+    """In the sector at hand."""
+    channel: Ints
+    """By which it was hit last."""
+    has_height: Bools
+
+
+class PlainTracker:
+    """The tracks of one sensor, fed with its plots sector by sector."""
+
+    def __init__(self, rule: TrackRule, motion: PlainMotion, *, turns: bool) -> None:
+        """`turns` says that a target is in one of several sectors, and not in each."""
+        self._rule, self._motion, self._turns = rule, motion, turns
+        self._numbers = TrackNumbers(rule.first_number, rule.last_number)
+        self._gates = {n: float(chi2.ppf(motion.gate_probability, n)) for n in (2, 3)}
+        self._end_ns: int | None = None
+        self._tracks = self._begun(_NO_PLOTS, 0)
+
+    def __len__(self) -> int:
+        """How many tracks there are, with those that have no number yet."""
+        return len(self._tracks)
+
+    def take(self, plots: LocatedPlots, *, start_ns: int, end_ns: int) -> TrackStates:
+        """The tracks to report at the end of a sector: those that had a plot in it, or missed one.
+
+        Time between this sector and the one before it is not counted: nobody looked.
+        """
+        tracks = self._tracks
+        if self._end_ns is not None and start_ns > self._end_ns:
+            tracks = tracks.but(looked_ns=tracks.looked_ns + (start_ns - self._end_ns))
+        self._end_ns = end_ns
+        self._tracks = tracks.but(is_hit=np.zeros(len(tracks), np.bool_))
+        for channel in np.unique(plots.channel).tolist():
+            self._associate(plots.rows(plots.channel == channel), end_ns)
+        missed = self._count_misses(end_ns)
+        first = self._confirm()
+        reported = (self._tracks.is_hit | missed) & (self._tracks.track > 0)
+        told = self._told(np.flatnonzero(reported), first, end_ns)
+        self._end_tracks()
+        return told
+
+    def _associate(self, plots: LocatedPlots, end_ns: int) -> None:
+        """Give plots of a channel to tracks, first to those that have begun, and begin the rest."""
+        free = np.ones(len(plots), np.bool_)
+        n = len(self._tracks)
+        for has_begun in (True, False):
+            among = np.flatnonzero((self._tracks.track[:n] > 0) == has_begun)
+            left = np.flatnonzero(free)
+            row, plot = self._pairs(among, plots.rows(left))
+            self._hit(row, plots.rows(left[plot]), end_ns)
+            free[left[plot]] = False
+        if free.any():
+            anew = self._begun(plots.rows(free), end_ns)
+            self._tracks = _Tracks.joined([self._tracks, anew])
+
+    def _pairs(self, among: Ints, plots: LocatedPlots) -> tuple[Ints, Ints]:
+        """Rows of tracks and of plots that belong together, (k,) each."""
+        row, plot = self._near(among, plots)
+        tracks = self._tracks
+        since_ns = plots.t_utc_ns[plot] - tracks.t_ns[row]
+        # In one turn a beam meets a target once; other transmitters show it again in the same.
+        again = tracks.is_hit[row] & (tracks.channel[row] != plots.channel[plot])
+        open_to = again | ~tracks.is_hit[row]
+        if self._turns:
+            open_to &= again | (since_ns >= self._rule.period_ns // 2)
+        row, plot, since_ns = row[open_to], plot[open_to], since_ns[open_to]
+        states, spread = self._at(row, since_ns)
+        errors_m2 = plots.covariance_m2[plot]
+        far2 = distances2(states, spread, plots.position_enu_m[plot], errors_m2)
+        gate2 = np.where(plots.has_height[plot], self._gates[3], self._gates[2])
+        within = far2 <= gate2
+        chosen = least_sum(row[within], plot[within], (far2 - gate2)[within])
+        return row[within][chosen], plot[within][chosen]
+
+    def _near(self, among: Ints, plots: LocatedPlots) -> tuple[Ints, Ints]:
+        """Pairs of tracks and plots that may lie within a gate of each other, and some more."""
+        if not len(among) or not len(plots):
+            return _NONE, _NONE
+        around_ns = int(np.median(plots.t_utc_ns))
+        off_s = float(np.abs(plots.t_utc_ns - around_ns).max()) / NS
+        states, spread = self._at(among, around_ns - self._tracks.t_ns[among])
+        later, later_spread = self._at(
+            among, around_ns + round(off_s * NS) - self._tracks.t_ns[among]
+        )
+        errors_m2 = np.trace(plots.covariance_m2, axis1=1, axis2=2).max()
+        widest_m2 = np.maximum(*(_trace(each) for each in (spread, later_spread))) + errors_m2
+        moved_m = np.linalg.norm(later[:, :AXES] - states[:, :AXES], axis=1)
+        reach_m = np.sqrt(self._gates[3] * widest_m2) + moved_m
+        found = cKDTree(plots.position_enu_m).query_ball_point(states[:, :AXES], reach_m)
+        counts = np.array([len(each) for each in found])
+        flat = [plot for each in found for plot in sorted(each)]
+        return np.repeat(among, counts), np.array(flat, np.int64)
+
+    def _at(self, row: Ints, after_ns: Ints) -> tuple[Floats, Floats]:
+        """Tracks so long after their last plots."""
+        tracks = self._tracks
+        return predicted(
+            tracks.states[row], tracks.covariances[row], after_ns / NS, self._motion.density_m2_s3
+        )
+
+    def _hit(self, row: Ints, plots: LocatedPlots, end_ns: int) -> None:
+        """Take in the plots of tracks."""
+        tracks = self._tracks
+        states, spread = self._at(row, plots.t_utc_ns - tracks.t_ns[row])
+        better = updated(states, spread, plots.position_enu_m, plots.covariance_m2)
+        is_new = ~tracks.is_hit[row]
+        tracks.states[row], tracks.covariances[row] = better
+        tracks.t_ns[row] = plots.t_utc_ns
+        tracks.looked_ns[row] = plots.t_utc_ns if self._turns else end_ns
+        tracks.looks[row] += is_new
+        tracks.hits[row] += is_new
+        tracks.misses[row] = 0
+        tracks.is_hit[row] = True
+        tracks.channel[row] = plots.channel
+        tracks.has_height[row] |= plots.has_height
+
+    def _begun(self, plots: LocatedPlots, end_ns: int) -> _Tracks:
+        """A track of each plot, which has no number yet."""
+        n = len(plots)
+        spread = np.zeros((n, 6, 6))
+        spread[:, :AXES, :AXES] = plots.covariance_m2
+        spread[:, AXES:, AXES:] = self._motion.initial_speed_m_s**2 * np.eye(AXES)
+        none, one = np.zeros(n, np.int64), np.ones(n, np.int64)
+        looked_ns = plots.t_utc_ns.copy() if self._turns else np.full(n, end_ns)
+        return _Tracks(
+            track=none,
+            t_ns=plots.t_utc_ns.copy(),
+            states=np.concatenate([plots.position_enu_m, np.zeros((n, AXES))], axis=1),
+            covariances=spread,
+            looked_ns=looked_ns,
+            looks=one,
+            hits=one.copy(),
+            misses=none.copy(),
+            is_hit=np.ones(n, np.bool_),
+            channel=plots.channel.copy(),
+            has_height=plots.has_height.copy(),
+        )
+
+    def _count_misses(self, end_ns: int) -> Bools:
+        """Count a miss of tracks that are overdue: half a period late where a beam turns."""
+        tracks, period_ns = self._tracks, self._rule.period_ns
+        late_ns = period_ns // 2 if self._turns else -(period_ns // 2)
+        missed: Bools = ~tracks.is_hit & (tracks.looked_ns + period_ns + late_ns <= end_ns)
+        tracks.looked_ns[missed] += period_ns
+        if not self._turns:
+            tracks.looked_ns[missed] = end_ns
+        tracks.looks[missed] += 1
+        tracks.misses[missed] += 1
+        return missed
+
+    def _confirm(self) -> Bools:
+        """Number the tracks that have had plots enough; which began."""
+        tracks, rule = self._tracks, self._rule
+        often = (tracks.hits >= rule.confirm_hits) & (tracks.looks <= rule.confirm_window)
+        new = np.flatnonzero(often & (tracks.track == 0))
+        numbers = self._numbers.given(len(new), tracks.track[tracks.track > 0])
+        tracks.track[new[: len(numbers)]] = numbers
+        first = np.zeros(len(tracks), np.bool_)
+        first[new[: len(numbers)]] = True
+        return first
+
+    def _told(self, row: Ints, first: Bools, end_ns: int) -> TrackStates:
+        tracks = self._tracks.rows(row)
+        states, spread = self._at(row, end_ns - tracks.t_ns)
+        sigma = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        return TrackStates(
+            drone=np.full(len(row), FALSE_ALARM, np.int64),
+            track=tracks.track,
+            misses=tracks.misses,
+            age_s=(end_ns - tracks.t_ns) / NS,
+            first=first[row],
+            last=tracks.misses >= self._rule.drop_misses,
+            position_enu_m=states[:, :AXES],
+            velocity_enu_m_s=states[:, AXES:],
+            sigma_position_m=sigma[:, :AXES],
+            sigma_velocity_m_s=sigma[:, AXES:],
+            has_height=tracks.has_height,
+        )
+
+    def _end_tracks(self) -> None:
+        """Forget tracks with too many misses, and those that cannot begin any more."""
+        tracks, rule = self._tracks, self._rule
+        left = rule.confirm_window - tracks.looks
+        may_begin = (left > 0) & (tracks.hits + left >= rule.confirm_hits)
+        goes_on = tracks.misses < rule.drop_misses
+        self._tracks = tracks.rows(np.flatnonzero(np.where(tracks.track > 0, goes_on, may_begin)))
+
+
+def least_sum(row: Ints, column: Ints, cost: Floats) -> Ints:
+    """Pairs of the least sum of costs, all below 0, no row or column twice; indices, (k,).
+
+    Pairs are (n,), each once. What hangs together by no pair is worked out apart.
+    """
+    if not len(row):
+        return _NONE
+    rows, r = np.unique(row, return_inverse=True)
+    columns, c = np.unique(column, return_inverse=True)
+    n = len(rows) + len(columns)
+    graph = coo_array((np.ones(len(r)), (r, len(rows) + c)), shape=(n, n))
+    _, labels = connected_components(graph, directed=False)
+    of_pair = labels[r]
+    order = np.argsort(of_pair, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(of_pair[order])) + 1)
+    chosen = [int(part[0]) for part in parts if len(part) == 1]
+    for part in parts:
+        if len(part) > 1:
+            chosen.extend(_least_sum_of_part(r[part], c[part], cost[part], part))
+    return np.array(sorted(chosen), np.int64)
+
+
+def _least_sum_of_part(row: Ints, column: Ints, cost: Floats, part: Ints) -> list[int]:
+    rows, r = np.unique(row, return_inverse=True)
+    columns, c = np.unique(column, return_inverse=True)
+    costs, pair = np.zeros((len(rows), len(columns))), np.full((len(rows), len(columns)), -1)
+    costs[r, c], pair[r, c] = cost, part
+    found = pair[linear_sum_assignment(costs)]
+    return [int(each) for each in found if each >= 0]
+
+
+def _trace(covariances: Floats) -> Floats:
+    found: Floats = np.trace(covariances[:, :AXES, :AXES], axis1=1, axis2=2)
+    return found
+
+
+_NONE: Ints = np.zeros(0, np.int64)
+_NO_PLOTS = LocatedPlots(
+    t_utc_ns=_NONE,
+    channel=_NONE,
+    position_enu_m=np.zeros((0, AXES)),
+    covariance_m2=np.zeros((0, AXES, AXES)),
+    has_height=np.zeros(0, np.bool_),
+)

@@ -1,0 +1,162 @@
+"""The plain tracker: lives of tracks by M of N, the best pairs, misses, swaps and deception."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from support.significance import Array, assert_sum
+
+from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracker, least_sum
+from plotfeed.models.track_lives import TrackRule
+from plotfeed.models.tracks import TrackStates
+
+S = 1_000_000_000
+START_NS = 1_700_000_000 * S
+MOTION = PlainMotion(density_m2_s3=1.0, initial_speed_m_s=15.0, gate_probability=0.999)
+RULE = TrackRule(confirm_hits=3, confirm_window=5, drop_misses=3, period_ns=S)
+
+
+def plots(positions_m: list[tuple[float, ...]] | Array, t_ns: int, **more: Array) -> LocatedPlots:
+    n = len(positions_m)
+    return LocatedPlots(
+        **{
+            "t_utc_ns": np.full(n, t_ns),
+            "channel": np.zeros(n, np.int64),
+            "position_enu_m": np.array(positions_m, np.float64).reshape(n, 3),
+            "covariance_m2": np.broadcast_to(25.0 * np.eye(3), (n, 3, 3)),
+            "has_height": np.ones(n, np.bool_),
+            **more,
+        }
+    )
+
+
+def scan(tracker: PlainTracker, k: int, *positions_m: tuple[float, ...]) -> TrackStates:
+    end_ns = START_NS + (k + 1) * S
+    found = plots(list(positions_m), end_ns - S // 2)
+    return tracker.take(found, start_ns=end_ns - S, end_ns=end_ns)
+
+
+def tracker_of(rule: TrackRule = RULE, *, turns: bool = False) -> PlainTracker:
+    return PlainTracker(rule, MOTION, turns=turns)
+
+
+def test_a_track_begins_with_three_plots_coasts_and_ends_with_three_misses() -> None:
+    tracker = tracker_of()
+    there = [True, False, True, True, True, False, True, False, False, False, False]
+    told = [
+        scan(tracker, k, *([(10.0 * k, 500.0, 80.0)] if seen else []))
+        for k, seen in enumerate(there)
+    ]
+    assert [t.track.tolist() for t in told] == [[]] * 3 + [[1]] * 7 + [[]]
+    assert [t.first.tolist() for t in told[3:5]] == [[True], [False]]
+    assert [int(t.misses[0]) for t in told[3:10]] == [0, 0, 1, 0, 1, 2, 3]
+    assert [bool(t.last[0]) for t in told[3:10]] == [False] * 6 + [True]
+    assert told[5].age_s == pytest.approx([1.5])
+    for k in range(4, 8):
+        off_m = told[k].position_enu_m[0] - np.array([10.0 * (k + 0.5), 500.0, 80.0])
+        assert np.abs(off_m / told[k].sigma_position_m[0]).max() < 3
+    assert len(tracker) == 0
+
+
+def test_what_is_seen_twice_in_five_looks_is_no_track_and_is_forgotten() -> None:
+    tracker = tracker_of()
+    for k in range(12):
+        assert not len(scan(tracker, k, *([(0.0, 900.0, 50.0)] if k in (0, 3, 9) else [])))
+    assert len(tracker) == 1  # the last one still may begin
+    scan(tracker, 12)
+    assert len(tracker) == 0
+
+
+def test_a_beam_that_turns_tells_of_a_target_once_a_turn_and_misses_it_half_a_turn_late() -> None:
+    tracker, told = tracker_of(turns=True), []
+    for k in range(40):  # eighths of a turn; the target is in the third of each, but for turns 3, 4
+        end_ns = START_NS + (k + 1) * S // 8
+        seen = k % 8 == 2 and k // 8 not in (3, 4)
+        found = plots([(0.0, 700.0, 60.0)] if seen else [], end_ns - 1000)
+        told.append(tracker.take(found, start_ns=end_ns - S // 8, end_ns=end_ns))
+    assert [k for k, t in enumerate(told) if len(t)] == [18, 30, 38]
+    assert [int(t.misses[0]) for t in told if len(t)] == [0, 1, 2]
+
+
+def test_time_in_which_nobody_looked_counts_for_nothing() -> None:
+    tracker = tracker_of()
+    for k in range(3):
+        scan(tracker, k, (0.0, 700.0, 60.0))
+    after = scan(tracker, 30, (0.0, 700.0, 60.0))
+    assert after.track.tolist() == [1]
+    assert after.misses.tolist() == [0]
+
+
+def test_two_transmitters_that_show_a_target_make_one_track_of_it() -> None:
+    tracker = tracker_of()
+    for k in range(6):
+        end_ns = START_NS + (k + 1) * S
+        twice = plots([(0.0, 700.0, 60.0), (4.0, 702.0, 61.0)], end_ns, channel=np.array([0, 1]))
+        told = tracker.take(twice, start_ns=end_ns - S, end_ns=end_ns)
+    assert told.track.tolist() == [1]
+    assert len(tracker) == 1
+
+
+def test_targets_that_meet_may_swap_since_nobody_knows_which_is_which() -> None:
+    """Two that fly towards each other and turn back look like two that pass."""
+    tracker, order = tracker_of(), []
+    for k in range(31):
+        off_m = 20.0 * abs(k - 15)
+        told = scan(tracker, k, (-off_m, 500.0, 80.0), (off_m, 500.0, 80.0))
+        order.append(told.track[np.argsort(told.position_enu_m[:, 0])].tolist())
+    assert order[10] == [1, 2]
+    assert order[-1] == [2, 1]
+
+
+def test_numbers_are_those_of_the_rule() -> None:
+    rule = TrackRule(
+        confirm_hits=1, confirm_window=1, drop_misses=1, period_ns=S, first_number=7, last_number=8
+    )
+    tracker = tracker_of(rule)
+    three = [(1000.0 * i, 500.0, 80.0) for i in range(3)]
+    assert scan(tracker, 0, *three).track.tolist() == [7, 8]  # and none is left
+    assert scan(tracker, 1).last.tolist() == [True, True]
+    assert scan(tracker, 2, *three[:1]).track.tolist() == [7]
+
+
+def test_false_alarms_become_tracks_as_often_as_chance_brings_them_together() -> None:
+    """Two of two: a lone alarm begins a track if any of the next scan's falls within its gate.
+
+    Each has a cell of its own, wider than the gate, so that these are independent.
+    """
+    rule = TrackRule(confirm_hits=2, confirm_window=2, drop_misses=1, period_ns=S)
+    side_m, alarms_a_cell, n = 400.0, 20.0, 12
+    rng, tracker = np.random.default_rng(5), tracker_of(rule)
+    cells = side_m * (np.indices((n, n, n)).reshape(3, -1).T + 0.5)
+    again = n * side_m * rng.random((rng.poisson(alarms_a_cell * n**3), 3))
+    scan(tracker, 0, *map(tuple, cells))
+    begun = len(scan(tracker, 1, *map(tuple, again)))
+    sigma_m = np.sqrt(25.0 + 225.0 + 1.0 / 3 + 25.0)  # of two plots, velocity and acceleration
+    gate_m3 = 4 / 3 * np.pi * (sigma_m * np.sqrt(stats.chi2.ppf(0.999, 3))) ** 3
+    chance = 1 - np.exp(-alarms_a_cell * gate_m3 / side_m**3)
+    assert 0.1 < chance < 0.9
+    assert_sum(begun, n**3 * chance, n**3 * chance * (1 - chance), "tracks begun")
+
+
+costs = st.lists(
+    st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(-20, -1)),
+    unique_by=lambda each: each[:2],
+    max_size=14,
+)
+
+
+@given(costs)
+def test_pairs_have_the_least_sum(pairs: list[tuple[int, int, int]]) -> None:
+    row, column, cost = (np.array([p[i] for p in pairs], np.int64) for i in range(3))
+    chosen = least_sum(row, column, cost.astype(np.float64))
+    assert len(set(row[chosen].tolist())) == len(set(column[chosen].tolist())) == len(chosen)
+    of_pair = {(r, c): x for r, c, x in pairs}
+    best = min(
+        sum(of_pair.get((r, c), 0) for r, c in enumerate(order)) for order in permutations(range(5))
+    )
+    assert cost[chosen].sum() == best
