@@ -151,7 +151,7 @@ class Seen:
         )
 
     def with_tracks(self, tracks: ToldTracks, tracks_by: Ints) -> Seen:
-        """The same with those tracks, of each sector from where `tracks_by` says, (m+1,)."""
+        """Add those tracks, of each sector from where `tracks_by` says, (m+1,)."""
         return replace(self, tracks=tracks, tracked_by=tracks_by)
 
     def in_groups(self, groups: Ints, make: Callable[[int, Seen], list[T]]) -> list[T]:

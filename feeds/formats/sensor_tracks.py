@@ -51,7 +51,7 @@ class SceneTracks:
                 self._trackers[i] = kind(scene, sensor, self._site)
 
     def tracked(self, seen: Seen) -> Seen:
-        """The same with the tracks at the ends of its sectors."""
+        """Add the tracks at the ends of its sectors to what was seen."""
         if not self._trackers:
             return seen
         trackers = [self._trackers.get(sensor) for sensor in seen.sectors.sensor.tolist()]

@@ -24,7 +24,7 @@ class ToldTracks(Tracks):
 
     @property
     def speed_m_s(self) -> Floats:
-        """Over the ground, (n,)."""
+        """Speed over the ground, m/s, (n,)."""
         return np.hypot(self.velocity_east_m_s, self.velocity_north_m_s)
 
     @property
