@@ -251,14 +251,14 @@ def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
 @_law_of_kind.register
 def _(model: MicrophoneArray, targets: Targets) -> ErrorLaw:
     snr = 10 ** (model.snr_db(targets.sound_power_db(), targets.position_enu_m) / 10)
-    laws = {"azimuth_deg": model.sigma_azimuth_deg}
+    azimuth_deg, elevation_deg, _ = enu_to_aer(targets.position_enu_m)
     beams = {"azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg)}
     if model.elevation_beamwidth_deg is not None:
-        laws["elevation_deg"] = model.sigma_elevation_deg
         beams["elevation_deg"] = (model.elevation_beamwidth_deg, model.elevation_floor_deg)
 
     def sigmas(ratio: Floats) -> dict[str, Floats]:
-        return {name: law(ratio) for name, law in laws.items()}
+        found = model.sigmas_towards(ratio, azimuth_deg, elevation_deg)
+        return dict(zip(beams, found, strict=False))
 
     return ErrorLaw(
         mean_snr=snr, sigmas=sigmas, printed=_printed(sigmas, beams), draw=None, inverse=1 / snr

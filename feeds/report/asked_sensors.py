@@ -77,6 +77,11 @@ class AskedSensor:
         """Whether echoes that are near each other are to make one plot."""
         return getattr(self.model, "merging", None) is not None
 
+    @cached_property
+    def error_factor(self) -> float | Floats:
+        """Errors over the stated ones; NaN where plots do not err by what they state."""
+        return self.model.error_factor if self.model.errs_as_stated else np.nan
+
     @property
     def is_bistatic(self) -> bool:
         """Whether it measures bistatic ranges."""

@@ -231,7 +231,7 @@ def _sigmas(
         is_fine = stated >= COARSE * steps.get(column, 0.0)
         found[name] = np.where(is_fine, stated, derived)
         if asked is not None:
-            found[name] = found[name] * asked.model.error_factor
+            found[name] = found[name] * asked.error_factor
     return found
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots
 
+if TYPE_CHECKING:
+    from plotfeed.models.effects.microphone_layout import MicrophoneLayout
+
 MAX_ELEVATION_DEG = 90.0
 REFERENCE_DISTANCE_M = 1.0
 
@@ -31,7 +34,8 @@ class MicrophoneArray(CellSensor):
     """What the equations need; levels in dB re 20 uPa, of the band in which the array listens.
 
     Without a beamwidth in elevation it measures none. `kind` is what it takes every sound for, ""
-    if it does not classify.
+    if it does not classify. With a layout, errors of directions are those of its geometry, and
+    beams are cells for false alarms alone.
     """
 
     directivity_db: float
@@ -49,8 +53,14 @@ class MicrophoneArray(CellSensor):
     azimuth_floor_deg: float
     elevation_floor_deg: float
     kind: str
+    layout: MicrophoneLayout | None = None
 
-    alike: ClassVar[frozenset[str]] = frozenset()
+    alike: ClassVar[frozenset[str]] = frozenset({"layout"})
+
+    @property
+    def errs_as_stated(self) -> bool:
+        """Not where a layout's errors are other than normal: near the horizon, and by sides."""
+        return self.layout is None
 
     @property
     def signal_speed_m_s(self) -> float:
@@ -128,11 +138,15 @@ class MicrophoneArray(CellSensor):
         return looks, of_audible.rows(detected)._measure(hits, targets, audible[detected], rng)
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:
-        """Errors of the bearing, by the SNR alone."""
+        """Errors of the bearing, by the SNR; of a layout, amidst the cover and 45 degrees high."""
         of_one = np.array([snr])
-        stated = {"sigma_azimuth_deg": float(self.sigma_azimuth_deg(of_one)[0])}
+        middle_deg = self.azimuth_cover.min_deg + self.azimuth_cover.span_deg / 2
+        sigmas = self.sigmas_towards(
+            of_one, np.array([middle_deg]), np.array([MAX_ELEVATION_DEG / 2])
+        )
+        stated = {"sigma_azimuth_deg": float(sigmas[0][0])}
         if self.elevation_beamwidth_deg is not None:
-            stated["sigma_elevation_deg"] = float(self.sigma_elevation_deg(of_one)[0])
+            stated["sigma_elevation_deg"] = float(sigmas[1][0])
         return stated
 
     def predict(self, targets: Targets) -> Prediction:
@@ -140,13 +154,29 @@ class MicrophoneArray(CellSensor):
         power_level_db = targets.sound_power_db()
         snr_db = self.snr_db(power_level_db, targets.position_enu_m)
         snr = 10 ** (snr_db / 10)
+        azimuth_deg, elevation_deg, _ = enu_to_aer(targets.position_enu_m)
+        sigma_azimuth_deg, sigma_elevation_deg = self.sigmas_towards(
+            snr, azimuth_deg, elevation_deg
+        )
         return Prediction(
             snr=snr,
             pd=np.nan_to_num(self.pd(snr_db), nan=0.0) * self.pd_factor,
             sigma_range_m=np.full(len(snr), np.nan),
-            sigma_azimuth_deg=self.sigma_azimuth_deg(snr) * self.error_factor,
-            sigma_elevation_deg=self.sigma_elevation_deg(snr) * self.error_factor,
+            sigma_azimuth_deg=sigma_azimuth_deg * self.error_factor,
+            sigma_elevation_deg=sigma_elevation_deg * self.error_factor,
         )
+
+    def sigmas_towards(
+        self, snr: Floats, azimuth_deg: Floats, elevation_deg: Floats
+    ) -> tuple[Floats, Floats]:
+        """Standard deviations of azimuth and elevation in those directions; (n,) each."""
+        if self.layout is None:
+            return self.sigma_azimuth_deg(snr), self.sigma_elevation_deg(snr)
+        noise_deg = self.layout.sigmas_deg(azimuth_deg, elevation_deg, snr)
+        sigma_elevation_deg = np.full(len(snr), np.nan)
+        if self.elevation_beamwidth_deg is not None:
+            sigma_elevation_deg = accuracy.with_floor(noise_deg[1], self.elevation_floor_deg)
+        return accuracy.with_floor(noise_deg[0], self.azimuth_floor_deg), sigma_elevation_deg
 
     def _measure(
         self, hits: Looks, targets: Targets, rows: Ints, rng: np.random.Generator
@@ -156,9 +186,20 @@ class MicrophoneArray(CellSensor):
         if self.degradation is not None:
             errors *= self.degradation.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
+        elevation_deg = hits.elevation_deg
+        if self.layout is None:
+            errors *= np.stack(
+                [self.sigma_azimuth_deg(hits.snr), self.sigma_elevation_deg(hits.snr)]
+            )
+        else:
+            ratio = hits.snr / self.error_factor**2
+            azimuth_deg, elevation_deg = self.layout.measured(
+                azimuth_deg, elevation_deg, ratio, self.azimuth_cover.holds, rng
+            )
+            errors[0] *= self.azimuth_floor_deg
+            errors[1] *= self.elevation_floor_deg
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
-            azimuth_deg + errors[0] * self.sigma_azimuth_deg(hits.snr),
-            hits.elevation_deg + np.nan_to_num(errors[1] * self.sigma_elevation_deg(hits.snr)),
+            azimuth_deg + errors[0], elevation_deg + np.nan_to_num(errors[1])
         )
         return self._plots(
             hits.snr,
@@ -185,13 +226,16 @@ class MicrophoneArray(CellSensor):
         )
 
     def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:
-        """Plots with what follows from the level alone, and without what is not measured."""
+        """Plots with what follows of level and direction, and without what is not measured."""
+        sigma_azimuth_deg, sigma_elevation_deg = self.sigmas_towards(
+            snr, columns["azimuth_deg"], columns["elevation_deg"]
+        )
         if self.elevation_beamwidth_deg is None:
             del columns["elevation_deg"]
         return Plots.of(
             snr=snr,
-            sigma_azimuth_deg=self.sigma_azimuth_deg(snr),
-            sigma_elevation_deg=self.sigma_elevation_deg(snr),
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            sigma_elevation_deg=sigma_elevation_deg,
             kind=np.full(len(snr), self.kind, np.object_),
             **columns,
         )

@@ -183,6 +183,11 @@ class SensorModel(Stackable, ABC):
         return None
 
     @property
+    def errs_as_stated(self) -> bool:
+        """Whether plots err normally about what they measure, by the sigmas that they state."""
+        return True
+
+    @property
     def measures_range_rate(self) -> bool:
         """Whether it needs to know how fast targets are."""
         return False

@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.fields import Beamwidth, Decibels, Loss, NotNegative, Probability, Site
+from plotfeed.feeds.scene.fields import (
+    Azimuth,
+    Beamwidth,
+    Decibels,
+    Loss,
+    NotNegative,
+    Probability,
+    SceneTable,
+    Site,
+)
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
+from plotfeed.models.effects.microphone_layout import MicrophoneLayout
+from plotfeed.models.frames import wrap_360
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 
+FEWEST_IN_A_LAYOUT = 3
 SHORTEST_LISTENING_S = 0.1
 """A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
+
+
+class LayoutKeys(SceneTable):
+    """Where the microphones lie, from which the errors of directions follow."""
+
+    shape: Literal["line", "circle", "rectangle"]
+    """A line tells neither sides nor elevations; a rectangle is as near a square as can be."""
+    spacing_m: Annotated[float, Field(ge=0.001, le=100)]
+    """Between neighbours; 0.3 to 0.6 m is usual."""
+    azimuth_deg: Azimuth = 0.0
+    """Where the line, or the longer side of the rectangle, points."""
 
 
 class AcousticKeys(AzimuthCoverKeys):
@@ -39,11 +62,14 @@ class AcousticKeys(AzimuthCoverKeys):
     slope_per_db: Annotated[float, Field(ge=0.01, le=100)] = 1.0
     """Of the logit of Pd."""
     microphones: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """In the array."""
+    """In the array; 4 to 16 are usual."""
+    layout: LayoutKeys | None = None
+    """How they lie; without it, errors are those of a beam of azimuth_beamwidth_deg and
+    elevation_beamwidth_deg."""
     array_gain_db: Decibels | None = None
     """Without it, 10 log10 of the number of microphones."""
     frequency_hz: Annotated[float, Field(ge=10, le=20_000)] = 1000.0
-    """The middle of the band; for the absorption of the air alone."""
+    """The middle of the band; for the absorption of the air, and the errors by a layout."""
     temperature_c: Annotated[float, Field(ge=-60, le=60)] = 20.0
     """For the speed of sound too."""
     humidity_pct: Annotated[float, Field(ge=0, le=100)] = 70.0
@@ -81,6 +107,18 @@ class AcousticKeys(AzimuthCoverKeys):
         """The category made for such sensors, and all that was measured."""
         return ("asterix-015", "plots")
 
+    @model_validator(mode="after")
+    def _lies_so(self) -> Self:
+        if self.layout is None:
+            return self
+        if self.microphones < FEWEST_IN_A_LAYOUT:
+            raise ValueError(f"microphones: a layout has at least {FEWEST_IN_A_LAYOUT}")
+        if self.layout.shape == "rectangle" and self.microphones % 2:
+            raise ValueError("microphones: a rectangle has an even number")
+        if self.layout.shape == "line" and self.elevation_beamwidth_deg is not None:
+            raise ValueError("elevation_beamwidth_deg: a line of microphones tells no elevations")
+        return self
+
     @property
     def classes(self) -> tuple[str, ...]:
         """The one name for everything, if there is one."""
@@ -91,13 +129,22 @@ class AcousticKeys(AzimuthCoverKeys):
         array_gain_db = self.array_gain_db
         if array_gain_db is None:
             array_gain_db = float(10 * np.log10(self.microphones))
+        sound_speed_m_s = float(speed_of_sound_m_s(self.temperature_c))
         converted = {
             "absorption_db_per_m": self._absorption_db_per_m(),
             "array_gain_db": array_gain_db,
-            "sound_speed_m_s": float(speed_of_sound_m_s(self.temperature_c)),
+            "sound_speed_m_s": sound_speed_m_s,
+            "layout": self._layout(sound_speed_m_s / self.frequency_hz),
             "azimuth_cover": self.azimuth_cover,
         }
         return MicrophoneArray(**self.by_name(MicrophoneArray) | converted)
+
+    def _layout(self, wavelength_m: float) -> MicrophoneLayout | None:
+        if self.layout is None:
+            return None
+        return MicrophoneLayout(
+            **self.layout.model_dump(), microphones=self.microphones, wavelength_m=wavelength_m
+        )
 
     def _absorption_db_per_m(self) -> float:
         if self.absorption_db_per_km is not None:
@@ -119,6 +166,28 @@ class AcousticKeys(AzimuthCoverKeys):
                 f"{SHORTEST_LISTENING_S:g} s for one bearing, so scans this short would not be "
                 "independent of each other"
             )
+        if self.layout is not None:
+            return found + self._ambiguous(self.layout)
         if self.array_gain_db is not None and "microphones" in self.model_fields_set:
             found.append("microphones is not used: array_gain_db is given")
+        return found
+
+    def _ambiguous(self, layout: LayoutKeys) -> list[str]:
+        """Sides that a line cannot tell apart, and waves that are too short for the spacing."""
+        found = []
+        wavelength_m = float(speed_of_sound_m_s(self.temperature_c)) / self.frequency_hz
+        if layout.spacing_m > wavelength_m / 2:
+            found.append(
+                f"layout.spacing_m is {layout.spacing_m:g}, more than half a wavelength at "
+                f"{self.frequency_hz:g} Hz, {wavelength_m / 2:.2g} m: directions would be "
+                "ambiguous, which is not modelled"
+            )
+        from_line_deg = np.arange(1.0, 180.0)
+        sides = (layout.azimuth_deg + from_line_deg, layout.azimuth_deg - from_line_deg)
+        both = np.logical_and(*(self.azimuth_cover.holds(wrap_360(side)) for side in sides))
+        if layout.shape == "line" and both.any():
+            found.append(
+                "a line of microphones cannot tell its sides apart, and the cover holds both: "
+                "half of the plots there are on the wrong one"
+            )
         return found

@@ -25,7 +25,8 @@ from plotfeed.models.truth import Trajectories
 QUESTIONS = re.compile(
     r"\bmultipath is|\bdoppler is|\bmerging is|_detailed\b|readings is|\.errs\b|bias is|drift is"
     r"|degradation is|pd_factor|axes is not|measures_range_rate|velocity_enu_m_s=?|readings="
-    r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
+    r"|layout is|true_geometry|true_position_enu_m is not|range_rate_m_s is None"
+    r"|merged_drones is None"
 )
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 POLAR = {
@@ -47,6 +48,11 @@ SENSORS: dict[str, dict[str, Any]] = {
         "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
         "range_max_m": 10_000.0,
     },
+    "acoustic": {
+        "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
+        "sensitivity_db": -60.0, "range_max_m": 9000.0, "azimuth_beamwidth_deg": 40.0,
+        "microphones": 8, "frequency_hz": 200.0,
+    },
     "gate": {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9000.0,
              "sigma_m": 3.0},
     "rf": {
@@ -62,13 +68,23 @@ EVERYTHING = {
     "multipath": {"antenna_height_m": 5.0},
     "doppler": {"notch_m_s": 1e-6},
     "merging": {},
+    "layout": {"shape": "circle", "spacing_m": 0.4},
 }
 
 
 def station(sensor: dict[str, Any], drones: int = 3) -> Station:
     """With drones in its first octant that are detected."""
+    near_m = 200.0 if sensor["type"] == "acoustic" else 2000.0  # sound takes its time
     flown = [
-        held(f"d{i}", 10.0 + i, 12.0, 2000.0 + 300.0 * i, rcs_m2=1.0, emitters=[EMITTER])
+        held(
+            f"d{i}",
+            10.0 + i,
+            12.0,
+            near_m * (1 + 0.1 * i),
+            rcs_m2=1.0,
+            sound_power_db=120.0,
+            emitters=[EMITTER],
+        )
         for i in range(drones)
     ]
     made = scene([sensor], flown, seed=1)
@@ -118,6 +134,8 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     assert "readings" in stems
     if "doppler" in known:
         assert {"doppler", "merging", "detailed_detection"} <= stems
+    if "layout" in known:
+        assert "microphone_layout" in stems
     if "multipath" in known:
         assert "multipath" in stems
 
