@@ -9,8 +9,9 @@ import numpy as np
 
 from plotfeed.models.beam import Sector, Sectors, time_after_share_ns
 from plotfeed.models.frames import Axes, wrap_180
+from plotfeed.models.known_rows import trimmed
 from plotfeed.models.local_frames import frames_at
-from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState, trimmed
+from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState
 from plotfeed.models.truth import Trajectories
 
 ON_BEAM_DEG = 1e-7

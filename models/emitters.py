@@ -9,7 +9,8 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.state import Columns, Emitter, Floats, Ints, Texts, with_room
+from plotfeed.models.known_rows import with_room
+from plotfeed.models.state import Columns, Emitter, Floats, Ints, Texts
 
 
 @dataclass(frozen=True, kw_only=True)

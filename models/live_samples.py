@@ -12,7 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from plotfeed.models.state import NS, Bools, Floats, Ints, trimmed, with_room
+from plotfeed.models.known_rows import trimmed, with_room
+from plotfeed.models.state import NS, Bools, Floats, Ints
 
 FOREVER_NS = (1 << 63) - 1
 NONE = -1

@@ -20,6 +20,9 @@ NS = 1_000_000_000
 FALSE_ALARM = -1
 """The drone index of a plot that no drone caused."""
 
+DRONE = "drone"
+"""The class of targets of which nothing else is said."""
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -29,32 +32,6 @@ Texts = NDArray[np.object_]
 def rows_where(mask: Bools) -> Ints | slice:
     """What selects the rows of a mask (n,): all of them without copying, where it holds all."""
     return slice(None) if mask.all() else np.flatnonzero(mask)
-
-
-def with_room(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """A column of at least 16 and so many rows, new ones zero; it at least doubles if it grows."""
-    more = max(rows, 16) - len(column)
-    if more <= 0:
-        return column
-    room = np.zeros((max(more, len(column)), *column.shape[1:]), column.dtype)
-    return np.concatenate([column, room])
-
-
-FEWEST_ROWS = 16
-
-
-def trimmed(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """A column for so many rows, without most of the room that it has for more."""
-    room = 2 * max(rows, FEWEST_ROWS)
-    return column[:room].copy() if len(column) > 2 * room else column
-
-
-def renamed(before: Sequence[str], names: Sequence[str]) -> Ints:
-    """Rows of drones that had other names before, by their names before and now."""
-    if before is names:
-        return np.zeros(0, np.int64)
-    changed = [row for row, (a, b) in enumerate(zip(before, names, strict=False)) if a != b]
-    return np.array([*changed, *range(len(names), len(before))], np.int64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,15 +129,53 @@ class Signature:
     sound_power_db: float = np.nan
     """Re 1 pW."""
     emitters: tuple[Emitter, ...] = ()
+    size_m: float = np.nan
+    """Across, as a camera sees it."""
+    target_class: str = DRONE
+    """What it is, for sensors that recognise it."""
+    model: str = ""
+    """Of what make, for sensors that identify it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signatures:
-    """The signatures of all drones, by their index: columns (n,)."""
+    """The signatures of all drones, by their index: columns (n,).
+
+    Those that may be None say what `Signature` has where nothing is known.
+    """
 
     rcs_m2: Floats
     sound_power_db: Floats
     emitters: Sequence[tuple[Emitter, ...]]
+    size_m: Floats | None = None
+    target_class: Texts | None = None
+    model: Texts | None = None
+
+    @classmethod
+    def of_one(cls, signature: Signature) -> Self:
+        """One drone's."""
+        return cls(
+            rcs_m2=np.array([signature.rcs_m2]),
+            sound_power_db=np.array([signature.sound_power_db]),
+            emitters=[signature.emitters],
+            size_m=np.array([signature.size_m]),
+            target_class=np.array([signature.target_class], np.object_),
+            model=np.array([signature.model], np.object_),
+        )
+
+    def size_m_of(self, drone: Ints) -> Floats:
+        """Sizes of those drones; (m,)."""
+        return np.full(len(drone), np.nan) if self.size_m is None else self.size_m[drone]
+
+    def target_class_of(self, drone: Ints) -> Texts:
+        """Classes of those drones; (m,)."""
+        if self.target_class is None:
+            return np.full(len(drone), DRONE, np.object_)
+        return self.target_class[drone]
+
+    def model_of(self, drone: Ints) -> Texts:
+        """Models of those drones; (m,)."""
+        return np.full(len(drone), "", np.object_) if self.model is None else self.model[drone]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +239,7 @@ class Plots(Columns):
 
     The columns that may be None are of sensors that model what few do. The range rate is that of
     the range, of a passive radar that of the bistatic range, positive for a target that recedes.
+    `kind_probability` is that with which `kind` is right, by the sensor itself.
     `merged_drones` are the drones beside `drone` whose echoes the plot does not tell apart.
     `sensor` is as in `Looks`.
     """
@@ -251,6 +267,7 @@ class Plots(Columns):
     true_range_m: Floats
     true_azimuth_deg: Floats
     true_elevation_deg: Floats
+    kind_probability: Floats | None = None
     range_rate_m_s: Floats | None = None
     sigma_range_rate_m_s: Floats | None = None
     true_range_rate_m_s: Floats | None = None

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from plotfeed.models.known_rows import trimmed, with_room
 from plotfeed.models.live_samples import FOREVER_NS, Stretches
-from plotfeed.models.state import NS, Bools, Floats, Ints, trimmed, with_room
+from plotfeed.models.state import NS, Bools, Floats, Ints
 
 
 class StretchesAtHand:

@@ -15,8 +15,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
+from plotfeed.models.known_signatures import KnownSignatures
 from plotfeed.models.known_track import KnownTrack, Segment
 from plotfeed.models.live_samples import (
     FOREVER_NS,
@@ -35,8 +35,6 @@ from plotfeed.models.state import (
     Signature,
     Signatures,
     TruthState,
-    trimmed,
-    with_room,
 )
 from plotfeed.models.stretches_at_hand import StretchesAtHand, place, slope
 
@@ -73,9 +71,7 @@ class Trajectories:
         self._tracks: dict[int, KnownTrack] = {}
         """By row, of drones that are not live."""
         self._at_hand = StretchesAtHand(self._looked_up)
-        self._rcs_m2: Floats = np.zeros(0)
-        self._sound_power_db: Floats = np.zeros(0)
-        self._emitters = EmitterTable()
+        self._signatures = KnownSignatures()
 
     def add_sample(
         self,
@@ -100,7 +96,7 @@ class Trajectories:
                 [[np.nan] * 3 if velocity_enu_m_s is None else velocity_enu_m_s]
             ),
             sigma_m=np.array([np.nan if sigma_m is None else sigma_m]),
-            signatures=_alone(signature),
+            signatures=Signatures.of_one(signature),
         )
 
     def add_samples(
@@ -173,17 +169,15 @@ class Trajectories:
         self.names = [*self.names]
         for row in rows:
             self.names[row] = NOBODY
-            self._emitters[row] = ()
+            self._signatures.forget(row)
         while self.names and self.names[-1] == NOBODY:
             self.names.pop()
         n = len(self.names)
         self._free = [row for row in (*self._free, *rows) if row < n]
         heapify(self._free)
-        self._emitters.cut(n)
         self._live.forget(np.array(rows), n)
         self._at_hand.forget(np.array(rows), n)
-        self._rcs_m2 = trimmed(self._rcs_m2, n)
-        self._sound_power_db = trimmed(self._sound_power_db, n)
+        self._signatures.cut(n)
         self.version += 1
 
     def __len__(self) -> int:
@@ -218,9 +212,7 @@ class Trajectories:
     @property
     def signatures(self) -> Signatures:
         """What there is to sense of every drone, by its index."""
-        return Signatures(
-            rcs_m2=self._rcs_m2, sound_power_db=self._sound_power_db, emitters=self._emitters
-        )
+        return self._signatures.all
 
     @property
     def spans_ns(self) -> Ints:
@@ -278,26 +270,22 @@ class Trajectories:
             self.names[row] = drone
             return row
         self.names.append(drone)
-        self._emitters.append(())
+        self._signatures.add_row()
         return len(self.names) - 1
 
     def _fly(self, drone: str, track: KnownTrack, signature: Signature) -> None:
         """Let a drone fly that track."""
         rows = self._rows([drone])
         self._tracks[rows[0]] = track
-        self._changed(np.array(rows), _alone(signature))
+        self._changed(np.array(rows), Signatures.of_one(signature))
 
     def _make_room(self, rows: int) -> None:
         self._at_hand.make_room(rows)
-        for name in ("_rcs_m2", "_sound_power_db"):
-            setattr(self, name, with_room(getattr(self, name), rows))
+        self._signatures.make_room(rows)
 
     def _changed(self, rows: Ints, signatures: Signatures) -> None:
         """Samples of rows were added: the last of each row counts."""
-        self._rcs_m2[rows] = signatures.rcs_m2
-        self._sound_power_db[rows] = signatures.sound_power_db
-        for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
-            self._emitters[row] = emitters
+        self._signatures.put(rows, signatures)
         self._at_hand.drop(rows)
         self.version += 1
 
@@ -322,14 +310,6 @@ class Trajectories:
             which = np.array(live)
             found.put(which, self._live.stretches_at(rows[which], t_utc_ns[which]))
         return found
-
-
-def _alone(signature: Signature) -> Signatures:
-    return Signatures(
-        rcs_m2=np.array([signature.rcs_m2]),
-        sound_power_db=np.array([signature.sound_power_db]),
-        emitters=[signature.emitters],
-    )
 
 
 def _or_default(sigma_m: Floats) -> Floats:

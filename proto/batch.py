@@ -32,6 +32,7 @@ _PLOT_COLUMNS = (
     "covariance_east_north_m2",
     "range_rate_m_s",
     "sigma_range_rate_m_s",
+    "kind_probability",
 )
 _TEXTS = ("kind", "identity")
 _SCAN, _SECTOR = (

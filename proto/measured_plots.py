@@ -48,6 +48,7 @@ class MeasuredPlots(Columns):
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
     sigma_range_rate_m_s: Floats
+    kind_probability: Floats
     mode_3a: Texts
     """Of transponders, in octal."""
     address: Texts

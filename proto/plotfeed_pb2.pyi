@@ -99,7 +99,7 @@ class PlotBatch(_message.Message):
     def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., plots: _Optional[_Iterable[_Union[Plot, _Mapping]]] = ...) -> None: ...
 
 class Plot(_message.Message):
-    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "channel", "bistatic_range_m", "sigma_bistatic_range_m", "covariance_east_m2", "covariance_north_m2", "covariance_east_north_m2", "kind", "identity", "range_rate_m_s", "sigma_range_rate_m_s")
+    __slots__ = ("time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "amplitude_dbm", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "channel", "bistatic_range_m", "sigma_bistatic_range_m", "covariance_east_m2", "covariance_north_m2", "covariance_east_north_m2", "kind", "identity", "range_rate_m_s", "sigma_range_rate_m_s", "kind_probability")
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
     AZIMUTH_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -120,6 +120,7 @@ class Plot(_message.Message):
     IDENTITY_FIELD_NUMBER: _ClassVar[int]
     RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
     SIGMA_RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
+    KIND_PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     time_utc_ns: int
     range_m: float
     azimuth_deg: float
@@ -140,7 +141,8 @@ class Plot(_message.Message):
     identity: str
     range_rate_m_s: float
     sigma_range_rate_m_s: float
-    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ..., range_rate_m_s: _Optional[float] = ..., sigma_range_rate_m_s: _Optional[float] = ...) -> None: ...
+    kind_probability: float
+    def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ..., range_rate_m_s: _Optional[float] = ..., sigma_range_rate_m_s: _Optional[float] = ..., kind_probability: _Optional[float] = ...) -> None: ...
 
 class Ledger(_message.Message):
     __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link")

@@ -17,6 +17,7 @@ from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.frames import wrap_180
+from plotfeed.models.optics import task_probability
 
 CHANNEL = np.zeros(1, np.int64)
 DOPPLER = Doppler(
@@ -162,6 +163,21 @@ def rare_changes() -> Case:
     )
 
 
+def very_large() -> Case:
+    cycles = 1e4
+    with np.errstate(over="ignore", invalid="ignore"):
+        power = np.float64(cycles) ** (2.7 + 0.7 * cycles)
+        plain = float(power / (1 + power))
+    return Case(
+        where="a drone with ten thousand times the cycles that a camera needs",
+        plain_form="x^E/(1 + x^E)",
+        plain=plain,
+        cure="1/(1 + exp(−E ln x))",
+        ours=abs(float(task_probability(cycles, 1.0)) - 1.0),
+        test="models/test_optics.py::test_a_task_with_very_many_cycles_or_none_has_a_probability",
+    )
+
+
 def endless_burst() -> Case:
     p, r = 0.5, 1e-17
     lost = np.array([[1 - r, 0.0], [p, 0.0]])
@@ -180,5 +196,5 @@ def endless_burst() -> Case:
     )
 
 
-EFFECTS = (slow, folded, forgotten, slow_drift, over_north, hardly_any_alarm)
+EFFECTS = (slow, folded, forgotten, slow_drift, over_north, hardly_any_alarm, very_large)
 LINKS = (rare_changes, endless_burst)

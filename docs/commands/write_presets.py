@@ -36,7 +36,7 @@ HEAD = """# Commercial sensors as presets
 
 **These are models of published figures, not measurements of the products.** The figures are those
 that section 2 of the paper ("Review and Simulation of Counter-UAS Sensors for Unmanned Traffic
-Management") lists of the products, in tables 1 to 8 and 13 and beside them. They leave most of a
+Management") lists of the products, in tables 1 to 13 and beside them. They leave most of a
 sensor out, so each key below says where its value comes from:
 
 - **stated**: the source says it; its words are beside it.
@@ -50,7 +50,8 @@ Where no accuracy is published, the errors that no echo removes are the defaults
 
 A quoted range is taken as the slant range at which one look detects the target with probability
 0.8. Only table 6 says so itself (of Doruk); and where a table names no target, it is taken to be
-the paper's small drone, of 0.01 m2 and 80 dB of sound power, 50 m above the sensor.
+the paper's small drone, of 0.01 m2 and 80 dB of sound power, 50 m above the sensor; to cameras
+it is 0.35 m across.
 
 In a scene, a preset gives all keys that the scene does not:
 

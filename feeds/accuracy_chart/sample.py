@@ -140,6 +140,7 @@ def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targ
             rcs_m2=signatures.rcs_m2[found.drone],
             sound_power_db=signatures.sound_power_db[found.drone],
             emitters=[emitters[i] for i in found.drone.tolist()],
+            size_m=signatures.size_m_of(found.drone),
         ),
     )
 
@@ -160,6 +161,7 @@ def _unknown(scene: Scene) -> Signatures:
         rcs_m2=np.array([telemetry.rcs_m2]),
         sound_power_db=np.array([telemetry.sound_power_db]),
         emitters=[()],
+        size_m=np.array([telemetry.size_m]),
     )
 
 

@@ -139,7 +139,7 @@ def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, A
         "type": sensor.type,
         "sac": sensor.sac,
         "sic": sensor.sic,
-        "target": _described(target.signature),
+        "target": _described(target.signature, sensor),
         "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "effects": _effects(sensor),
@@ -192,9 +192,9 @@ def _effects(sensor: Sensor) -> dict[str, dict[str, Any]]:
     return {name: part.model_dump(exclude_none=True) for name, part in parts.items() if part}
 
 
-def _described(signature: Signature) -> str:
-    """What of the target the sensors can sense, in words."""
-    parts = []
+def _described(signature: Signature, sensor: Sensor) -> str:
+    """What of the target sensors can sense, in words; its size is told of cameras."""
+    parts = [f"{signature.size_m:g} m across"] if sensor.sapient_type == "CAMERA" else []
     if np.isfinite(signature.rcs_m2):
         parts.append(f"{signature.rcs_m2:g} m2")
     if np.isfinite(signature.sound_power_db):

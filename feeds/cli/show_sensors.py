@@ -62,7 +62,8 @@ def details(shown: Preset) -> dict[str, Any]:
 
 def reach_m(shown: Preset, target: PresetTarget) -> float | None:
     """The furthest range at which that target's Pd is at least 0.8; None if it is nowhere."""
-    found = sensor_report(SITE, shown.sensor, _test_target(target))["range_at_pd_80_percent_m"]
+    sensor = shown.sensor.model_copy(update=target.when)
+    found = sensor_report(SITE, sensor, _test_target(target))["range_at_pd_80_percent_m"]
     return None if found is None else float(found)
 
 

@@ -41,7 +41,7 @@ class Status025:
     """A status report every ten seconds, for sensors whose own category has none."""
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
-        self._numbers = numbers_of(sensors)
+        self._numbers = numbers_of(sensors, len(scene.sensor))
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._encoder = StatusEncoder025(
             [sensor.sac for sensor in sensors.values()],
@@ -58,7 +58,10 @@ class Status025:
 
     def add_to(self, found: list[Blocks], sectors: Sectors) -> None:
         """Add the reports that are due in sectors to the blocks of these."""
-        due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
+        due = np.flatnonzero(
+            (periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0)
+            & (self._numbers[sectors.sensor] >= 0)
+        )
         if len(due):
             numbers = self._numbers[sectors.sensor[due]]
             blocks = self._encoder.regular_blocks(sectors.end_ns[due], numbers)

@@ -14,7 +14,7 @@ REPORTS_A_SCAN = 16
 
 
 class Asterix205(AsterixFormat):
-    """Sensor data of 205, a block a bearing, and 025."""
+    """Sensor data of 205, a block a bearing, and 025 of sensors that 015 does not bring it of."""
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
@@ -26,7 +26,10 @@ class Asterix205(AsterixFormat):
             latitude_deg=[place.latitude_deg for place in places],
             longitude_deg=[place.longitude_deg for place in places],
         )
-        self._status = Status025(scene, sensors)
+        told_by_015 = {i for i, sensor in sensors.items() if "asterix-015" in sensor.report}
+        self._status = Status025(
+            scene, {i: sensor for i, sensor in sensors.items() if i not in told_by_015}
+        )
 
     def blocks(self, seen: Seen) -> list[Blocks]:
         """Blocks of category 205, then 025 where it is due."""

@@ -14,7 +14,8 @@ from plotfeed.feeds.page.scene_outline import Placements
 from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.state import Floats, Ints, Plots, TruthState, renamed
+from plotfeed.models.known_rows import renamed
+from plotfeed.models.state import Floats, Ints, Plots, TruthState
 from plotfeed.proto.units import decibels
 
 SHOWN_AFTER_NS = 30_000_000_000

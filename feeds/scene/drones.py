@@ -16,10 +16,11 @@ from plotfeed.feeds.scene.fields import (
     NotNegative,
     Positive,
     SceneTable,
+    Size,
     Speed,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.models.state import AltitudeReference
+from plotfeed.models.state import DRONE, AltitudeReference
 
 
 class Waypoint(Location):
@@ -67,6 +68,12 @@ class Drone(SceneTable):
     rcs_m2: Positive | None = None
     sound_power_db: Decibels | None = None
     """Re 1 pW."""
+    size_m: Size | None = None
+    """Across, as cameras see it."""
+    target_class: Name = DRONE
+    """What it is to sensors that recognise it: drone, bird or any other word."""
+    model: Annotated[str, Field(max_length=64)] = ""
+    """Such as Phantom 4: what sensors call it that identify it."""
     emitters: Annotated[tuple[EmitterKeys, ...], Field(strict=False)] = ()
     """What radiates on board."""
     start_s: NotNegative = 0.0

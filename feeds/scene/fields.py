@@ -37,6 +37,8 @@ Loss = Annotated[float, Field(ge=0, le=300)]
 Speed = Annotated[float, Field(ge=0.01, le=1000)]
 Resolution = Annotated[float, Field(ge=0.01, le=1e6)]
 """In metres."""
+Size = Annotated[float, Field(ge=0.01, le=1000)]
+"""Across, in metres."""
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
 Height = Annotated[float, Field(ge=-1000, le=100_000)]

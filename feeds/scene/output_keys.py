@@ -136,6 +136,8 @@ class SapientPriorKeys(SceneTable):
     """Radar cross-section, mean over fluctuation."""
     sound_power_db: Annotated[float, Field(ge=0, le=200)] = 80.0
     """Re 1 pW."""
+    size_m: Annotated[float, Field(gt=0, le=1000)] = 0.35
+    """Across, as cameras see it."""
     eirp_dbm: Annotated[float, Field(ge=-100, le=100)] = 20.0
     """Of one emission, in the middle of an RF sensor's band."""
 

@@ -24,9 +24,10 @@ from plotfeed.feeds.sensing.sensor_site import SensorSite
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.known_rows import renamed
 from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
-from plotfeed.models.state import Bools, renamed
+from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories
 
 NS_IN_MS = 1_000_000

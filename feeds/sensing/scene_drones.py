@@ -152,6 +152,9 @@ def signature_of(scene: Scene, drone: Drone) -> Signature:
             settings.sound_power_db if drone.sound_power_db is None else drone.sound_power_db
         ),
         emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters),
+        size_m=settings.size_m if drone.size_m is None else drone.size_m,
+        target_class=drone.target_class,
+        model=drone.model,
     )
 
 

@@ -89,6 +89,7 @@ class TelemetryReceiver:
         self._prefix = scene.mqtt.prefix
         self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
+        self._size_m = settings.size_m
         self._scripted = frozenset(d.id for d in scene.drone)
         self._trajectories = trajectories
         self._welcome, self._part_with = welcome, part_with
@@ -199,6 +200,7 @@ class TelemetryReceiver:
                     np.isnan(sound_power_db), self._sound_power_db, sound_power_db
                 ),
                 emitters=emitters,
+                size_m=np.full(len(rcs_m2), self._size_m),
             ),
             starts=starts,
         )

@@ -58,11 +58,7 @@ class Targets:
             position_enu_m=position_enu_m,
             true_position_enu_m=position_enu_m,
             velocity_enu_m_s=velocity_enu_m_s,
-            signatures=Signatures(
-                rcs_m2=np.array([signature.rcs_m2]),
-                sound_power_db=np.array([signature.sound_power_db]),
-                emitters=[signature.emitters],
-            ),
+            signatures=Signatures.of_one(signature),
         )
 
     def __len__(self) -> int:
@@ -75,6 +71,10 @@ class Targets:
     def sound_power_db(self) -> Floats:
         """Sound power levels, dB re 1 pW; (n,)."""
         return self.signatures.sound_power_db[self.drone]
+
+    def size_m(self) -> Floats:
+        """Sizes across; (n,)."""
+        return self.signatures.size_m_of(self.drone)
 
     def looks(
         self,

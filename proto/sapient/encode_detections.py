@@ -139,7 +139,7 @@ class DetectionEncoder:
             low_hz, high_hz = manner.band_hz
             check_number("start_frequency", low_hz, 0, high_hz)
             check_number("stop_frequency", high_hz, low_hz, 1e15)
-        self._kind: str | None = None
+        self._kind: tuple[str, float] | None = None
 
     def messages(
         self,
@@ -164,6 +164,7 @@ class DetectionEncoder:
         locations = Locations(plots, positions)
         infos = self._infos(t_utc_ns, plots)
         amplitudes_dbm = self._amplitudes_dbm(plots)
+        probabilities = self._class_confidences(plots)
         report = self._report
         encoded = []
         for i, (kind, identity) in enumerate(zip(plots.kind, plots.identity, strict=True)):
@@ -172,7 +173,7 @@ class DetectionEncoder:
             if confidences is not None and (found := confidences[i]) is not None:
                 report.detection_confidence = found
             locations.write(i, report)
-            self._classify(kind)
+            self._classify(kind, probabilities[i])
             self._fill_infos(infos, i)
             if identity:
                 report.id = identity
@@ -187,18 +188,27 @@ class DetectionEncoder:
             return [None] * len(plots)
         return measured("amplitude", plots.amplitude_dbm, -1000, 1000)
 
-    def _classify(self, kind: str) -> None:
+    def _class_confidences(self, plots: Plots) -> list[float]:
+        """Confidences that the sensor states, and the scene's for what it states none of."""
+        stated = plots.kind_probability
+        if stated is None:
+            return [self._manner.class_confidence] * len(plots)
+        found = measured("class confidence", stated, 0, 1)
+        return [self._manner.class_confidence if p is None else p for p in found]
+
+    def _classify(self, kind: str, confidence: float) -> None:
         """The sensor's own class below the scene's, or either alone; only what is registered."""
         if kind not in self._classes:
-            kind = ""
-        if kind == self._kind:
+            kind, confidence = "", self._manner.class_confidence
+        if (kind, confidence) == self._kind:
             return
-        self._kind = kind
+        self._kind = kind, confidence
         del self._report.classification[:]
-        above, confidence = self._manner.default_class, self._manner.class_confidence
+        above = self._manner.default_class
         if not above and not kind:
             return
-        found = self._report.classification.add(type=above or kind, confidence=confidence)
+        sure = self._manner.class_confidence if above else confidence
+        found = self._report.classification.add(type=above or kind, confidence=sure)
         if above and kind:
             found.sub_class.add(type=kind, confidence=confidence, level=1)
 

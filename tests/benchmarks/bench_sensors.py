@@ -52,6 +52,11 @@ GATE = {
     "id": "gate", "type": "range_gate", "scan": {"kind": "staring", "period_s": 1.0},
     "range_max_m": 10_000.0, "sigma_m": 5.0,
 }  # fmt: skip
+CAMERA = {
+    "id": "camera", "type": "camera", "scan": {"kind": "staring", "period_s": 1.0},
+    "horizontal_fov_deg": 100.0, "pan_deg": 45.0, "tilt_deg": 10.0, "pixels_across": 8000,
+    "pixels_down": 4000, "range_max_m": 10_000.0,
+}  # fmt: skip
 CASES = {
     "active": ("active radar", (1000, 5000)),
     "mimo": ("MIMO radar, 3 transmitters", (1000, 2000)),
@@ -59,6 +64,7 @@ CASES = {
     "microphone": ("microphones", (60, 90)),
     "rf": ("RF sensor, 1 emitter a drone", (1000, 3000)),
     "gate": ("range gate", (1000, 5000)),
+    "camera": ("camera", (50, 150)),
 }
 """What they are called, and between which distances their targets are: where they see them."""
 
@@ -161,14 +167,14 @@ class StoneSoup:
 
 
 def models() -> dict[str, Any]:
-    """Of the sensors of section-4, of an RF sensor and of a range gate; by their ids."""
+    """Of the sensors of section-4, an RF sensor, a range gate and a camera; by their ids."""
     import tomllib
     from importlib.resources import files
 
     from plotfeed.feeds.scene.scene import from_tree
 
     tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
-    tree["sensor"] += [RF, GATE]
+    tree["sensor"] += [RF, GATE, CAMERA]
     scene = from_tree(tree, Path("bench.toml"))
     return {sensor.id: sensor.model(scene.scene.site) for sensor in scene.sensor}
 
@@ -195,6 +201,7 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
             rcs_m2=np.full(n, 0.01),
             sound_power_db=np.full(n, 80.0),
             emitters=EmitterTable([emitters] * n),
+            size_m=np.full(n, 0.35),
         ),
     )
 

@@ -110,7 +110,7 @@ def _drones(dice: Dice) -> list[Keys]:
 
 def _sensor(dice: Dice, number: int) -> Keys:
     make: Callable[[Dice], Keys] = dice.one_of(
-        _active, _active, _mimo, _passive, _acoustic, _rf, _gate
+        _active, _active, _mimo, _passive, _acoustic, _rf, _gate, _camera
     )
     sensor = {
         "id": f"sensor-{number}",
@@ -302,6 +302,24 @@ def _gate(dice: Dice) -> Keys:
         "report": dice.some_of("asterix-015", "plots"),
         "scan": {"kind": "staring", "period_s": dice.one_of(0.2, 1.0)},
     }
+
+
+def _camera(dice: Dice) -> Keys:
+    turns = dice.happens(0.3)
+    return {
+        "type": "camera",
+        "range_max_m": 3000.0,
+        "horizontal_fov_deg": 360.0 if turns else dice.between(40, 110),
+        "pan_deg": dice.between(-180, 180),
+        "tilt_deg": dice.between(5, 30),
+        "pixels_across": 60_000 if turns else 12_000,
+        "pixels_down": 10_000,
+        "false_alarms_per_frame": dice.between(0, 0.3),
+        "class_probability": dice.between(0.5, 1.0),
+        "report": dice.some_of("asterix-015", "asterix-205", "plots"),
+        "scan": {"kind": "rotating", "period_s": 0.5} if turns
+        else {"kind": "staring", "period_s": dice.one_of(0.2, 1.0)},
+    } | dice.one_of({}, {"visibility_m": 5000.0}, {"hotter_k": 5.0})  # fmt: skip
 
 
 def _link(dice: Dice) -> Keys:

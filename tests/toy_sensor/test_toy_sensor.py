@@ -12,7 +12,7 @@ from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from support.asterix_readers import read_blocks
 from support.road import Road, fly
 from support.sapient_rules import checked
-from toy_sensor.camera_keys import CameraKeys
+from toy_sensor.lookout_keys import LookoutKeys
 
 from plotfeed.feeds.accuracy_chart.chart import charted
 from plotfeed.feeds.accuracy_chart.stage import Effort
@@ -31,8 +31,8 @@ WITHIN_DEG = 1.0
 
 
 @pytest.fixture
-def flown(camera_scene: Scene) -> Road:
-    return fly(camera_scene, 3.0)
+def flown(lookout_scene: Scene) -> Road:
+    return fly(lookout_scene, 3.0)
 
 
 def directions_are_right(found_deg: list[tuple[float, float]]) -> None:
@@ -43,46 +43,46 @@ def directions_are_right(found_deg: list[tuple[float, float]]) -> None:
 
 
 def test_category_015_has_its_bearings_and_calls_it_no_radar(flown: Road) -> None:
-    records = flown.records("camera", 15)
+    records = flown.records("lookout", 15)
     directions_are_right([(r.get("I015/627/AZ"), r.get("I015/628/EL")) for r in records])
     assert {r.get("I015/020/MOMU") for r in records} == {Geometry.OTHER}
     assert {r.get("I015/625/R") for r in records} == {None}
-    assert flown.records("camera", 25) == []  # comes up every ten seconds
-    assert flown.records("camera", 16) == []
-    theirs = [r for block in read_blocks(flown.payloads("camera/asterix/015")) for r in block]
+    assert flown.records("lookout", 25) == []  # comes up every ten seconds
+    assert flown.records("lookout", 16) == []
+    theirs = [r for block in read_blocks(flown.payloads("lookout/asterix/015")) for r in block]
     assert len(theirs) == len(records)
 
 
 def test_category_205_has_its_bearings(flown: Road) -> None:
-    records = flown.records("camera", 205)
+    records = flown.records("lookout", 205)
     directions_are_right([(r.get("I205/070"), r.get("I205/200")) for r in records])
-    theirs = [r for block in read_blocks(flown.payloads("camera/asterix/205")) for r in block]
+    theirs = [r for block in read_blocks(flown.payloads("lookout/asterix/205")) for r in block]
     assert len(theirs) == len(records)
 
 
 def test_protobuf_has_its_bearings_and_no_range(flown: Road) -> None:
-    batches = [pb.PlotBatch.FromString(payload) for payload in flown.payloads("camera/plots")]
+    batches = [pb.PlotBatch.FromString(payload) for payload in flown.payloads("lookout/plots")]
     plots = [plot for batch in batches for plot in batch.plots]
     directions_are_right([(plot.azimuth_deg, plot.elevation_deg) for plot in plots])
     assert not any(plot.HasField("range_m") or plot.HasField("height_m") for plot in plots)
 
 
-def test_sapient_has_a_camera_and_its_bearings(flown: Road) -> None:
-    messages = [checked(payload) for payload in flown.payloads("camera/sapient")]
+def test_sapient_has_a_lookout_and_its_bearings(flown: Road) -> None:
+    messages = [checked(payload) for payload in flown.payloads("lookout/sapient")]
     (definition,) = messages[0].registration.node_definition
-    assert definition.node_type == Registration.NODE_TYPE_CAMERA
-    assert list(definition.node_sub_type) == ["camera"]
+    assert definition.node_type == Registration.NODE_TYPE_OTHER
+    assert list(definition.node_sub_type) == ["lookout"]
     found = [m.detection_report.range_bearing for m in messages if m.HasField("detection_report")]
     directions_are_right([(place.azimuth, place.elevation) for place in found])
     assert not any(place.HasField("range") for place in found)
 
 
 def test_the_page_shows_it_and_places_its_plots_at_the_end_of_its_reach(
-    camera_scene: Scene,
+    lookout_scene: Scene,
 ) -> None:
-    placements = Placements(camera_scene.scene.site, camera_scene.sensor)
-    (shown,) = outline(camera_scene, placements, None)["sensors"]
-    assert (shown["type"], shown["label"], shown["range_max_m"]) == ("camera", "camera", 3000.0)
+    placements = Placements(lookout_scene.scene.site, lookout_scene.sensor)
+    (shown,) = outline(lookout_scene, placements, None)["sensors"]
+    assert (shown["type"], shown["label"], shown["range_max_m"]) == ("lookout", "lookout", 3000.0)
     assert (shown["rotates"], shown["transmitters"]) == (False, [])
     unknown = np.array([np.nan])
     east_m, north_m = placements.places_m(np.zeros(1, np.int64), np.array([80.0]), unknown, unknown)
@@ -90,9 +90,9 @@ def test_the_page_shows_it_and_places_its_plots_at_the_end_of_its_reach(
     assert (east_m[0], north_m[0]) == pytest.approx((there_m[0], there_m[1]))
 
 
-def test_the_chart_has_every_format_that_it_can_report_in(camera_scene: Scene) -> None:
+def test_the_chart_has_every_format_that_it_can_report_in(lookout_scene: Scene) -> None:
     effort = replace(Effort.quick(200), references=20)
-    (found,) = charted(camera_scene, effort).sensors
+    (found,) = charted(lookout_scene, effort).sensors
     assert found.own.keys() >= {"azimuth_deg", "elevation_deg"}
     (encoding,) = [stage for stage in found.stages if stage.name == "encoding"]
     errors = {method.method.name: method.method.errors for method in encoding.methods}
@@ -101,8 +101,8 @@ def test_the_chart_has_every_format_that_it_can_report_in(camera_scene: Scene) -
 
 
 def test_schemas_have_it() -> None:
-    assert "CameraKeys" in json.loads(text_of("scene"))["$defs"]
-    assert "camera" in types_that_report("asterix-205")
+    assert "LookoutKeys" in json.loads(text_of("scene"))["$defs"]
+    assert "lookout" in types_that_report("asterix-205")
 
 
 def test_a_sensor_without_a_trait_is_refused_where_it_is_defined() -> None:
@@ -140,5 +140,5 @@ def test_a_bistatic_sensor_has_illuminators() -> None:
 
 
 def test_no_two_sensors_have_one_type() -> None:
-    with pytest.raises(ValueError, match="there is a sensor of type camera already"):
-        register(CameraKeys)
+    with pytest.raises(ValueError, match="there is a sensor of type lookout already"):
+        register(LookoutKeys)

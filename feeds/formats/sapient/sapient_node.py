@@ -171,6 +171,7 @@ def _predicted(site: Site, sensor: Sensor) -> Prediction:
     signature = Signature(
         rcs_m2=1.0,
         sound_power_db=100.0,
+        size_m=1.0,
         emitters=(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),),
     )
     return sensor.model(site).predict(Targets.of_one(signature, enu_m))
@@ -184,7 +185,12 @@ def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
     emitters: tuple[Emitter, ...] = ()
     if sensor.band_hz is not None:
         emitters = (Emitter(frequency_hz=sum(sensor.band_hz) / 2, eirp_dbm=keys.eirp_dbm),)
-    signature = Signature(rcs_m2=keys.rcs_m2, sound_power_db=keys.sound_power_db, emitters=emitters)
+    signature = Signature(
+        rcs_m2=keys.rcs_m2,
+        sound_power_db=keys.sound_power_db,
+        emitters=emitters,
+        size_m=keys.size_m,
+    )
     prior = TargetPrior(mean_number=keys.expected_drones, signature=signature)
     half_deg = field.horizontal_extent_deg / 2
     azimuths_deg = (field.azimuth_deg - half_deg, field.azimuth_deg + half_deg)
@@ -238,12 +244,14 @@ def _signals(manner: Manner) -> tuple[SapientQuantity, ...]:
 
 
 def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
-    """What the sensor itself may call its detections: of emissions, those of the scene's drones.
+    """What the sensor itself may call its detections, of what the scene's drones are and emit.
 
-    Telemetry may bring others, which a node that has not registered them cannot name.
+    Telemetry may bring other emissions, which a node that has not registered them cannot name.
     """
-    kinds = (emitter.kind for drone in scene.drone for emitter in drone.emitters if emitter.kind)
-    return tuple(dict.fromkeys([*sensor.classes, *(kinds if sensor.tells_kinds else ())]))
+    kinds = (emitter.kind for drone in scene.drone for emitter in drone.emitters)
+    models = (drone.model for drone in scene.drone)
+    named = [*(kinds if sensor.tells_kinds else ()), *(models if sensor.tells_models else ())]
+    return tuple(dict.fromkeys([*sensor.classes, *filter(None, named)]))
 
 
 def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:

@@ -92,7 +92,8 @@ class Preset(CatalogueTable):
     def keys(self) -> dict[str, Any]:
         """What a scene would write, `type` among them; rules that need the model are solved."""
         given = {key: entry.value for key, entry in {**self.stated, **self.assumed}.items()}
-        return {"type": self.type, **given, **derive(self.type, given, self.derived, self.target)}
+        quoted = self.target, self.other_target
+        return {"type": self.type, **given, **derive(self.type, given, self.derived, *quoted)}
 
     @cached_property
     def sensor(self) -> Sensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -20,7 +20,14 @@ SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
 """What a sensor predicts of a target does not depend on where on Earth both are."""
 MARGIN = 1e-9
 """By how much a goal is overshot, so that rounding does not leave the model below it."""
-BRACKETS = {"_w": (1e-9, 1e9), "_db": (-200.0, 200.0), "_deg": (0.0, 90.0), "_m": (0.0, 1e4)}
+BRACKETS = {
+    "_w": (1e-9, 1e9),
+    "_db": (-200.0, 200.0),
+    "_deg": (0.0, 90.0),
+    "_m": (0.0, 1e4),
+    "_cycles": (0.01, 1000.0),
+    "_contrast": (1e-4, 1.0),
+}
 """Where the value of a key of that unit is looked for."""
 
 
@@ -53,6 +60,9 @@ class PresetTarget(CatalogueTable):
     rcs_m2: Positive | None = None
     sound_power_db: float | None = None
     emitter: PresetEmitter | None = None
+    size_m: Positive | None = None
+    when: dict[str, Any] = Field(default_factory=dict)
+    """Keys that the sensor has meanwhile, such as night."""
     note: str
     """Where the range stands, and what is assumed of the target."""
 
@@ -63,6 +73,7 @@ class PresetTarget(CatalogueTable):
             rcs_m2=np.nan if self.rcs_m2 is None else self.rcs_m2,
             sound_power_db=np.nan if self.sound_power_db is None else self.sound_power_db,
             emitters=(Emitter(**self.emitter.model_dump()),) if self.emitter else (),
+            size_m=np.nan if self.size_m is None else self.size_m,
         )
 
     def __str__(self) -> str:
@@ -70,6 +81,8 @@ class PresetTarget(CatalogueTable):
             return f"{self.rcs_m2:g} m2"
         if self.sound_power_db is not None:
             return f"{self.sound_power_db:g} dB of sound power"
+        if self.size_m is not None:
+            return ", ".join([f"{self.size_m:g} m across", *self.when])
         return f"{self.emitter.eirp_dbm:g} dBm EIRP" if self.emitter else "no target"
 
 
@@ -87,17 +100,22 @@ class Goal(CatalogueTable):
     sigma_range_m: Positive | None = None
     sigma_azimuth_deg: Positive | None = None
     sigma_elevation_deg: Positive | None = None
+    other_target: Annotated[int, Field(ge=0)] | None = None
+    """Of the preset's other targets, the one meant: 0 is the first of them."""
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if len(self.model_dump(exclude_none=True)) != 1:
+        if len(self._given()) != 1:
             raise ValueError("a rule solves for one thing")
         return self
 
     @property
     def quantity(self) -> str:
         """The name in `Prediction` of what is solved for."""
-        return next(iter(self.model_dump(exclude_none=True)))
+        return next(iter(self._given()))
+
+    def _given(self) -> dict[str, float]:
+        return self.model_dump(exclude_none=True, exclude={"other_target"})
 
     @property
     def wanted(self) -> float:
@@ -192,14 +210,21 @@ METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[A
     "share_of_time_on_target": (_on_target_s, _on_target_text),
     "solve": (
         _unsolved,
-        lambda rule: f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at the quoted range",
+        lambda rule: (
+            f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at "
+            f"{'the quoted range' if rule.solve.other_target is None else 'another quoted range'}"
+        ),
     ),
 }
 """Methods by their keys in a rule: the value of a rule, and how people read it."""
 
 
 def derive(
-    kind: str, given: Mapping[str, Any], rules: Mapping[str, PresetRule], target: PresetTarget
+    kind: str,
+    given: Mapping[str, Any],
+    rules: Mapping[str, PresetRule],
+    target: PresetTarget,
+    others: Sequence[PresetTarget] = (),
 ) -> dict[str, Any]:
     """The values of the rules' keys, for a sensor of that type.
 
@@ -217,14 +242,16 @@ def derive(
     start = {key: max(_bracket(key)[0], 0.0) for key in solves}
     sensor = sensor_of({**given, **derived, **start, "type": kind, "id": "preset"})
     for key, goal in solves.items():
-        derived[key] = _solved(sensor, key, goal, target)
+        meant = target if goal.other_target is None else others[goal.other_target]
+        derived[key] = _solved(sensor, key, goal, meant)
         sensor = sensor.model_copy(update={key: derived[key]})
     return derived
 
 
 def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
     """One quantity of what the sensor's model predicts of the target."""
-    prediction = sensor.model(SITE).predict(targets(target))
+    then = sensor.model_copy(update=target.when)
+    prediction = then.model(SITE).predict(targets(target))
     return float(getattr(prediction, quantity)[0])
 
 

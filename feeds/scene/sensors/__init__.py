@@ -15,6 +15,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys
+from plotfeed.feeds.scene.sensors.camera_keys import CameraKeys
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys, MimoRadarKeys
 from plotfeed.feeds.scene.sensors.range_gate_keys import RangeGateKeys
@@ -68,6 +69,7 @@ Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]
 for _keys in (
     AcousticKeys,
     ActiveRadarKeys,
+    CameraKeys,
     MimoRadarKeys,
     PassiveRadarKeys,
     RangeGateKeys,

@@ -186,6 +186,11 @@ class SensorKeys(SceneTable):
         """Whether it names whatever kind of emission it finds, beside its own `classes`."""
         return False
 
+    @property
+    def tells_models(self) -> bool:
+        """Whether it names models of drones, beside its own `classes`."""
+        return False
+
     def categories(self, report: str) -> list[int]:
         """The categories of ASTERIX that a format brings from this sensor, its own first."""
         return [

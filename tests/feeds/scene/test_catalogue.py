@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from plotfeed.feeds.cli.show_sensors import reach_m
@@ -29,6 +30,15 @@ RECEIVERS = [
     "rfone",
 ]
 MICROPHONES = ["dronetracker-audio", "widealert"]
+CAMERAS = [
+    "axis-q6215-le",
+    "droneopt",
+    "indra-arms-optronic",
+    "spynel-c1000",
+    "spynel-s2000",
+    "spynel-x3500",
+    "triton-pt",
+]
 QUOTED_RANGE_M = {
     "art-midrange-3d": 5000,
     "doruk": 6000,
@@ -46,8 +56,15 @@ QUOTED_RANGE_M = {
     "rfone": 5000,
     "dronetracker-audio": 80,
     "widealert": 200,
+    "axis-q6215-le": 1000,
+    "droneopt": 600,
+    "indra-arms-optronic": 2000,
+    "spynel-c1000": 400,
+    "spynel-s2000": 400,
+    "spynel-x3500": 400,
+    "triton-pt": 4000,
 }
-"""Of tables 1 to 8 and 13 of the paper, and of sections 2.3 and 2.4."""
+"""Of tables 1 to 13 of the paper, and of sections 2.3 and 2.4."""
 
 each = pytest.mark.parametrize("shown", [preset(name) for name in names()], ids=lambda p: p.name)
 
@@ -66,6 +83,7 @@ def test_the_systems_of_the_tables_are_there() -> None:
         dict.fromkeys(RADARS, "active_radar")
         | dict.fromkeys(RECEIVERS, "rf")
         | dict.fromkeys(MICROPHONES, "acoustic")
+        | dict.fromkeys(CAMERAS, "camera")
     )
 
 
@@ -87,7 +105,8 @@ def test_every_rule_that_is_solved_is_met_by_the_whole_sensor(shown: Preset) -> 
     solved = [rule.solve for rule in shown.derived.values() if rule.solve is not None]
     assert "pd" in [goal.quantity for goal in solved]
     for goal in solved:
-        reached = predicted(shown.sensor, shown.target, goal.quantity)
+        meant = shown.target if goal.other_target is None else shown.other_target[goal.other_target]
+        reached = predicted(shown.sensor, meant, goal.quantity)
         assert reached == pytest.approx(goal.wanted, rel=1e-6)
 
 
@@ -224,6 +243,21 @@ def test_stated_accuracies_are_reached_at_the_quoted_range(
     target = preset(name).target
     reached = {key: predicted(sensor(name), target, key) for key in accuracies}
     assert reached == pytest.approx(accuracies, rel=1e-6)
+
+
+def test_cameras_see_their_other_targets_as_far_as_is_quoted() -> None:
+    for name in ("axis-q6215-le", "droneopt", "triton-pt"):
+        (other,) = preset(name).other_target
+        assert reach_m(preset(name), other) == pytest.approx(other.range_m, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "mrad"), [("spynel-c1000", 0.855), ("spynel-s2000", 0.560), ("spynel-x3500", 0.270)]
+)
+def test_pixels_of_panoramas_are_square(name: str, mrad: float) -> None:
+    keys = preset(name).keys
+    assert np.radians(360 / keys["pixels_across"]) * 1e3 == pytest.approx(mrad, rel=0.01)
+    assert np.radians(20 / keys["pixels_down"]) * 1e3 == pytest.approx(mrad, rel=0.01)
 
 
 def test_a_key_cannot_have_two_marks() -> None:

@@ -84,6 +84,7 @@ SENSORS: list[dict[str, Any]] = [
         "azimuth_max_deg": 90.0,
         "range_max_m": 10_000.0,
     },
+    {"id": "camera", "type": "camera", "preset": "droneopt", "pan_deg": 45.0, "tilt_deg": 20.0},
     {"id": "acoustic", "type": "acoustic", "preset": "widealert", "scan": staring()},
     {"id": "rf", "type": "rf", "preset": "dedrone-rf-360", "scan": staring()},
     {

@@ -44,6 +44,16 @@ KINDS: dict[str, dict[str, Any]] = {
         "channel_bandwidth_hz": 1e6, "integration_s": 1e-3, "range_max_m": 9000.0,
         "baseline_m": 0.2,
     },
+    "cameras": {
+        "type": "camera", "scan": staring(0.5), "horizontal_fov_deg": 100.0, "pixels_across": 9000,
+        "pixels_down": 9000, "range_max_m": 9000.0, "false_alarms_per_frame": 0.5,
+        "visibility_m": 9e3,
+    },
+    "panoramas": {
+        "type": "camera", "scan": rotating(0.5, 16), "horizontal_fov_deg": 360.0,
+        "pixels_across": 40_000, "pixels_down": 9000, "range_max_m": 9000.0, "hotter_k": 4.0,
+        "false_alarms_per_frame": 0.5,
+    },
     "microphones": {
         "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
         "range_max_m": 3000.0, "azimuth_beamwidth_deg": 20.0,

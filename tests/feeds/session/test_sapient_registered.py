@@ -27,6 +27,11 @@ FINDER = {
     "channel_bandwidth_hz": 1e6, "integration_s": 1e-4, "range_max_m": 20e3, "baseline_m": 0.06,
     "pfa": 1e-3,
 }  # fmt: skip
+ZOOMED_OUT = {
+    name: {"horizontal_fov_deg": 15.0, "vertical_fov_deg": 10.0, "tilt_deg": 6.0}
+    for name in ("axis-q6215-le", "droneopt", "indra-arms-optronic", "triton-pt")
+}
+"""They look at the first of the drones."""
 SENSORS: dict[str, dict[str, Any]] = {
     "turning": radar(scan=rotating(1.0, 32), pfa=1e-5),
     "rates": radar(measures_elevation=False, doppler={}),
@@ -34,6 +39,10 @@ SENSORS: dict[str, dict[str, Any]] = {
     "microphone": {
         "type": "acoustic", "scan": staring(), "range_max_m": 500.0, "noise_db": 20.0,
         "sensitivity_db": 10.0, "azimuth_beamwidth_deg": 20.0, "kind": "multirotor",
+    },
+    "camera": {
+        "type": "camera", "scan": staring(), "horizontal_fov_deg": 90.0, "pixels_across": 8000,
+        "pixels_down": 4000, "range_max_m": 5000.0, "pan_deg": 30.0,
     },
     "finder": FINDER,
     "names all": FINDER | {"classifies": True},
@@ -48,7 +57,7 @@ SENSORS: dict[str, dict[str, Any]] = {
         "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
         "range_max_m": 10_000.0,
     },
-    **{name: {"preset": name} for name in names()},
+    **{name: {"preset": name} | ZOOMED_OUT.get(name, {}) for name in names()},
 }  # fmt: skip
 DRONES = [
     held(f"d{i}", 30.0 * i, 6.0, range_m, rcs_m2=1.0, sound_power_db=110.0, emitters=EMITTERS)

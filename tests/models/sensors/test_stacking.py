@@ -15,6 +15,7 @@ from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.camera import Camera, HotSpot, LostContrast
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import Illuminator
 from plotfeed.models.sensors.range_gate import RangeGate
@@ -68,6 +69,15 @@ RF = RfDirectionFinder(
     azimuth_cover=AzimuthCover(-180.0, 180.0), azimuth_beams=1, measures_azimuth=True,
     baseline_m=0.3, azimuth_floor_deg=1.0, classifies=False, decodes=frozenset({"remote-id"}),
 )  # fmt: skip
+CAMERA = Camera(
+    pfa=1e-7, azimuth_cover=AzimuthCover(-85.0, 85.0), range_max_m=8000.0, pan_deg=0.0,
+    tilt_deg=20.0, horizontal_fov_deg=170.0, vertical_fov_deg=160.0, pixels_across=9e5,
+    pixels_down=8000.0, panoramic=False, detect_cycles=1.0, recognise_cycles=4.0,
+    identify_cycles=6.4, pointing_error_deg=0.05, pixel_error=0.5, classes=("drone", "bird"),
+    class_probability=0.9, contrast=None, hot_spot=None,
+)  # fmt: skip
+HAZE = LostContrast(inherent=0.5, threshold=0.02, at_nyquist=0.3, visibility_m=5000.0)
+WARMTH = HotSpot(warmer_k=4.0, noise_k=0.05, visibility_m=5000.0)
 GATE = RangeGate(range_max_m=7000.0, sigma_m=5.0)
 GROUND = Multipath(reflection=-0.9, antenna_height_m=12.0)
 
@@ -99,6 +109,9 @@ MODELS: dict[str, SensorModel] = {
     "rf, ground": replace(RF, multipath=GROUND),
     "rf, without bearings": replace(RF, measures_azimuth=False),
     "gate": GATE,
+    "camera": CAMERA,
+    "camera, haze and heat": replace(CAMERA, contrast=HAZE, hot_spot=WARMTH),
+    "panorama": replace(CAMERA, panoramic=True),
 }
 EMITTERS = (
     Emitter(frequency_hz=2.44e9, bandwidth_hz=1e6, eirp_dbm=20.0, kind="control"),
@@ -179,6 +192,9 @@ def targets(rng: np.random.Generator, n: int, drones: int = 12) -> Targets:
             rcs_m2=10 ** rng.uniform(-3, 1, drones),
             sound_power_db=np.where(rng.random(drones) < 0.2, np.nan, 90.0),
             emitters=[EMITTERS[: rng.integers(0, 4)] for _ in range(drones)],
+            size_m=np.where(rng.random(drones) < 0.2, np.nan, 0.5),
+            target_class=np.where(rng.random(drones) < 0.5, "drone", "kite").astype(np.object_),
+            model=np.where(rng.random(drones) < 0.5, "", "F1").astype(np.object_),
         ),
         sensor=rng.integers(0, SENSORS, n),
     )

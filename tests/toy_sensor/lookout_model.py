@@ -1,4 +1,4 @@
-"""A camera: the first of a toy sensor's three files, its model. It measures directions alone."""
+"""A lookout with a telescope: the first of a toy sensor's three files, its model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from plotfeed.models.state import Looks, Plots
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera(SensorModel):
+class Lookout(SensorModel):
     """Every drone within reach is seen; azimuth and elevation err by `sigma_deg`."""
 
     sigma_deg: float

@@ -1,26 +1,26 @@
-"""The second file: what a scene says of a camera, and the traits that tell what it is."""
+"""The second file: what a scene says of a lookout, and the traits that tell what it is."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
 from pydantic import Field
-from toy_sensor.camera_model import Camera
+from toy_sensor.lookout_model import Lookout
 
 from plotfeed.feeds.scene.fields import Positive, Site
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 
 
-class CameraKeys(AzimuthCoverKeys):
-    """A camera that finds drones in its pictures."""
+class LookoutKeys(AzimuthCoverKeys):
+    """Somebody with a telescope."""
 
-    label = "camera"
+    label = "lookout"
     geometry = SensorGeometry.BEARINGS
-    sapient_type = "CAMERA"
+    sapient_type = "OTHER"
     formats = ("asterix-015", "asterix-205", "plots", "sapient")
 
-    type: Literal["camera"]
+    type: Literal["lookout"]
     """Which model."""
     report: Reports = ()
     """Without it, plots."""
@@ -31,6 +31,6 @@ class CameraKeys(AzimuthCoverKeys):
     sigma_deg: Annotated[float, Field(gt=0, le=10)] = 0.1
     """Of the errors of azimuth and elevation."""
 
-    def model(self, _site: Site, /) -> Camera:
+    def model(self, _site: Site, /) -> Lookout:
         """The model."""
-        return Camera(range_max_m=self.range_max_m, sigma_deg=self.sigma_deg)
+        return Lookout(range_max_m=self.range_max_m, sigma_deg=self.sigma_deg)

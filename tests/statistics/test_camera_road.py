@@ -1,0 +1,222 @@
+"""Cameras' messages against closed forms, worked out here from the scene's numbers."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.road import NS, Road, fly, held, rotating, scene, staring
+from support.significance import (
+    Array,
+    assert_counts,
+    assert_law,
+    assert_standard_normal,
+    assert_sum,
+)
+
+from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.proto import plotfeed_pb2 as pb
+
+SIZE_M = 0.4
+DETECT, RECOGNISE, IDENTIFY = 2.0, 4.0, 6.4
+RANGES_M = (400.0, 700.0, 1100.0, 1500.0, 1900.0, 2300.0, 2700.0, 3300.0)
+AT_EACH = 12
+FRAMES = 300
+
+
+def camera(**changes: Any) -> dict[str, Any]:
+    """One that looks north over 60 degrees, with errors and no alarms."""
+    return {
+        "id": "camera", "type": "camera", "scan": staring(0.5), "range_max_m": 5000.0,
+        "horizontal_fov_deg": 60.0, "pixels_across": 16_000, "pixels_down": 4000,
+        "detect_cycles": DETECT, "recognise_factor": RECOGNISE / DETECT,
+        "identify_factor": IDENTIFY / DETECT, "false_alarms_per_frame": 0.0,
+        "pointing_error_deg": 0.01, "pixel_error": 5.0, "class_probability": 0.9,
+        "tells_apart": ["drone", "bird", "kite"], "report": ["asterix-015", "asterix-205", "plots"],
+    } | changes  # fmt: skip
+
+
+ANGLE_RAD = 2 * np.tan(np.radians(30.0)) / 16_000
+
+
+def odds(range_m: Array | float, needed: float, share: Array | float = 1.0) -> Array:
+    x = share * SIZE_M / (2 * np.asarray(range_m) * ANGLE_RAD) / needed
+    plain = x ** (2.7 + 0.7 * x)
+    return np.asarray(plain / (1 + plain))
+
+
+def rings(target_class: str = "drone", model: str = "Phantom 4") -> list[dict[str, Any]]:
+    return [
+        held(f"{ring}-{i}", 2.0 * i - 11.0 + 0.1 * ring, 3.0, range_m, size_m=SIZE_M,
+             target_class=target_class, model=model)
+        for ring, range_m in enumerate(RANGES_M) for i in range(AT_EACH)
+    ]  # fmt: skip
+
+
+@cache
+def plain() -> Road:
+    return fly(scene([camera()], rings(), seed=81), FRAMES * 0.5)
+
+
+def of_ring(road: Road, ring: int) -> Any:
+    plots = road.plots("camera")
+    return plots.rows(np.char.startswith(plots.drone, f"{ring}-"))
+
+
+def kinds(road: Road) -> tuple[Array, Array]:
+    batches = [pb.PlotBatch.FromString(payload) for payload in road.payloads("camera/plots")]
+    told = [plot for batch in batches for plot in batch.plots]
+    return np.array([p.kind for p in told]), np.array(
+        [p.kind_probability if p.HasField("kind_probability") else np.nan for p in told]
+    )
+
+
+def test_odds_in_the_ledger_are_the_closed_form() -> None:
+    looks = plain().looks("camera")
+    assert len(looks) == len(RANGES_M) * AT_EACH * FRAMES
+    np.testing.assert_allclose(looks.pd, odds(looks.range_m, DETECT), rtol=1e-9)
+    assert looks.pd.min() < 0.2
+    assert looks.pd.max() > 0.99
+
+
+@pytest.mark.parametrize("ring", range(len(RANGES_M)))
+def test_each_ring_is_detected_recognised_and_identified_as_often_as_it_should(ring: int) -> None:
+    plots, (kind, _) = plain().plots("camera"), kinds(plain())
+    mine, n = np.char.startswith(plots.drone, f"{ring}-"), AT_EACH * FRAMES
+    seen = kind[mine]
+    levels = {
+        "detected": (len(seen), float(odds(RANGES_M[ring], DETECT))),
+        "recognised": ((seen != "object").sum(), float(odds(RANGES_M[ring], RECOGNISE))),
+        "identified": ((seen == "Phantom 4").sum(), 0.9 * float(odds(RANGES_M[ring], IDENTIFY))),
+    }
+    for of, (found, p) in levels.items():
+        assert_sum(found, n * p, max(n * p * (1 - p), 1e-3), of)
+
+
+def test_claims_are_right_as_often_as_they_say_and_wrong_ones_are_any_other() -> None:
+    kind, probability = kinds(plain())
+    claimed = kind != "object"
+    np.testing.assert_array_equal(np.isnan(probability), ~claimed)
+    assert set(probability[claimed]) == {0.9}
+    n, wrong = claimed.sum(), np.isin(kind, ["bird", "kite"]).sum()
+    assert_sum(wrong, 0.1 * n, 0.09 * n, "wrong")
+    assert_sum((kind == "bird").sum(), wrong / 2, wrong / 4, "bird among the wrong")
+
+
+def test_what_the_camera_does_not_know_stays_an_object() -> None:
+    road = fly(scene([camera()], rings("balloon"), seed=82), 10.0)
+    assert set(kinds(road)[0]) == {"object"}
+
+
+def test_errors_are_those_of_mount_and_pixels_and_plots_state_them() -> None:
+    plots = plain().plots("camera")
+    pixel_deg = np.degrees(5.0 * ANGLE_RAD)
+    level = np.cos(np.radians(plots.true_elevation_deg))
+    sigma_deg = np.hypot(0.01, pixel_deg / level)
+    np.testing.assert_allclose(plots.sigma_azimuth_deg, sigma_deg, rtol=1e-9)
+    np.testing.assert_allclose(plots.sigma_elevation_deg, np.hypot(0.01, pixel_deg), rtol=1e-9)
+    azimuth = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg) / sigma_deg
+    assert_standard_normal(azimuth, "azimuth")
+    elevation = (plots.elevation_deg - plots.true_elevation_deg) / plots.sigma_elevation_deg
+    assert_standard_normal(elevation, "elevation")
+
+
+def test_nothing_is_looked_at_beside_the_picture_or_too_far() -> None:
+    around = [held(f"a{i}", 3.0 * i, 1.0, 300.0) for i in range(120)]
+    over = [held(f"e{i}", 0.0, i - 20.0, 300.0) for i in range(45)]
+    far = [held("near", 0.0, 10.0, 4999.0), held("far", 0.0, 10.0, 5001.0)]
+    everyone = scene([camera(tilt_deg=10.0)], [*around, *over, *far], seed=83)
+    looks = fly(everyone, 1.0).looks("camera")
+    assert np.abs(wrap_180(looks.azimuth_deg)).max() < 31.5
+    assert {"near"} <= set(looks.drone)
+    assert "far" not in set(looks.drone)
+    heights = looks.elevation_deg[np.char.startswith(looks.drone, "e")]
+    half_deg = np.degrees(np.arctan(np.tan(np.radians(30)) / 4))
+    assert abs(heights.min() - (10 - half_deg)) < 1
+    assert abs(heights.max() - (10 + half_deg)) < 1
+
+
+def test_haze_takes_detail_and_night_takes_more() -> None:
+    """Of the drones of the nearest rings, by what the air and the dark leave of contrast."""
+    hazy = camera(visibility_m=3000.0, day_contrast=0.4, night_contrast=0.1)
+    night = hazy | {"night": True}
+    for keys, contrast in ((hazy, 0.4), (night, 0.1)):
+        looks = fly(scene([keys], rings(), seed=84), 2.0).looks("camera")
+        left = contrast * 0.05 ** (looks.range_m / 3000)
+        share = np.clip(np.log(left / 0.02) / np.log(15.0), 0, 1)
+        np.testing.assert_allclose(looks.pd, odds(looks.range_m, DETECT, share), rtol=1e-9)
+        assert looks.pd.min() < 0.01
+
+
+def test_an_event_makes_it_night() -> None:
+    event = {"from_s": 5.0, "set": {"night": True}}
+    keys = camera(day_contrast=0.5, night_contrast=0.04, event=[event])
+    looks = fly(scene([keys], rings(), seed=85), 10.0).looks("camera")
+    frame = looks.scan - looks.scan.min()
+    by_day, by_night = looks.rows(frame < 9), looks.rows(frame > 10)
+    assert by_day.pd.mean() > 2 * by_night.pd.mean()
+
+
+def test_warm_drones_are_found_smaller_than_a_pixel() -> None:
+    keys = camera(pixels_across=1000, pixels_down=250, hotter_k=5.0, netd_mk=50.0,
+                  false_alarms_per_frame=1.0, visibility_m=2000.0)  # fmt: skip
+    looks = fly(scene([keys], rings(), seed=86), 5.0).looks("camera")
+    angle_rad = 2 * np.tan(np.radians(30.0)) / 1000
+    filled = np.minimum((SIZE_M / (looks.range_m * angle_rad)) ** 2, 1)
+    ratio = 5.0 * 0.05 ** (looks.range_m / 2000) * filled / 0.05
+    expected = stats.norm.sf(stats.norm.isf(1 / 250_000) - ratio)
+    np.testing.assert_allclose(looks.pd, expected, rtol=1e-9)
+    assert looks.pd.max() > 0.5 > looks.pd.min()
+
+
+def test_false_alarms_come_as_often_as_stated_anywhere_in_the_picture() -> None:
+    keys = camera(false_alarms_per_frame=3.0, pan_deg=350.0, tilt_deg=30.0, vertical_fov_deg=20.0,
+                  horizontal_fov_deg=50.0)  # fmt: skip
+    road = fly(scene([keys], [], seed=87), 500.0)
+    plots = road.plots("camera")
+    frames, counts = np.unique(plots.scan, return_counts=True)
+    everyone = np.concatenate([counts, np.zeros(1000 - len(frames), int)])
+    assert_counts(everyone, stats.poisson(3.0), "a frame")
+    east, north = (np.cos(np.radians(plots.elevation_deg)) * of(np.radians(plots.azimuth_deg - 350))
+                   for of in (np.sin, np.cos))  # fmt: skip
+    up, tilt = np.sin(np.radians(plots.elevation_deg)), np.radians(30.0)
+    along = north * np.cos(tilt) + up * np.sin(tilt)
+    above = (up * np.cos(tilt) - north * np.sin(tilt)) / along
+    half = np.tan(np.radians(25.0)), np.tan(np.radians(10.0))
+    assert_law(east / along, stats.uniform(-half[0], 2 * half[0]).cdf, "across")
+    assert_law(above, stats.uniform(-half[1], 2 * half[1]).cdf, "up and down")
+    assert set(kinds(road)[0]) == {"object"}
+
+
+def panorama(**changes: Any) -> dict[str, Any]:
+    return camera(horizontal_fov_deg=360.0, vertical_fov_deg=20.0, pixels_across=20_000,
+                  pixels_down=1100, scan=rotating(0.5, 16), tilt_deg=5.0) | changes  # fmt: skip
+
+
+def test_a_panorama_that_turns_stamps_each_drone_when_it_looks_there() -> None:
+    drones = [held(str(i), 7.0 + 30.0 * i, 5.0, 150.0) for i in range(12)]
+    plots = fly(scene([panorama()], drones, seed=88), 20.0).plots("camera")
+    assert len(plots) > 400
+    turn = (plots.time_utc_ns % (NS // 2)) / (NS // 2)
+    behind_deg = wrap_180(360 * turn - plots.true_azimuth_deg)
+    assert np.abs(behind_deg).max() < 1e-3
+
+
+def test_a_panorama_has_equal_angles_and_its_band_of_elevations() -> None:
+    drones = [held(f"{i}", 9.0 * i, i - 15.0, 600.0, size_m=SIZE_M) for i in range(40)]
+    looks = fly(scene([panorama()], drones, seed=89), 5.0).looks("camera")
+    assert -5.001 < looks.elevation_deg.min() < -3.9
+    assert 13.9 < looks.elevation_deg.max() < 15.001
+    x = SIZE_M / (2 * looks.range_m * 2 * np.pi / 20_000) / DETECT
+    np.testing.assert_allclose(looks.pd, x ** (2.7 + 0.7 * x) / (1 + x ** (2.7 + 0.7 * x)))
+
+
+def test_false_alarms_of_a_panorama_are_all_around() -> None:
+    keys = panorama(false_alarms_per_frame=5.0)
+    plots = fly(scene([keys], [], seed=90), 150.0).plots("camera")
+    assert_sum(len(plots), 1500, 1500, "alarms")
+    assert_law(wrap_360(plots.azimuth_deg), stats.uniform(0, 360).cdf, "azimuth")
+    assert_law(plots.elevation_deg, stats.uniform(-5, 20).cdf, "elevation")
