@@ -13,8 +13,11 @@ SUMMARIES_AND_EXAMPLES = {
         ),
     ),
     "inject": (
-        "Publish a recorded flight as live telemetry.",
-        ("inject flight.srt --now --takeoff-height-m 650",),
+        "Publish a flight, or what a live source says.",
+        (
+            "inject flight.srt --now --takeoff-height-m 650",
+            "inject mavlink:udpin:127.0.0.1:14550",
+        ),
     ),
     "check": (
         "Validate a scene; print Pd and errors against range.",

@@ -20,8 +20,10 @@ from plotfeed.feeds.cli.options import (
     flight_options,
     force_option,
     session_options,
+    source_options,
     take_access,
     take_flight_options,
+    take_source_options,
 )
 from plotfeed.feeds.cli.recording_commands import convert, record, replay, report, show
 from plotfeed.feeds.console import INTERRUPTED
@@ -101,11 +103,11 @@ def run(scene: Path, **options: Any) -> int:
 
 
 @cli.command()
-@click.argument("flight", type=click.Path(path_type=Path))
+@click.argument("flight", metavar="FLIGHT-or-SOURCE")
 @click.option(
     "--drone",
     metavar="ID",
-    help="Name the drone so in its topic; without it the name of the file is taken.",
+    help="Name the drone so in its topic; without it as the file is called, or as the source says.",
 )
 @click.option(
     "--broker",
@@ -161,18 +163,29 @@ def run(scene: Path, **options: Any) -> int:
 )
 @access_options
 @flight_options
-def inject(flight: Path, broker: str, **options: Any) -> int:
-    """Publish FLIGHT, a recorded file, as live telemetry.
+@source_options
+def inject(flight: str, broker: str, **options: Any) -> int:
+    """Publish FLIGHT, a recorded file, or what a live SOURCE says, as live telemetry.
 
     FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), an ArduPilot (.bin) or MAVLink
     (.tlog) log, or a GPX track (.gpx).
+
+    SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or remote-id:-.
     """
     from plotfeed.feeds.cli.inject import InjectSettings, publish_flight
+    from plotfeed.feeds.cli.inject_live import publish_source, settings_of_source
+    from plotfeed.feeds.scene.source_keys import looks_like_source
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
     address = BrokerAddress.parse(broker, **take_access(options))
-    how_to_read = take_flight_options(options)
-    return publish_flight(flight, how_to_read, InjectSettings(broker=address, **options))
+    how_to_read, how_to_listen = take_flight_options(options), take_source_options(options)
+    settings = InjectSettings(broker=address, **options)
+    if looks_like_source(flight) and not Path(flight).exists():
+        source = settings_of_source(flight, settings, how_to_listen)
+        return publish_source(source, settings, how_to_listen["duration"])
+    if not Path(flight).is_file():
+        raise click.BadParameter(f"{flight!r}: no such file", param_hint="FLIGHT")
+    return publish_flight(Path(flight), how_to_read, settings)
 
 
 @cli.command()

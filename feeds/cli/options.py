@@ -202,6 +202,27 @@ flight_options = together(
         help="Skip positions that cannot have been flown to at this speed.",
     ),
 )
+source_options = together(
+    click.option(
+        "--duration",
+        type=POSITIVE,
+        metavar="SECONDS",
+        help="End after listening to a source for so long.",
+    ),
+    click.option(
+        "--altitude",
+        type=click.Choice(["mean_sea_level", "above_takeoff"]),
+        default="mean_sea_level",
+        show_default=True,
+        help="Take this altitude of a MAVLink source: above the sea, or above home.",
+    ),
+    click.option(
+        "--ask-hz",
+        type=click.FloatRange(0.1, 50),
+        metavar="HERTZ",
+        help="Send requests to a MAVLink source for so many positions a second.",
+    ),
+)
 
 
 def take_access(options: dict[str, Any]) -> dict[str, Any]:
@@ -232,6 +253,11 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
         utc_offset_h=options.pop("utc_offset_h"),
         max_speed_m_s=options.pop("max_speed_m_s"),
     )
+
+
+def take_source_options(options: dict[str, Any]) -> dict[str, Any]:
+    """What `source_options` gave, likewise."""
+    return {name: options.pop(name) for name in ("duration", "altitude", "ask_hz")}
 
 
 def udp_destination(to: str, ttl: int = 1, interface: str | None = None) -> UdpDestination:

@@ -40,7 +40,8 @@ from plotfeed.feeds.recording.recorder import (
     attachments_of,
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
-from plotfeed.feeds.scene.output_keys import Outgoing, split_address
+from plotfeed.feeds.scene.fields import split_address
+from plotfeed.feeds.scene.output_keys import Outgoing
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
@@ -164,6 +165,8 @@ def _outgoing(scene: Scene, settings: RunSettings) -> Outgoing:
         except ValueError as error:
             raise PlotfeedError(f"--middleware: {error}") from None
         to = replace(to, middleware=settings.middleware)
+    if settings.telemetry is not None:
+        to = replace(to, sources=())  # what they said is in the record
     udp = tuple(map(udp_destination, settings.udp))
     return replace(to, udp=udp) if udp else to
 
@@ -267,6 +270,8 @@ def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
             say(f"  truth       {prefix}/truth, not for the tracker")
     else:
         say("  MQTT        none, so no topics and no telemetry from elsewhere")
+    for source in scene.outgoing.sources:
+        say(f"  listens to  {source.address}, drones are {source.template}")
     if scene.outgoing.middleware is not None:
         say(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
     for udp in scene.outgoing.udp:

@@ -51,6 +51,23 @@ Probability = Annotated[float, Field(ge=1e-15, le=0.1)]
 Enu = Annotated[tuple[Offset, Offset, Offset], Field(strict=False)]
 
 
+def address_parts(text: str) -> tuple[str, int, bool]:
+    """Host and port, 0 for none, of HOST:PORT, and whether the host stood in brackets."""
+    host, _, port = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
+    return host[1:-1] if bracketed else host, number if number < 65536 else 0, bracketed
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """Host and port of HOST:PORT or [IPv6]:PORT; raises `ValueError`."""
+    name, number, bracketed = address_parts(text)
+    plain = name.isprintable() and not set(name) & set(" /@[]") and (bracketed or ":" not in name)
+    if not name or not plain or not number:
+        raise ValueError(f"expected HOST:PORT such as 127.0.0.1:5000, not {text!r}")
+    return name, number
+
+
 class Site(SceneTable):
     """The point from which positions in the scene are counted."""
 

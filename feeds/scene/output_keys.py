@@ -11,7 +11,16 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plotfeed.feeds.scene.fields import Latitude, Longitude, Name, Positive, SceneTable
+from plotfeed.feeds.scene.fields import (
+    Latitude,
+    Longitude,
+    Name,
+    Positive,
+    SceneTable,
+    address_parts,
+    split_address,
+)
+from plotfeed.feeds.scene.source_keys import TelemetrySource
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
@@ -103,23 +112,6 @@ class Mqtt(SceneTable):
 
 Confidence = Annotated[float, Field(ge=0, le=1)]
 Class = Annotated[str, Field(min_length=1, max_length=200)]
-
-
-def _parts(text: str) -> tuple[str, int, bool]:
-    """Host and port, 0 for none, of HOST:PORT, and whether the host stood in brackets."""
-    host, _, port = text.rpartition(":")
-    bracketed = host.startswith("[") and host.endswith("]")
-    number = int(port) if port.isascii() and port.isdigit() and len(port) <= 5 else 0
-    return host[1:-1] if bracketed else host, number if number < 65536 else 0, bracketed
-
-
-def split_address(text: str) -> tuple[str, int]:
-    """Host and port of HOST:PORT or [IPv6]:PORT; raises `ValueError`."""
-    name, number, bracketed = _parts(text)
-    plain = name.isprintable() and not set(name) & set(" /@[]") and (bracketed or ":" not in name)
-    if not name or not plain or not number:
-        raise ValueError(f"expected HOST:PORT such as 127.0.0.1:5000, not {text!r}")
-    return name, number
 
 
 def _address(text: str) -> str:
@@ -220,7 +212,7 @@ class Endpoint:
     @classmethod
     def parse(cls, text: str) -> Endpoint:
         """The endpoint in 239.1.2.3:8600 or [ff02::1]:8600; raises `ValueError`."""
-        host, number, bracketed = _parts(text)
+        host, number, bracketed = address_parts(text)
         with contextlib.suppress(ValueError):
             address = ipaddress.IPv6Address(host) if bracketed else ipaddress.IPv4Address(host)
             if number:
@@ -279,7 +271,7 @@ class UdpDestination(SceneTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outgoing:
-    """Where a session sends, what opens the doors there, and whom its own broker lets in."""
+    """Where a session sends, what opens the doors there, and whom it lets in and listens to."""
 
     broker: str | None = None
     """URL; None is the embedded broker."""
@@ -294,3 +286,5 @@ class Outgoing:
     udp: tuple[UdpDestination, ...] = ()
     middleware: str | None = None
     """HOST:PORT of a SAPIENT middleware."""
+    sources: tuple[TelemetrySource, ...] = ()
+    """Live telemetry that is listened to."""

@@ -225,6 +225,7 @@ class Scene(SceneTable):
             credentials_file=credentials,
             udp=self.udp,
             middleware=self.sapient.middleware,
+            sources=self.telemetry.source,
         )
 
     def sent_to(self, outgoing: Outgoing) -> Self:

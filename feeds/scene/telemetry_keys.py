@@ -7,10 +7,11 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Decibels, Height, NotNegative, Positive, SceneTable, Size
+from plotfeed.feeds.scene.source_keys import TelemetrySource
 
 
 class Telemetry(SceneTable):
-    """How telemetry is taken, from MQTT and from files."""
+    """How telemetry is taken, from MQTT, from files and from live sources."""
 
     stale_after_s: Positive = 3.0
     """A drone without news flies on for this long, and is then gone."""
@@ -46,6 +47,8 @@ class Telemetry(SceneTable):
     """Sound power level, re 1 pW, of a drone that states none."""
     size_m: Size = 0.35
     """Size across of a drone that states none, and of those that telemetry brings."""
+    source: Annotated[tuple[TelemetrySource, ...], Field(strict=False, max_length=64)] = ()
+    """Live sources that the session listens to itself, beside what comes by MQTT."""
 
     @model_validator(mode="after")
     def _one_sea_level(self) -> Self:

@@ -34,6 +34,8 @@ AT_ONCE = 128
 """Messages that are taken in together before it is asked whether there is time for more."""
 MAX_COMMANDS = 1_000
 """That wait."""
+MAX_REFUSED_BEFORE = 1_000
+"""Drones and reasons that are told apart between two ticks."""
 
 
 class SessionInputs:
@@ -63,6 +65,7 @@ class SessionInputs:
         self._received = [o.received for o in context.observers if cares(o, "received")]
         self._sensor_tasks = sensor_tasks
         self._publish = publish
+        self._refused_before: dict[tuple[str, str], tuple[Refused, int]] = {}
 
     @property
     def topics(self) -> list[str]:
@@ -91,6 +94,14 @@ class SessionInputs:
         queue = self._commands if self._is_command(topic) else self._reports
         queue.put(topic, payload, content_type)
 
+    def refuse_later(self, topic: str, refused: Refused) -> None:
+        """Refuse at the next tick what a live source could not make a message of."""
+        key = topic, refused.reason
+        if key not in self._refused_before and len(self._refused_before) >= MAX_REFUSED_BEFORE:
+            key = "", refused.reason
+        _, number = self._refused_before.get(key, (refused, 0))
+        self._refused_before[key] = refused, number + 1
+
     def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
         """Take in what waits, as of that time: commands first, then topic after topic.
 
@@ -111,10 +122,13 @@ class SessionInputs:
         self._refuse_dropped(as_of_ns)
         self._totals.intake_behind_s = self.behind_s()
 
-    def forget_gone(self, as_of_ns: int) -> None:
-        """Forget drones of which nothing has come for long, as of that time."""
+    def keep_up(self, as_of_ns: int) -> None:
+        """Forget drones of which nothing has come for long; tell what live sources refused."""
         self._telemetry.forget_gone(as_of_ns)
         self._count_drones()
+        for (topic, _), (refused, number) in self._refused_before.items():
+            self._refuse(topic, refused, as_of_ns, number)
+        self._refused_before.clear()
 
     def receive(self, inputs: Sequence[Input], as_of_ns: int) -> None:
         """Take in telemetry and commands together, as of that time, whatever else waits."""

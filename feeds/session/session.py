@@ -18,6 +18,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch, trajectories_of
 from plotfeed.feeds.session.inputs import SessionInputs
+from plotfeed.feeds.session.listening import sources_of
 from plotfeed.feeds.session.loop import SessionLoop
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
@@ -162,6 +163,7 @@ class Session:
             self._cooperative = CooperativeTask(drones, outbox, context, link)
         self._ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
         self._loop.on_input = self._ticks.input_waits
+        self._sources = sources_of(scene, clock, self._loop.queue_input, self._inputs.refuse_later)
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
 
@@ -189,10 +191,17 @@ class Session:
             for udp in self._outputs.udp:
                 sockets.callback(udp.close)
                 udp.open()
+            for source in self._sources:
+                sockets.callback(source.close)
+                await source.open()
             async with asyncio.TaskGroup() as tasks:
                 running = [
                     tasks.create_task(each.run(), name=f"link[{each.name}]")
                     for each in self._outputs.connected
+                ]
+                running += [
+                    tasks.create_task(each.run(), name=f"source[{each.name}]")
+                    for each in self._sources
                 ]
                 try:
                     await _first_of(self._connected(), stop)

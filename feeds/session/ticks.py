@@ -87,7 +87,7 @@ class Ticks:
         if due_ns != self._due_ns:
             return  # an earlier one was planned instead
         self._due_ns = None
-        self._inputs.forget_gone(due_ns - 1)
+        self._inputs.keep_up(due_ns - 1)
         if self._inputs:
             self._at_once = 1
             began_ns = self._clock.left_ns(due_ns)

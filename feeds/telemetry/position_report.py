@@ -50,6 +50,7 @@ class Reason(StrEnum):
     SECOND_SOURCE = "second_source"
     TOO_MANY_DRONES = "too_many_drones"
     TOO_MANY_NEW_DRONES = "too_many_new_drones"
+    NO_POSITION = "no_position"
     NAME = "name"
     FLOOD = "flood"
     CONTROL = "control"

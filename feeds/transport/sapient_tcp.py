@@ -15,7 +15,8 @@ from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.output_keys import SapientKeys, split_address
+from plotfeed.feeds.scene.fields import split_address
+from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.feeds.transport.sapient_news import SapientNews

@@ -42,6 +42,7 @@ TABLE = """time,latitude_deg,longitude_deg,altitude_m
 2026-01-01T12:00:00Z,40.46,-3.73,900
 2026-01-01T12:00:01.5Z,40.46,-3.74,901
 """
+AIRBORNE = bytes.fromhex("ff12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
 COMMANDS = (
     {"sensor": "active", "set": {"pfa": 1e-4, "link": {"latency_ms": 70.0}}},
     {"sensor": "active", "reset": True},
@@ -93,6 +94,18 @@ def _page() -> Iterator[bytes]:
     yield b'{"look": {"truth": true, "watch": ["radar"]}}'
 
 
+def _mavlink() -> Iterator[bytes]:
+    from pymavlink.dialects.v20 import common
+
+    mav = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    for message in (
+        mav.system_time_encode(NS_2026 // 1000, 5000),
+        mav.global_position_int_encode(5000, 404500000, -37300000, 7000, 1000, 1, 2, 3, 0),
+        mav.gps_raw_int_encode(5000, 3, 404500000, -37300000, 7000, 1, 2, 3, 4, 9, 5, 6, 7, 8),
+    ):
+        yield b"\x10" + bytes(message.pack(mav))
+
+
 OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "asterix": lambda: _payloads("/asterix/"),
     "plots": lambda: _payloads("/plots"),
@@ -103,6 +116,8 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "control": lambda: (json.dumps(command).encode() for command in COMMANDS),
     "page": _page,
     "scene": lambda: [scene_text(port=1883, drones=DRONE).encode()],
+    "live-remote-id": lambda: [AIRBORNE, b"\x19aa:bb " + AIRBORNE[1:].hex().encode() + b"\n"],
+    "live-mavlink": _mavlink,
     "flight-srt": lambda: [SRT.encode()],
     "flight-gpx": lambda: [GPX.encode()],
     "flight-csv": lambda: [TABLE.encode()],

@@ -13,10 +13,12 @@ from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
+from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
 from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions
 from plotfeed.feeds.telemetry.flights.flight import Log
+from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
@@ -116,6 +118,22 @@ def recording(form: FileFormat) -> Target:
     return read
 
 
+def live(kind: str) -> Target:
+    """What comes from a live source of that kind, in two pieces."""
+
+    def read(data: bytes) -> None:
+        listener = listener_of(TelemetrySource(url=LIVE[kind]))
+        cut = data[0] if data else 0
+        for piece in (data[1 : 1 + cut], data[1 + cut :]):
+            for heard in listener.hear("1.2.3.4:5", piece, NS_2026):
+                assert len(heard.drone) <= 64
+
+    return read
+
+
+LIVE = {kind: f"{kind}:udp::1" for kind in KINDS}
+
+
 def flight(suffix: str) -> Target:
     """A flight's log of that kind."""
 
@@ -137,6 +155,7 @@ TARGETS: Mapping[str, Target] = {
     "sapient": sapient,
     "shown": shown,
     **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
+    **{f"live-{kind}": live(kind) for kind in LIVE},
     **{f"flight-{suffix[1:]}": flight(suffix) for suffix in BY_SUFFIX},
 }
 

@@ -10,7 +10,6 @@ A .tlog has microseconds of UTC, big-endian, before every MAVLink frame.
 from __future__ import annotations
 
 import math
-import re
 import struct
 from bisect import bisect_right
 from collections import Counter
@@ -22,6 +21,14 @@ from typing import Any
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.mavlink_frames import (
+    FRAME_START,
+    MAGIC_V1,
+    MAGIC_V2,
+    frame_octets,
+    message_id,
+    sender,
+)
 
 RECORD_START = b"\xa3\x95"
 _FMT_TYPE = 0x80
@@ -50,15 +57,11 @@ _LEAP_SECONDS = [
 """GPS less UTC, seconds, from that day on; IERS Bulletin C. No later one is announced."""
 
 STAMP_OCTETS = 8
-MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
-_SIGNED = 0x01
-_SIGNATURE_OCTETS = 13
 _GLOBAL_POSITION_INT = 33
-_FRAME_START = re.compile(b"[\xfd\xfe]")
 
 Record = dict[str, float]
 Sender = tuple[int, int]
-Decode = Callable[[bytes], Any | None]
+Decode = Callable[[bytes | bytearray], Any | None]
 
 
 def gps_to_utc_ns(week: int, ms: int) -> int:
@@ -194,22 +197,15 @@ class _Frame:
     octets: bytes
 
     @property
-    def message_id(self) -> int:
-        if self.octets[0] == MAGIC_V1:
-            return self.octets[5]
-        return int.from_bytes(self.octets[7:10], "little")
-
-    @property
     def sender(self) -> Sender:
-        at = 3 if self.octets[0] == MAGIC_V1 else 5
-        return self.octets[at], self.octets[at + 1]
+        return sender(self.octets)
 
 
 def read_tlog(data: bytes, options: FlightOptions, log: Log) -> None:
     """Take every GLOBAL_POSITION_INT of the vehicle that sent most of them."""
     reference = options.altitude_reference or AltitudeReference.MEAN_SEA_LEVEL
-    decode = _decoder()
-    frames = [f for f in _frames(data, decode, log) if f.message_id == _GLOBAL_POSITION_INT]
+    decode = mavlink_decoder()
+    frames = [f for f in _frames(data, decode, log) if message_id(f.octets) == _GLOBAL_POSITION_INT]
     senders = Counter(frame.sender for frame in frames)
     vehicle = senders.most_common(1)[0][0] if senders else None
     for frame in frames:
@@ -238,15 +234,15 @@ def _take(where: str, t_utc_ns: int, message: Any, reference: AltitudeReference,
     )
 
 
-def _decoder() -> Decode:
+def mavlink_decoder() -> Decode:
     """A function from a frame to its message, or to None where no checksum proves it one."""
     try:
         from pymavlink.dialects.v20 import common
     except ImportError as error:
-        raise PlotfeedError("tlog needs pymavlink: pip install 'plotfeed[mavlink]'") from error
+        raise PlotfeedError("MAVLink needs pymavlink: pip install 'plotfeed[mavlink]'") from error
     mavlink = common.MAVLink(None)
 
-    def decode(frame: bytes) -> Any | None:
+    def decode(frame: bytes | bytearray) -> Any | None:
         try:
             message = mavlink.decode(bytearray(frame))
         except Exception:  # noqa: BLE001 - pymavlink raises what it likes at damaged frames
@@ -259,9 +255,9 @@ def _decoder() -> Decode:
 def _frames(data: bytes, decode: Decode, log: Log) -> Iterator[_Frame]:
     """Every stamped frame; octets between them that are none are passed over and told."""
     bad_from = search_from = 0
-    while (found := _FRAME_START.search(data, search_from + STAMP_OCTETS)) is not None:
+    while (found := FRAME_START.search(data, search_from + STAMP_OCTETS)) is not None:
         offset = found.start() - STAMP_OCTETS
-        octets = _frame_octets(data, found.start())
+        octets = _whole_frame_octets(data, found.start())
         frame = data[found.start() : found.start() + (octets or 0)]
         # Where the last frame ended the next is expected; elsewhere only a checksum tells.
         expected = octets and offset == bad_from and _followed(data, found.start() + octets)
@@ -284,19 +280,15 @@ def _followed(data: bytes, end: int) -> bool:
     return data[end + STAMP_OCTETS] in (MAGIC_V1, MAGIC_V2)
 
 
-def _frame_octets(data: bytes, start: int) -> int | None:
+def _whole_frame_octets(data: bytes, start: int) -> int | None:
     """Length of the frame that starts there and is whole; None if none does."""
-    if data[start] not in (MAGIC_V1, MAGIC_V2) or start + 3 > len(data):
-        return None
-    octets = data[start + 1] + 8
-    if data[start] == MAGIC_V2:
-        octets += 4 + (_SIGNATURE_OCTETS if data[start + 2] & _SIGNED else 0)
-    return octets if start + octets <= len(data) else None
+    octets = frame_octets(data, start)
+    return octets if octets is not None and start + octets <= len(data) else None
 
 
 def looks_like_tlog(data: bytes) -> bool:
     """Whether a stamped frame stands at the start, and another after it or the end."""
-    octets = _frame_octets(data, STAMP_OCTETS) if len(data) > STAMP_OCTETS else None
+    octets = _whole_frame_octets(data, STAMP_OCTETS) if len(data) > STAMP_OCTETS else None
     if octets is None:
         return False
     after = STAMP_OCTETS + octets + STAMP_OCTETS

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 import shlex
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -15,6 +19,7 @@ from support.command import plotfeed_here, running
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.recording_commands import FORMATS
+from plotfeed.feeds.scene.source_keys import KINDS
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX
 
 ROOT = Path(__file__).parents[3]
@@ -31,7 +36,7 @@ FILES = [
 SPOKEN = {
     "demo": ["ASTERIX", "SAPIENT", "protobuf", "MQTT"],
     "run": ["TOML", "MCAP", "ASTERIX", "SAPIENT", "protobuf", "MQTT", "UDP"],
-    "inject": list(BY_SUFFIX),
+    "inject": [*BY_SUFFIX, *KINDS],
     "check": ["TOML", ".png", ".svg", ".pdf", "JSON"],
     "show": [name for name in FILES if name != "csv"],
     "replay": [name for name in FILES if name != "csv"],
@@ -88,6 +93,7 @@ ENDS = {
     "run here.toml --record there.mcap": f"{SIMULATED} --duration 70",
     "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
     "inject flight.srt --now --takeoff-height-m 650": "--broker {broker}",
+    "inject mavlink:udpin:127.0.0.1:14550": "--broker {broker} --duration 2",
     "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
     "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",
     "record udp://0.0.0.0:8600 udp.mcap": "--duration 0.1",
@@ -95,6 +101,25 @@ ENDS = {
     "replay here.pcap --udp 127.0.0.1:8600 --speed 2": "--fastest",
 }
 """What makes an example end soon, or go to the broker of the test."""
+
+
+VEHICLE_PORT = free_port()
+
+
+@contextmanager
+def vehicle(port: int) -> Iterator[None]:
+    """An autopilot that already sends to that port."""
+    program = ROOT / "tests" / "support" / "mavlink_vehicle.py"
+    words = [sys.executable, str(program), f"udpout:127.0.0.1:{port}"]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hears:
+        hears.bind(("127.0.0.1", port))
+        process = subprocess.Popen(words)
+        hears.recv(1000)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +137,7 @@ def beside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str
         assert theirs in scene
         scene = scene.replace(theirs, ours)
     (folder / "here.toml").write_text(scene)
-    with mosquitto(folder, port):
+    with mosquitto(folder, port), vehicle(VEHICLE_PORT):
         broker = f"mqtt://127.0.0.1:{port}"
         with running("run", folder / "here.toml", "--broker", broker):
             yield folder, broker
@@ -130,7 +155,9 @@ def test_every_example_does_what_it_says(
         assert f"  plotfeed {example}\n" in plotfeed_here(example.split()[0], "--help").stdout
         words = shlex.split(f"{example} {ENDS.get(example, '')}".format(broker=broker))
         words = [
-            word.replace("mqtt://127.0.0.1:1883", broker).replace(":8600", f":{free_port()}")
+            word.replace("mqtt://127.0.0.1:1883", broker)
+            .replace(":8600", f":{free_port()}")
+            .replace(":14550", f":{VEHICLE_PORT}")
             for word in words
         ]
         done = plotfeed_here(*words)

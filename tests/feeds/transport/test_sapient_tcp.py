@@ -26,7 +26,7 @@ from support.sapient_rules import checked_together
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.output_keys import split_address
+from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport import sapient_tcp, sapient_wire

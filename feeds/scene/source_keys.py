@@ -1,0 +1,188 @@
+"""The keys of live sources of telemetry: who is listened to, where, and what drones are called.
+
+Addresses of sources are as users of autopilots know them: KIND:TRANSPORT:PLACE, with // or without.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from plotfeed.feeds.scene.fields import (
+    Positive,
+    SceneTable,
+    split_address,
+)
+
+LOOPBACK_4 = "127.0.0.1"
+USUAL_BAUD = 57_600
+OCTETS = frozenset({"udpin", "udpout", "tcp", "tcpin", "serial", "file", "stdin"})
+_TRANSPORTS = {
+    "udp": "udpin",
+    "mcast": "udpin",
+    "tcpout": "tcp",
+    **{name: name for name in OCTETS - {"stdin"}},
+}
+"""By the names that users know; mcast is a group to join."""
+MCAST_USUAL = "239.255.145.50:14550"
+"""Group of MAVLink's own `mcast:`, where none is named."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceKind:
+    """A protocol that is understood: over what, how drones are called, and what a name may hold."""
+
+    usual_name: str
+    fields: frozenset[str]
+    transports: frozenset[str] = OCTETS
+    is_traffic: bool = False
+    """Whether it tells of aircraft in general, which fly faster than drones."""
+
+
+KINDS: Mapping[str, SourceKind] = {
+    "mavlink": SourceKind("mav-{system}", frozenset({"system", "component", "host", "port"})),
+    "remote-id": SourceKind("{id}", frozenset({"id"})),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SourceAddress:
+    """A live source: its protocol, and the socket, serial port or file that it is heard at."""
+
+    kind: str
+    transport: str
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    baud: int = USUAL_BAUD
+
+    @classmethod
+    def parse(cls, text: str) -> SourceAddress:
+        """The source in mavlink:udpin:127.0.0.1:14550 and the like; raises `ValueError`."""
+        kind, _, where = text.partition(":")
+        if kind not in KINDS:
+            kinds = ", ".join(KINDS)
+            raise ValueError(f"expected KIND:TRANSPORT:PLACE, of the kinds {kinds}, not {text!r}")
+        if where == "-":
+            return cls(kind, "stdin")
+        if where.startswith("/"):
+            where = f"serial:{where}"
+        scheme, _, place = where.partition(":")
+        transport = _TRANSPORTS.get(scheme)
+        if transport is None or transport not in KINDS[kind].transports:
+            known = sorted(n for n, t in _TRANSPORTS.items() if t in KINDS[kind].transports)
+            raise ValueError(
+                f"expected one of {', '.join(known)} or a serial port after {kind}, not {text!r}"
+            )
+        place = place.removeprefix("//")
+        if transport == "serial":
+            path, baud = _serial(place, text)
+            return cls(kind, transport, path=path, baud=baud)
+        if transport == "file":
+            if not place:
+                raise ValueError(f"expected the path of a file after {text!r}")
+            return cls(kind, transport, path=place)
+        if scheme == "mcast" and not place:
+            place = MCAST_USUAL
+        if place.startswith(":") and transport in ("udpin", "tcpin"):
+            place = LOOPBACK_4 + place
+        host, port = split_address(place.rstrip("/"))
+        return cls(kind, transport, _checked_host(transport, host), port)
+
+    def __str__(self) -> str:
+        if self.transport == "stdin":
+            return f"{self.kind}:-"
+        if self.transport == "serial":
+            return f"{self.kind}:{self.path},{self.baud}"
+        if self.transport == "file":
+            return f"{self.kind}:file:{self.path}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.kind}:{self.transport}:{host}:{self.port}"
+
+    @property
+    def is_multicast(self) -> bool:
+        """Whether it is a group that has to be joined."""
+        try:
+            return ipaddress.ip_address(self.host).is_multicast
+        except ValueError:
+            return False
+
+
+def looks_like_source(text: str) -> bool:
+    """Whether that is meant as the address of a live source, and not as the name of a file."""
+    return text.partition(":")[0] in KINDS and ":" in text
+
+
+def _serial(place: str, text: str) -> tuple[str, int]:
+    """Path and baud rate of /dev/ttyACM0, with ,57600 or :57600 behind it or not."""
+    path, comma, rate = place.rpartition("," if "," in place else ":")
+    if not comma:
+        return place, USUAL_BAUD
+    if not path or not (rate.isascii() and rate.isdigit() and 0 < int(rate) < 10_000_000):
+        raise ValueError(f"expected a serial port such as /dev/ttyACM0,57600, not {text!r}")
+    return path, int(rate)
+
+
+def _checked_host(transport: str, host: str) -> str:
+    """The host, of which sockets that listen need the number."""
+    if transport == "tcp":
+        return host
+    if host == "localhost":
+        return LOOPBACK_4
+    try:
+        return str(ipaddress.ip_address(host))
+    except ValueError:
+        raise ValueError(f"expected a numeric address, not {host!r}") from None
+
+
+def _address(text: str) -> str:
+    SourceAddress.parse(text)
+    return text
+
+
+def _braces(template: str) -> set[str]:
+    """Names in braces."""
+    return {part.partition("}")[0] for part in template.split("{")[1:]}
+
+
+class TelemetrySource(SceneTable):
+    """A live source that the session itself listens to: autopilots, receivers, other systems."""
+
+    url: Annotated[str, AfterValidator(_address)]
+    """KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550, mavlink:tcp:127.0.0.1:5760 or
+    mavlink:/dev/ttyACM0,57600. A place without a host is this machine alone."""
+    drone: Annotated[str, Field(min_length=1, max_length=64)] | None = None
+    """What drones are called, with fields in braces, such as mav-{system}."""
+    rcs_m2: Positive | None = None
+    """Of its drones; without it, telemetry.rcs_m2."""
+    altitude: Literal["mean_sea_level", "above_takeoff"] = "mean_sea_level"
+    """Which of an autopilot's altitudes is taken: above the sea, or above home."""
+    ask_hz: Annotated[float, Field(ge=0.1, le=50)] | None = None
+    """How often autopilots are asked to send their positions; without it nothing is asked, and
+    nothing sent but over udpout, where nobody knows of us before."""
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> Self:
+        kind = self.address.kind
+        unknown = sorted(_braces(self.drone or "") - KINDS[kind].fields)
+        if unknown:
+            known = ", ".join(f"{{{name}}}" for name in sorted(KINDS[kind].fields))
+            raise ValueError(f"drone: {{{unknown[0]}}} is not known of {kind}; expected {known}")
+        for key in ("ask_hz", "altitude"):
+            if kind != "mavlink" and getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f"{key}: only for mavlink")
+        return self
+
+    @property
+    def address(self) -> SourceAddress:
+        """The place at which it is heard."""
+        return SourceAddress.parse(self.url)
+
+    @property
+    def template(self) -> str:
+        """How its drones are called."""
+        return self.drone or KINDS[self.address.kind].usual_name

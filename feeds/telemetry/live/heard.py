@@ -1,0 +1,50 @@
+"""What a live source has been heard to say: reports by drone, and what was not taken."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
+
+MAX_NAME = 64
+_FIELD = re.compile(r"\{([a-z_]*)\}")
+_NO_NAME = re.compile(r"[\s/+#]|[^ -~]")
+
+
+@dataclass(frozen=True, slots=True)
+class HeardReport:
+    """A report of a drone, or a refusal of one; `drone` is empty if it is not known whose."""
+
+    drone: str
+    said: PositionReport | Refused
+
+    @classmethod
+    def checked(cls, drone: str, report: PositionReport) -> HeardReport:
+        """The report, or the refusal of one with a value that cannot be."""
+        try:
+            check(report)
+        except Refused as refused:
+            return cls(drone, refused)
+        return cls(drone, report)
+
+
+class Listener(Protocol):
+    """Makes reports of what comes, each peer's octets by themselves."""
+
+    def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        """What a peer has said with these octets, which came now. Raises nothing."""
+
+    def forget(self, peer: str) -> None:
+        """Drop what waits of a peer that has gone: what comes next from it begins anew."""
+
+    def notes(self) -> list[str]:
+        """What was found out since this was last asked, a line each: for whoever runs it."""
+
+
+def named(template: str, values: Mapping[str, object]) -> str:
+    """The name of a drone: fields in braces filled in, what no topic can hold replaced."""
+    filled = _FIELD.sub(lambda found: str(values.get(found[1], "")), template)
+    return _NO_NAME.sub("-", filled.strip())[:MAX_NAME] or "unnamed"

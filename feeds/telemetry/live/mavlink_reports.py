@@ -1,0 +1,290 @@
+"""Reports of drones from MAVLink, versions 1 and 2, as autopilots and simulators send it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
+from plotfeed.feeds.telemetry.live.heard import HeardReport, named
+from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
+from plotfeed.feeds.telemetry.live.sender_clock import SenderClock
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.mavlink_frames import FrameSplitter
+from plotfeed.proto.open_drone_id import (
+    EDGE_95,
+    HORIZONTAL_M,
+    MESSAGE_OCTETS,
+    RADIUS_95,
+    SPEED_M_S,
+    UNKNOWN_ALTITUDE_M,
+    UNKNOWN_CLIMB_M_S,
+    UNKNOWN_SPEED_M_S,
+    VERTICAL_M,
+    OdidIdentity,
+    OdidLocation,
+    accuracy,
+    identity_text,
+    known,
+)
+from plotfeed.proto.utc import NS
+
+SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION = 2, 24, 33, 242
+ODID_BASIC_ID, ODID_LOCATION, ODID_PACK = 12900, 12901, 12915
+WANTED = frozenset(
+    {SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION}
+    | {ODID_BASIC_ID, ODID_LOCATION, ODID_PACK}
+)
+FIX_3D = 3
+UNKNOWN_U16 = 0xFFFF
+EPOCH_LEAST_US = 10**15
+"""2001 by UTC, 31 years since a boot: a greater count is of UTC."""
+MS_NS, US_NS = 1_000_000, 1000
+PREFERRED_FOR_NS = 3 * NS
+"""A system is not followed by what is less for so long after it sent its estimate, or came."""
+MAX_PEERS = 256
+MAX_SYSTEMS = 1000
+"""That are remembered; the one that was heard first gives way."""
+
+AltitudeKind = Literal["mean_sea_level", "above_takeoff"]
+
+
+@dataclass(slots=True)
+class _System:
+    """What is remembered of one that sends."""
+
+    boot: SenderClock = field(default_factory=SenderClock)
+    utc: SenderClock = field(default_factory=lambda: SenderClock(0))
+    home_msl_m: float = math.nan
+    best: int = 0
+    """Rank of the message by which it is followed; at first there may be the best of all."""
+    best_until_ns: int = 0
+
+
+class MavlinkReports:
+    """Hears MAVLink from several peers, of each several systems, each a drone.
+
+    A drone is followed by GLOBAL_POSITION_INT, what its autopilot estimates; where it sends none,
+    by GPS_RAW_INT, else by its own Remote ID. Remote ID of others that it hears is theirs.
+    """
+
+    def __init__(self, template: str, altitude: AltitudeKind = "mean_sea_level") -> None:
+        """`template` is that of names: {system}, {component}, {host}, {port}, {id}.
+
+        `altitude` says whether the autopilot's altitude above the sea is taken, or that above home.
+        Raises `PlotfeedError` without pymavlink.
+        """
+        self._template, self._altitude = template, altitude
+        self._decode = mavlink_decoder()
+        self._peers: dict[str, FrameSplitter[Any]] = {}
+        self._systems: dict[tuple[str, int], _System] = {}
+        self._others = RemoteIdReports("{id}")
+        self._notes: list[str] = []
+        self._take: dict[int, Callable[[str, _System, Any, int], Iterator[HeardReport]]] = {
+            SYSTEM_TIME: self._system_time,
+            HOME_POSITION: self._home_position,
+            GLOBAL_POSITION_INT: self._global_position,
+            GPS_RAW_INT: self._gps_raw,
+            ODID_BASIC_ID: self._basic_id,
+            ODID_LOCATION: self._location,
+            ODID_PACK: self._pack,
+        }
+
+    def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        """The reports in octets of a peer; octets that are no frames are refused in one."""
+        splitter = self._peers.get(peer)
+        if splitter is None:
+            if len(self._peers) >= MAX_PEERS:
+                self.forget(next(iter(self._peers)))
+            splitter = self._peers[peer] = FrameSplitter(WANTED, self._decode)
+        damaged = splitter.damaged
+        for message in splitter.split(data):
+            system = self._system(peer, message.get_srcSystem(), now_utc_ns)
+            yield from self._take[message.get_msgId()](peer, system, message, now_utc_ns)
+        if splitter.damaged > damaged:
+            detail = f"{splitter.damaged - damaged} octets that are no MAVLink frame"
+            yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
+
+    def forget(self, peer: str) -> None:
+        """Drop the beginning of a frame."""
+        self._peers.pop(peer, None)
+
+    def notes(self) -> list[str]:
+        """Which systems' clocks are off."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def _system(self, peer: str, number: int, now_utc_ns: int) -> _System:
+        system = self._systems.get((peer, number))
+        if system is None:
+            if len(self._systems) >= MAX_SYSTEMS:
+                del self._systems[next(iter(self._systems))]
+            system = self._systems[peer, number] = _System()
+            system.best_until_ns = now_utc_ns + PREFERRED_FOR_NS
+        return system
+
+    def _name(self, peer: str, message: Any) -> str:
+        host, _, port = peer.rpartition(":")
+        values = {"system": message.get_srcSystem(), "component": message.get_srcComponent()}
+        return named(self._template, {**values, "host": host, "port": port})
+
+    def _system_time(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        del peer, now_utc_ns
+        if message.time_unix_usec >= EPOCH_LEAST_US:  # 0 before there is GPS time
+            boot_ns = message.time_boot_ms * MS_NS
+            system.boot.declare(message.time_unix_usec * US_NS - boot_ns, boot_ns)
+        yield from ()
+
+    def _home_position(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        del peer, now_utc_ns
+        system.home_msl_m = message.altitude * 1e-3
+        yield from ()
+
+    def _is_best(self, system: _System, rank: int, now_utc_ns: int) -> bool:
+        """Whether the system is followed by messages of that rank, the least of late."""
+        # Where our clock has jumped back, what was preferred until later is so no more.
+        holds = 0 < system.best_until_ns - now_utc_ns <= PREFERRED_FOR_NS
+        if holds and rank > system.best:
+            return False
+        system.best, system.best_until_ns = rank, now_utc_ns + PREFERRED_FOR_NS
+        return True
+
+    def _global_position(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        name = self._name(peer, message)
+        if message.lat == 0 and message.lon == 0:
+            yield _no_position(name)
+            return
+        if not self._is_best(system, 0, now_utc_ns):
+            return
+        above = self._altitude == "above_takeoff"
+        report = PositionReport(
+            t_utc_ns=self._time_ns(name, system.boot, message.time_boot_ms * MS_NS, now_utc_ns),
+            latitude_deg=message.lat * 1e-7,
+            longitude_deg=message.lon * 1e-7,
+            altitude_m=(message.relative_alt if above else message.alt) * 1e-3,
+            altitude_reference=AltitudeReference(self._altitude),
+            # vx is north, vy east, vz down, cm/s
+            velocity_enu_m_s=(message.vy * 0.01, message.vx * 0.01, -message.vz * 0.01),
+        )
+        yield HeardReport.checked(name, report)
+
+    def _gps_raw(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        name = self._name(peer, message)
+        if not self._is_best(system, 1, now_utc_ns):
+            return
+        if message.fix_type < FIX_3D or (message.lat == 0 and message.lon == 0):
+            yield _no_position(name)
+            return
+        altitude_m = message.alt * 1e-3
+        if self._altitude == "above_takeoff":
+            if math.isnan(system.home_msl_m):
+                detail = "no altitude above home: HOME_POSITION has not come yet"
+                yield HeardReport(name, Refused(Reason.ALTITUDE, detail))
+                return
+            altitude_m -= system.home_msl_m
+        is_utc = message.time_usec >= EPOCH_LEAST_US
+        clock = system.utc if is_utc else system.boot
+        report = PositionReport(
+            t_utc_ns=self._time_ns(name, clock, message.time_usec * US_NS, now_utc_ns),
+            latitude_deg=message.lat * 1e-7,
+            longitude_deg=message.lon * 1e-7,
+            altitude_m=altitude_m,
+            altitude_reference=AltitudeReference(self._altitude),
+            velocity_enu_m_s=_over_ground(message),
+            # Absent in version 1, and read as 0 then.
+            horizontal_accuracy_m=message.h_acc * 1e-3 or None,
+            vertical_accuracy_m=message.v_acc * 1e-3 or None,
+            velocity_accuracy_m_s=message.vel_acc * 1e-3 or None,
+        )
+        yield HeardReport.checked(name, report)
+
+    def _time_ns(self, name: str, clock: SenderClock, count_ns: int, now_utc_ns: int) -> int:
+        was_off = clock.is_off
+        t_utc_ns = clock.utc_ns(count_ns, now_utc_ns)
+        if clock.is_off and not was_off:
+            off = f"{abs(clock.off_s):.3f} s {'behind' if clock.off_s > 0 else 'ahead'}"
+            self._notes.append(f"{name}: its clock is {off}: positions are of when they come")
+        return t_utc_ns
+
+    def _basic_id(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        del peer, system, now_utc_ns
+        whose = _whose(message)
+        if whose:
+            identity = identity_text(bytes(message.uas_id))
+            self._others.identify(whose, OdidIdentity(message.id_type, identity))
+        yield from ()
+
+    def _location(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        location, whose = _odid_location(message), _whose(message)
+        if whose:
+            yield self._others.located(whose, location, now_utc_ns)
+        elif self._is_best(system, 2, now_utc_ns):
+            heard = self._others.located("", location, now_utc_ns)
+            yield HeardReport(self._name(peer, message), heard.said)
+
+    def _pack(
+        self, peer: str, system: _System, message: Any, now_utc_ns: int
+    ) -> Iterator[HeardReport]:
+        number = min(message.msg_pack_size, len(message.messages) // MESSAGE_OCTETS)
+        octets = bytes(message.messages)[: number * MESSAGE_OCTETS]
+        whose = _whose(message)
+        if not whose and not self._is_best(system, 2, now_utc_ns):
+            return
+        pack = bytes([0xF2, message.single_message_size, number]) + octets
+        for heard in self._others.said(whose or self._name(peer, message), pack, now_utc_ns):
+            yield heard if whose else HeardReport(self._name(peer, message), heard.said)
+
+
+def _whose(message: Any) -> str:
+    """The transmitter of another aircraft that was heard; empty for the sender itself."""
+    return bytes(message.id_or_mac).rstrip(bytes(1)).hex()
+
+
+def _no_position(name: str) -> HeardReport:
+    return HeardReport(
+        name, Refused(Reason.NO_POSITION, "it has no position yet: no 3-D fix, or 0, 0")
+    )
+
+
+def _over_ground(message: Any) -> tuple[float, float, float] | None:
+    """Velocity of ground speed, cm/s, and course over ground, 0.01 degrees; up is not known."""
+    if UNKNOWN_U16 in (message.vel, message.cog):
+        return None
+    speed_m_s, course = message.vel * 0.01, math.radians(message.cog * 0.01)
+    return speed_m_s * math.sin(course), speed_m_s * math.cos(course), math.nan
+
+
+def _odid_location(message: Any) -> OdidLocation:
+    """OPEN_DRONE_ID_LOCATION, in its units, as the same message off the air."""
+    is_fixed = (message.latitude, message.longitude) != (0, 0)
+    direction_deg = message.direction * 0.01
+    return OdidLocation(
+        latitude_deg=message.latitude * 1e-7 if is_fixed else math.nan,
+        longitude_deg=message.longitude * 1e-7 if is_fixed else math.nan,
+        ellipsoid_height_m=known(message.altitude_geodetic, UNKNOWN_ALTITUDE_M),
+        pressure_altitude_m=known(message.altitude_barometric, UNKNOWN_ALTITUDE_M),
+        height_m=known(message.height, UNKNOWN_ALTITUDE_M),
+        is_over_ground=message.height_reference == 1,
+        course_deg=direction_deg if direction_deg <= 360 else math.nan,
+        speed_m_s=known(message.speed_horizontal * 0.01, UNKNOWN_SPEED_M_S),
+        climb_m_s=known(message.speed_vertical * 0.01, UNKNOWN_CLIMB_M_S),
+        horizontal_accuracy_m=accuracy(HORIZONTAL_M, message.horizontal_accuracy, RADIUS_95),
+        vertical_accuracy_m=accuracy(VERTICAL_M, message.vertical_accuracy, EDGE_95),
+        speed_accuracy_m_s=accuracy(SPEED_M_S, message.speed_accuracy, EDGE_95),
+        past_hour_s=message.timestamp if 0 <= message.timestamp <= 3600 else math.nan,
+    )

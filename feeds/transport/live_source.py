@@ -1,0 +1,138 @@
+"""A live source at work: octets in, reports of drones out, and what autopilots are asked."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+from plotfeed.feeds.scene.source_keys import SourceAddress, TelemetrySource
+from plotfeed.feeds.telemetry.live.heard import Listener
+from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
+from plotfeed.feeds.transport.octet_sources import OctetsTaker, TcpOctets, UdpOctets
+from plotfeed.feeds.transport.serial_port import PipedOctets, SerialOctets
+
+log = logging.getLogger(__name__)
+
+HEARTBEAT_S = 1.0
+ASK_EVERY_S = 10.0
+
+Take = Callable[[str, PositionReport], object]
+"""Told of the reports of a drone."""
+Refuse = Callable[[str, Refused], object]
+"""Told of what was not taken, and of which drone; "" if that is not known."""
+
+
+class _Octets(Protocol):
+    """A way in for octets."""
+
+    @property
+    def bound_port(self) -> int: ...
+    @property
+    def correspondents(self) -> object: ...
+    async def open(self) -> None: ...
+    async def run(self) -> None: ...
+    def close(self) -> None: ...
+    def send(self, peer: str, data: bytes) -> None: ...
+
+
+class LiveSource:
+    """A source of a scene or of a command: listens, understands, and hands on."""
+
+    def __init__(
+        self,
+        settings: TelemetrySource,
+        *,
+        now_utc_ns: Callable[[], int],
+        take: Take,
+        refuse: Refuse,
+    ) -> None:
+        """Raises `PlotfeedError` where a library is missing."""
+        self.address = settings.address
+        self.name = str(self.address)
+        self._settings = settings
+        self._now_utc_ns, self._take, self._refuse = now_utc_ns, take, refuse
+        self._listener = listener_of(settings)
+        self._octets = octets_of(self.address, self)
+
+    @property
+    def bound_port(self) -> int:
+        """The port at which it listens, if it does."""
+        return self._octets.bound_port
+
+    async def open(self) -> None:
+        """Listen from now on; raises `SourceError`."""
+        await self._octets.open()
+
+    async def run(self) -> None:
+        """Keep listening; returns where what is read has an end."""
+        if self.address.kind != "mavlink":
+            await self._octets.run()
+            return
+        asks = self.address.transport == "udpout" or self._settings.ask_hz is not None
+        asking = asyncio.create_task(self._ask()) if asks else None
+        try:
+            await self._octets.run()
+        finally:
+            if asking is not None:
+                asking.cancel()
+
+    def close(self) -> None:
+        """Take no more."""
+        self._octets.close()
+
+    def octets(self, peer: str, data: bytes) -> None:
+        """Hand on the reports in what a peer has sent."""
+        rcs_m2 = self._settings.rcs_m2
+        for heard in self._listener.hear(peer, data, self._now_utc_ns()):
+            if isinstance(heard.said, Refused):
+                self._refuse(heard.drone, heard.said)
+            elif rcs_m2 is None:
+                self._take(heard.drone, heard.said)
+            else:
+                self._take(heard.drone, replace(heard.said, rcs_m2=rcs_m2))
+        for note in self._listener.notes():
+            log.warning("%s: %s", self.name, note)
+
+    def gone(self, peer: str) -> None:
+        """Forget what is incomplete of a peer."""
+        self._listener.forget(peer)
+
+    async def _ask(self) -> None:
+        """Say every second that somebody listens, and from time to time what is wanted."""
+        from plotfeed.feeds.telemetry.live.mavlink_requests import heartbeat, requests
+
+        every_us = None if self._settings.ask_hz is None else round(1e6 / self._settings.ask_hz)
+        beats = 0
+        while True:
+            for peer in list(self._octets.correspondents):  # type: ignore[call-overload]
+                self._octets.send(peer, heartbeat())
+                if every_us is not None and beats % math.ceil(ASK_EVERY_S / HEARTBEAT_S) == 1:
+                    for request in requests(every_us):
+                        self._octets.send(peer, request)
+            beats += 1
+            await asyncio.sleep(HEARTBEAT_S)
+
+
+def listener_of(settings: TelemetrySource) -> Listener:
+    """Whoever understands a source; raises `PlotfeedError` where a library is missing."""
+    if settings.address.kind == "mavlink":
+        from plotfeed.feeds.telemetry.live.mavlink_reports import MavlinkReports
+
+        return MavlinkReports(settings.template, settings.altitude)
+    return RemoteIdReports(settings.template)
+
+
+def octets_of(address: SourceAddress, taker: OctetsTaker) -> _Octets:
+    """The way in to a source's octets."""
+    if address.transport in ("udpin", "udpout"):
+        return UdpOctets(address, taker)
+    if address.transport in ("tcp", "tcpin"):
+        return TcpOctets(address, taker)
+    if address.transport == "serial":
+        return SerialOctets(address, taker)
+    return PipedOctets(address, taker)

@@ -1,0 +1,64 @@
+"""`inject` publishes what a live source says, tells what it took, and ends as it is told."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.command import plotfeed, plotfeed_here, running
+from support.scene_files import radar, scene_file, scene_text
+
+pytest.importorskip("pymavlink")
+VEHICLE = Path(__file__).parents[2] / "support" / "mavlink_vehicle.py"
+AIRBORNE = "12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00"
+"""Of now, whenever that is."""
+
+
+def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path: Path) -> None:
+    port = free_port()
+    scene = scene_file(tmp_path, scene_text(sensors=radar(period_s=0.5), drones=""))
+    with running("run", scene, "--duration", "60") as session:
+        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
+        words = [sys.executable, str(VEHICLE), f"udpout:127.0.0.1:{port}"]
+        with subprocess.Popen(words) as vehicle:
+            done = plotfeed("inject", f"mavlink:udp://:{port}", *broker, "--duration", "4")
+            vehicle.terminate()
+        identity = "0212" + b"1581F4XF".ljust(20, b"\0").hex() + "000000"
+        lines = f"aa:bb {identity}\naa:bb {AIRBORNE}\nnonsense\ncc:dd {AIRBORNE}\n"
+        to_the_end = plotfeed("inject", "remote-id:-", *broker, stdin=lines)
+    assert done.returncode == 0, done.stderr
+    assert f"listens to mavlink:udpin:127.0.0.1:{port}, drones are mav-{{system}}" in done.stdout
+    assert "drones: mav-1" in done.stdout
+    assert "undelivered 0" in done.stdout
+    assert "refused" not in done.stderr
+    assert to_the_end.returncode == 0, to_the_end.stderr
+    assert "drones: 1581F4XF, cc:dd" in to_the_end.stdout
+    assert "not taken: undecodable 1: a line 'nonsense'; expected octets" in to_the_end.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("mavlink:pigeon:1",), "expected one of"),
+        (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
+        (("mavlink:udp::14550", "--speed", "2"), "are for files"),
+        (("nothing.srt",), "no such file"),
+    ],
+)
+def test_wrong_words_are_told_before_anything_is_sent(words: tuple[str, ...], says: str) -> None:
+    done = plotfeed_here("inject", *words, "--broker", "mqtt://127.0.0.1:1")
+    assert done.returncode == 2
+    assert says in done.stderr
+
+
+def test_a_taken_port_is_one_line() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        done = plotfeed_here("inject", f"mavlink:udp://:{port}", "--broker", "mqtt://127.0.0.1:1")
+    assert done.returncode == 1
+    assert done.stderr == f"plotfeed: mavlink:udpin:127.0.0.1:{port}: Address already in use\n"

@@ -1,0 +1,157 @@
+"""A session listens to autopilots itself, and is run again from its record without them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.command import plotfeed
+from support.scene_files import radar, scene_text
+from support.sessions import AtWork
+from support.waiting import until
+
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
+from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.models.frames import ecef_to_geodetic
+from plotfeed.proto.errors import PlotfeedError
+
+pytest.importorskip("pymavlink")
+VEHICLE = Path(__file__).parents[2] / "support" / "mavlink_vehicle.py"
+
+
+def scene(*sources: str) -> Scene:
+    tables = "".join(f"[[telemetry.source]]\n{source}\n" for source in sources)
+    text = scene_text(sensors=radar(period_s=0.5), drones="", telemetry=tables)
+    return parsed(text.encode(), Path("scene.toml"))
+
+
+@contextlib.contextmanager
+def vehicle(*words: object) -> Iterator[None]:
+    process = subprocess.Popen([sys.executable, str(VEHICLE), *map(str, words)])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(timeout=60)
+
+
+@contextlib.asynccontextmanager
+async def session(of: Scene, *observers: object):  # type: ignore[no-untyped-def]
+    clock, stop = WallClock(), asyncio.Event()
+    at_work = AtWork(clock)
+    running = asyncio.create_task(
+        run(of, clock=clock, broker="none", stop=stop, observers=[at_work, *observers])
+    )
+    done, _ = await asyncio.wait(
+        [running, asyncio.create_task(at_work.begins.wait())], return_when=asyncio.FIRST_COMPLETED
+    )
+    if running in done:
+        await running
+    try:
+        yield at_work
+    finally:
+        stop.set()
+        await running
+
+
+@pytest.mark.asyncio
+@pytest.mark.parametrize(("transport", "theirs"), [("udpin", "udpout"), ("tcp", "tcpin")])
+async def test_autopilots_are_seen_where_they_say_they_are(transport: str, theirs: str) -> None:
+    port = free_port()
+    url = f'url = "mavlink:{transport}:127.0.0.1:{port}"\nrcs_m2 = 0.5'
+    with vehicle(f"{theirs}:127.0.0.1:{port}", "--system", 1, "--system", 9):
+        async with session(scene(url)) as at_work:
+            await until(lambda: at_work.totals.telemetry > 20)
+            await until(lambda: at_work.totals.plots > at_work.totals.false_alarms)
+            trajectories = at_work.session.trajectories
+            assert sorted(trajectories.names) == ["mav-1", "mav-9"]
+            state = trajectories.state_at(at_work.clock.now_ns() - 500_000_000)
+            latitude_deg, longitude_deg, height_m = ecef_to_geodetic(state.position_ecef_m)
+            # A circle of 200 m around a centre, so and so far east of it; 750 m above the sea.
+            offset_m = dict(zip(("mav-1", "mav-9"), (100, 900), strict=True))
+            for i, drone in enumerate(state.drone):
+                east_m = (longitude_deg[i] + 3.73) * 84_900 - offset_m[trajectories.names[drone]]
+                north_m = (latitude_deg[i] - 40.45) * 111_200
+                assert math.hypot(east_m, north_m) == pytest.approx(200, abs=10)
+            assert height_m == pytest.approx([802.0] * len(height_m), abs=3)
+            assert at_work.totals.refused == 0
+
+
+@pytest.mark.asyncio
+async def test_a_receiver_with_a_clock_that_is_off_is_followed(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    port = free_port()
+    with vehicle(f"udpout:127.0.0.1:{port}", "--raw", "--off-s", 7200):
+        async with session(scene(f'url = "mavlink:udp://:{port}"\ndrone = "one"')) as at_work:
+            await until(lambda: at_work.totals.telemetry > 5)
+            assert at_work.session.trajectories.names == ["one"]
+    assert "one: its clock is 7" in caplog.text
+    assert "ahead" in caplog.text
+
+
+@pytest.mark.asyncio
+async def test_what_is_no_mavlink_is_counted_and_told() -> None:
+    port = free_port()
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(
+        asyncio.DatagramProtocol, remote_addr=("127.0.0.1", port)
+    )
+    async with session(scene(f'url = "mavlink:udp://:{port}"')) as at_work:
+        transport.sendto(b"GET / HTTP/1.1\r\n\r\n")
+        await until(lambda: at_work.totals.refused > 0)
+        assert at_work.totals.refused_by == {"undecodable": 1}
+        assert "/telemetry/mavlink: 18 octets that are no MAVLink frame" in (
+            at_work.totals.last_refusal
+        )
+    transport.close()
+
+
+@pytest.mark.asyncio
+async def test_a_session_is_run_again_from_its_record_without_the_source(tmp_path: Path) -> None:
+    port, path = free_port(), tmp_path / "there.mcap"
+    of = scene(f'url = "mavlink:udp://:{port}"')
+    with vehicle(f"udpout:127.0.0.1:{port}"):
+        recorder = Recorder(path, attachments=attachments_of(of, WallClock().now_ns()))
+        with recorder:
+            observer = SessionRecorder(recorder, ledger_is_sent=False)
+            async with session(of, observer) as at_work:
+                await until(lambda: at_work.totals.plots > at_work.totals.false_alarms + 3)
+        again = plotfeed("run", path, "--broker", "none", "--speed", "max", "--json")
+    assert again.returncode == 0, again.stderr
+    totals = json.loads(again.stdout)
+    assert totals["telemetry"] > 0
+    assert totals["plots"] > totals["false_alarms"]
+
+
+@pytest.mark.asyncio
+async def test_simulated_time_has_no_live_sources() -> None:
+    with pytest.raises(PlotfeedError, match=r"telemetry\.source: live sources need real time"):
+        await run(scene('url = "mavlink:udp://:14550"'), clock=InstantClock(), broker="none")
+
+
+@pytest.mark.parametrize(
+    ("source", "says"),
+    [
+        ('url = "mavlink:udp"', "telemetry.source[0].url: expected HOST:PORT"),
+        ('url = "radio:udp::1"', "telemetry.source[0].url: expected KIND:TRANSPORT:PLACE"),
+        ('url = "mavlink:pigeon:1"', "telemetry.source[0].url: expected one of"),
+        ('url = "mavlink:udp::1"\ndrone = "{serial}"', "{serial} is not known of mavlink"),
+        ('url = "remote-id:-"\nask_hz = 1.0', "telemetry.source[0].ask_hz: only for mavlink"),
+        ('url = "mavlink:udp::1"\nask_hz = 1000.0', "telemetry.source[0].ask_hz"),
+    ],
+)
+def test_a_wrong_source_is_told_by_its_key(source: str, says: str) -> None:
+    with pytest.raises(PlotfeedError) as error:
+        scene(source)
+    assert says in str(error.value)

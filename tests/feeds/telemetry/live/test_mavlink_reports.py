@@ -1,0 +1,226 @@
+"""What autopilots say becomes reports: whose, where, above what, and when."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.telemetry.live.heard import HeardReport
+from plotfeed.feeds.telemetry.live.mavlink_reports import MAX_PEERS, MavlinkReports
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
+
+common = pytest.importorskip("pymavlink.dialects.v20.common")
+v10 = pytest.importorskip("pymavlink.dialects.v10.common")
+S = 1_000_000_000
+NOW = 1_767_225_600 * S
+PEER = "127.0.0.1:5000"
+
+
+class Vehicle:
+    """One that says what it is told to, in frames of one version."""
+
+    def __init__(self, system: int = 1, dialect: Any = common) -> None:
+        self.mav: Any = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
+
+    def says(self, name: str, *values: object) -> bytes:
+        return bytes(getattr(self.mav, f"{name}_encode")(*values).pack(self.mav))
+
+    def at(self, boot_ms: int, lat: int = 404500000, lon: int = -37300000) -> bytes:
+        place = (lat, lon, 750_000, 100_000, 300, -400, 50, 9000)
+        return self.says("global_position_int", boot_ms, *place)
+
+    def raw(self, time_us: int, fix: int = 3, more: tuple[int, ...] = ()) -> bytes:
+        place = (404500000, -37300000, 751_000)
+        return self.says("gps_raw_int", time_us, fix, *place, 80, 120, 500, 9000, 14, *more)
+
+
+def said(heard: list[HeardReport]) -> list[Any]:
+    return [each.said for each in heard]
+
+
+def report(heard: list[HeardReport]) -> PositionReport:
+    (only,) = said(heard)
+    assert isinstance(only, PositionReport)
+    return only
+
+
+def hear(
+    listener: MavlinkReports, data: bytes, now_ns: int = NOW, peer: str = PEER
+) -> list[HeardReport]:
+    return list(listener.hear(peer, data, now_ns))
+
+
+@pytest.mark.parametrize("dialect", [v10, common], ids=["v1", "v2"])
+def test_a_position_is_taken_with_its_units_and_signs(dialect: Any) -> None:
+    heard = hear(MavlinkReports("mav-{system}"), Vehicle(7, dialect).at(5000))
+    assert heard[0].drone == "mav-7"
+    found = report(heard)
+    assert (found.latitude_deg, found.longitude_deg) == pytest.approx((40.45, -3.73))
+    assert found.altitude_m == 750.0
+    assert found.altitude_reference is AltitudeReference.MEAN_SEA_LEVEL
+    assert found.velocity_enu_m_s == pytest.approx((-4.0, 3.0, -0.5))
+    assert found.t_utc_ns == NOW
+
+
+def test_above_home_is_another_altitude() -> None:
+    found = report(hear(MavlinkReports("a", "above_takeoff"), Vehicle().at(5000)))
+    assert (found.altitude_m, found.altitude_reference) == (100.0, AltitudeReference.ABOVE_TAKEOFF)
+
+
+def test_positions_bear_the_time_of_the_sender_where_it_is_right() -> None:
+    listener, vehicle = MavlinkReports("{system}"), Vehicle()
+    hear(listener, vehicle.says("system_time", (NOW - S // 10) // 1000, 5000))
+    found = report(hear(listener, vehicle.at(5100), NOW + 30_000_000))
+    assert found.t_utc_ns == NOW
+    assert listener.notes() == []
+
+
+def test_a_clock_that_is_off_is_told_once_and_not_taken() -> None:
+    listener, vehicle = MavlinkReports("{system}"), Vehicle()
+    hear(listener, vehicle.says("system_time", (NOW - 3600 * S) // 1000, 5000))
+    for i in range(3):
+        found = report(hear(listener, vehicle.at(5000 + 100 * i), NOW + i * S // 10))
+        assert found.t_utc_ns == NOW + i * S // 10
+    assert listener.notes() == [
+        "1: its clock is 3600.000 s behind: positions are of when they come"
+    ]
+    assert listener.notes() == []
+
+
+def test_the_estimate_is_preferred_and_the_receiver_stands_in() -> None:
+    listener, vehicle = MavlinkReports("{system}"), Vehicle()
+    assert hear(listener, vehicle.raw(5_000_000)) == []  # the estimate may follow
+    report(hear(listener, vehicle.at(5100), NOW + S // 10))
+    assert hear(listener, vehicle.raw(6_000_000), NOW + S) == []
+    accuracies = (0, 900, 1500, 300)
+    found = report(hear(listener, vehicle.raw(9_200_000, more=accuracies), NOW + 42 * S // 10))
+    assert found.altitude_m == 751.0
+    assert found.velocity_enu_m_s is not None
+    assert found.velocity_enu_m_s[:2] == pytest.approx((5.0, 0.0))
+    assert (found.horizontal_accuracy_m, found.vertical_accuracy_m) == (0.9, 1.5)
+    assert found.velocity_accuracy_m_s == 0.3
+    report(hear(listener, vehicle.at(9_300), NOW + 43 * S // 10))
+    assert hear(listener, vehicle.raw(9_400_000), NOW + 44 * S // 10) == []
+
+
+@pytest.mark.parametrize("dialect", [v10, common], ids=["v1", "v2"])
+def test_accuracies_that_are_not_sent_are_none(dialect: Any) -> None:
+    listener, vehicle = MavlinkReports("a"), Vehicle(dialect=dialect)
+    hear(listener, vehicle.raw(1_000_000))
+    found = report(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
+    assert (found.horizontal_accuracy_m, found.velocity_accuracy_m_s) == (None, None)
+
+
+def test_the_receivers_altitude_above_home_needs_home() -> None:
+    listener, vehicle = MavlinkReports("a", "above_takeoff"), Vehicle()
+    hear(listener, vehicle.raw(1_000_000))
+    (refused,) = said(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
+    assert refused.reason is Reason.ALTITUDE
+    home = (404500000, -37300000, 650_000, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0)
+    hear(listener, vehicle.says("home_position", *home), NOW + 4 * S)
+    assert report(hear(listener, vehicle.raw(6_000_000), NOW + 5 * S)).altitude_m == 101.0
+
+
+def test_without_a_fix_there_is_no_position() -> None:
+    listener, vehicle = MavlinkReports("a"), Vehicle()
+    hear(listener, vehicle.raw(1_000_000))
+    for data in (vehicle.at(1000, 0, 0), vehicle.raw(5_000_000, fix=2)):
+        (refused,) = said(hear(listener, data, NOW + 4 * S))
+        assert isinstance(refused, Refused)
+        assert refused.reason is Reason.NO_POSITION
+
+
+def test_several_systems_and_peers_are_several_drones() -> None:
+    listener = MavlinkReports("{system}@{port}")
+    data = Vehicle(1).at(1000) + Vehicle(2).at(99_000)
+    heard = hear(listener, data) + hear(listener, data, peer="10.0.0.2:77")
+    assert [each.drone for each in heard] == ["1@5000", "2@5000", "1@77", "2@77"]
+
+
+def location(address: bytes, past_hour_s: float) -> tuple[object, ...]:
+    place = (404512345, -37298765, 712.0, 761.5, 0, 60.0)
+    return (
+        0,
+        0,
+        address.ljust(20, b"\0"),
+        2,
+        21500,
+        2500,
+        -100,
+        *place,
+        11,
+        4,
+        3,
+        3,
+        past_hour_s,
+        2,
+    )
+
+
+def test_remote_id_of_others_is_theirs_by_their_identity() -> None:
+    listener, vehicle = MavlinkReports("mav-{system}"), Vehicle()
+    other = bytes.fromhex("60601f000001")
+    identity = (0, 0, other.ljust(20, b"\0"), 1, 2, b"1581F4XF".ljust(20, b"\0"))
+    hear(listener, vehicle.says("open_drone_id_basic_id", *identity))
+    heard = hear(listener, vehicle.says("open_drone_id_location", *location(other, 3599.5)))
+    assert heard[0].drone == "1581F4XF"
+    found = report(heard)
+    assert found.altitude_reference is AltitudeReference.ELLIPSOID
+    assert (found.altitude_m, found.t_utc_ns) == (761.5, NOW - S // 2)
+    assert found.horizontal_accuracy_m == pytest.approx(3 / 2.4477, rel=1e-4)
+    assert found.velocity_enu_m_s == pytest.approx((-14.339, -20.479, -1.0), abs=1e-3)
+    nameless = bytes.fromhex("60601f000002")
+    heard = hear(listener, vehicle.says("open_drone_id_location", *location(nameless, 0.0)))
+    assert heard[0].drone == "60601f000002"
+
+
+def test_its_own_remote_id_stands_in_for_an_autopilot_that_says_nothing_else() -> None:
+    listener, vehicle = MavlinkReports("mav-{system}"), Vehicle()
+    own = vehicle.says("open_drone_id_location", *location(b"", 0.0))
+    assert hear(listener, own) == []
+    heard = hear(listener, own, NOW + 4 * S)
+    assert heard[0].drone == "mav-1"
+    report(heard)
+
+
+def test_a_pack_is_taken_apart() -> None:
+    message = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
+    identity = bytes([2, 0x12]) + b"SERIAL".ljust(20, b"\0") + bytes(3)
+    octets = (identity + message).ljust(225, b"\0")
+    pack = (0, 0, b"\x01\x02".ljust(20, b"\0"), 25, 2, octets)
+    frame = Vehicle().says("open_drone_id_message_pack", *pack)
+    assert hear(MavlinkReports("a"), frame)[0].drone == "SERIAL"
+
+
+def test_a_v2_system_after_a_v1_system_is_understood_too() -> None:
+    """Where the first octet picked the dialect of the process, Remote ID was lost from then on."""
+    listener = MavlinkReports("{system}")
+    report(hear(listener, Vehicle(1, v10).at(1000)))
+    other = b"\x01".ljust(20, b"\0")
+    frame = Vehicle(2).says("open_drone_id_location", *location(other, 0.0))
+    assert len(hear(listener, frame)) == 1
+
+
+def test_octets_that_are_no_frames_are_refused_in_one() -> None:
+    (refused,) = said(hear(MavlinkReports("a"), b"hello, world " * 50))
+    assert refused.reason is Reason.UNDECODABLE
+    assert "650 octets that are no MAVLink frame" in refused.detail
+
+
+def test_a_flood_of_peers_is_not_remembered() -> None:
+    listener = MavlinkReports("a")
+    for i in range(3 * MAX_PEERS):
+        hear(listener, b"\xfd\xff\x00", peer=f"10.0.0.1:{i}")
+    assert len(listener._peers) == MAX_PEERS
+
+
+@given(st.lists(st.binary(max_size=300), max_size=5), st.integers(0, 2**63 - 1))
+def test_nothing_that_comes_is_an_error(pieces: list[bytes], now_ns: int) -> None:
+    listener = MavlinkReports("{system}")
+    for piece in pieces:
+        hear(listener, piece, now_ns)
+        hear(listener, Vehicle().at(5) + piece, now_ns)

@@ -1,0 +1,231 @@
+"""Octets come in over UDP, TCP, serial ports and pipes, and come again after whatever broke."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import pty
+import socket
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.waiting import until
+
+from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.transport import octet_sources, serial_port
+from plotfeed.feeds.transport.live_source import octets_of
+from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
+
+
+class Taker:
+    """What has come, by who sent it, and who has gone."""
+
+    def __init__(self) -> None:
+        self.came: dict[str, bytes] = {}
+        self.left: list[str] = []
+
+    def octets(self, peer: str, data: bytes) -> None:
+        self.came[peer] = self.came.get(peer, b"") + data
+
+    def gone(self, peer: str) -> None:
+        self.left.append(peer)
+
+    @property
+    def all(self) -> bytes:
+        return b"".join(self.came.values())
+
+
+@contextlib.asynccontextmanager
+async def listening(url: str) -> AsyncIterator[tuple[Taker, UdpOctets]]:
+    taker = Taker()
+    source = octets_of(SourceAddress.parse(url), taker)
+    await source.open()
+    running = asyncio.create_task(source.run())
+    try:
+        yield taker, source  # type: ignore[misc]
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        source.close()
+
+
+@pytest.mark.asyncio
+async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
+    port = free_port()
+    async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, source):
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        ):
+            one.sendto(b"one", ("127.0.0.1", port))
+            other.sendto(b"other", ("127.0.0.1", port))
+            await until(lambda: len(taker.came) == 2)
+            assert set(taker.came.values()) == {b"one", b"other"}
+            (peer,) = (peer for peer, data in taker.came.items() if data == b"one")
+            source.send(peer, b"answer")
+            one.settimeout(10)
+            assert one.recv(100) == b"answer"
+
+
+@pytest.mark.asyncio
+async def test_a_taken_port_is_an_error_that_names_it() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"mavlink:udpin:127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(SourceError, match=f"{url}: Address already in use"):
+            async with listening(url):
+                pass
+
+
+@pytest.mark.asyncio
+async def test_whoever_is_named_is_sent_something_first() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.bind(("127.0.0.1", 0))
+        autopilot.setblocking(False)
+        place = "{}:{}".format(*autopilot.getsockname())
+        async with listening(f"mavlink:udpout:{place}") as (taker, source):
+            source.send(source.correspondents[0], b"hello")
+            loop = asyncio.get_running_loop()
+            data, sender = await loop.sock_recvfrom(autopilot, 100)
+            assert data == b"hello"
+            autopilot.sendto(b"position", sender)
+            await until(lambda: taker.all == b"position")
+
+
+@pytest.mark.asyncio
+async def test_a_connection_that_ends_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(octet_sources, "AGAIN_S", (0.01,))
+    port, times = free_port(), 0
+
+    async def serve(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal times
+        times += 1
+        writer.write(b"%d" % times)
+        await writer.drain()
+        writer.close()
+
+    async with listening(f"mavlink:tcp:127.0.0.1:{port}") as (taker, _):
+        await asyncio.sleep(0.05)  # nobody is there yet
+        server = await asyncio.start_server(serve, "127.0.0.1", port)
+        await until(lambda: len(taker.left) >= 3)
+        server.close()
+    assert {b"1", b"2", b"3"} <= {bytes([octet]) for octet in taker.all}
+
+
+@pytest.mark.asyncio
+async def test_several_connect_and_each_is_a_peer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(octet_sources, "MAX_CONNECTIONS", 2)
+    port = free_port()
+    async with listening(f"mavlink:tcpin:127.0.0.1:{port}") as (taker, source):
+        assert isinstance(source, TcpOctets)
+        assert source.bound_port == port
+        writers = []
+        for name in (b"a", b"b"):
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(name)
+            writers.append(writer)
+        await until(lambda: sorted(taker.came.values()) == [b"a", b"b"])
+        reader, third = await asyncio.open_connection("127.0.0.1", port)
+        assert await reader.read(1) == b""  # one too many
+        for writer in (*writers, third):
+            writer.close()
+        await until(lambda: len(taker.left) == 2)
+
+
+@pytest.mark.asyncio
+async def test_a_serial_port_that_is_unplugged_is_opened_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    port = tmp_path / "tty"
+
+    def plug_in() -> tuple[int, int]:
+        ours, theirs = pty.openpty()
+        port.unlink(missing_ok=True)
+        port.symlink_to(os.ttyname(theirs))
+        return ours, theirs
+
+    ours, theirs = plug_in()
+    async with listening(f"mavlink:{port},115200") as (taker, source):
+        # Nothing of it is taken for a control character or an end of line.
+        os.write(ours, bytes(range(256)))
+        await until(lambda: taker.all == bytes(range(256)))
+        source.send(str(port), b"\r\nasked")
+        assert os.read(ours, 100) == b"\r\nasked"
+        os.close(theirs)
+        port.unlink()
+        os.close(ours)
+        await until(lambda: taker.left)
+        ours, theirs = plug_in()
+        while not taker.all.endswith(b"again"):
+            os.write(ours, b"again")
+            await asyncio.sleep(0.01)
+    os.close(ours)
+    os.close(theirs)
+
+
+@pytest.mark.asyncio
+@pytest.mark.parametrize(
+    ("url", "why"),
+    [
+        ("mavlink:/dev/null", "expected a serial port"),
+        ("mavlink:/nowhere/tty", "No such file"),
+        ("mavlink:/dev/null,12345", "12345 baud is no usual rate"),
+        ("remote-id:file:/nowhere", "no file that can be read"),
+    ],
+)
+async def test_what_cannot_be_opened_says_why(url: str, why: str) -> None:
+    with pytest.raises(SourceError, match=why):
+        async with listening(url):
+            pass
+
+
+@pytest.mark.asyncio
+async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "hex"
+    path.write_bytes(bytes(range(256)) * 1000)
+    taker = Taker()
+    source = octets_of(SourceAddress.parse(f"remote-id:file:{path}"), taker)
+    await source.open()
+    await source.run()
+    source.close()
+    assert taker.all == path.read_bytes()
+    assert taker.left == [str(path)]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("mavlink:udp://:14550", "mavlink:udpin:127.0.0.1:14550"),
+        ("mavlink:udpin://0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
+        ("mavlink:udpin:0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
+        ("mavlink:udpout:10.0.0.1:14550", "mavlink:udpout:10.0.0.1:14550"),
+        ("mavlink:udp:[::1]:14550", "mavlink:udpin:[::1]:14550"),
+        ("mavlink:mcast:", "mavlink:udpin:239.255.145.50:14550"),
+        ("mavlink:tcp:sitl.example:5760", "mavlink:tcp:sitl.example:5760"),
+        ("mavlink:tcpout://127.0.0.1:5760", "mavlink:tcp:127.0.0.1:5760"),
+        ("mavlink:tcpin::5760", "mavlink:tcpin:127.0.0.1:5760"),
+        ("mavlink:/dev/ttyACM0", "mavlink:/dev/ttyACM0,57600"),
+        ("mavlink:serial:///dev/ttyUSB0:115200", "mavlink:/dev/ttyUSB0,115200"),
+        ("remote-id:-", "remote-id:-"),
+    ],
+)
+def test_addresses_are_understood_as_users_write_them(text: str, shown: str) -> None:
+    assert str(SourceAddress.parse(text)) == shown
+    assert SourceAddress.parse(shown) == SourceAddress.parse(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "mavlink", "mavlink:", "mavlink:udp", "mavlink:udp:", "mavlink:udp:host:1x", "x:udp::1",
+        "mavlink:udpin:name:1", "mavlink:tcp::5760", "mavlink:udp:1.2.3.4:0", "mavlink:file:",
+        "mavlink:/dev/tty,x", "mavlink:/dev/tty,0", "mavlink:http://a", "mavlink:udp:1.2.3.4:99999",
+    ],
+)  # fmt: skip
+def test_what_is_no_address_is_an_error(text: str) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        SourceAddress.parse(text)
