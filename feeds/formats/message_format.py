@@ -29,6 +29,17 @@ SERVICE_PERIOD_NS = 10 * NS
 """How often a sensor says where it stands and that it works."""
 Sensors = Mapping[int, Sensor]
 """Sensors by their index in the scene."""
+PLACE = "position_enu_m"
+KEYS_OF_ITEMS = {
+    "I034/041": "scan.period_s",
+    "I034/120": PLACE,
+    "I025/600": PLACE,
+    "I016/400": PLACE,
+    "I016/420": PLACE,
+    "I016/410": "transmitters",
+    "I205/050": PLACE,
+}
+"""Of a sensor, by the item that says it; a place that is the site's is the site's key."""
 Blocks = list[tuple[int, bytes]]
 """Data blocks of ASTERIX, each with its category."""
 
@@ -101,10 +112,36 @@ class Format:
         return self.facts.name
 
     def make(self, scene: Scene) -> MessageFormat:
-        """What makes the messages of all sensors that report in it; raises `PlotfeedError`."""
-        return self.maker(
-            scene, {i: s for i, s in enumerate(scene.sensor) if self.name in s.report}
-        )
+        """What makes the messages of all sensors that report in it; raises `PlotfeedError`.
+
+        Where one of them cannot be told of in it, that names the scene's key.
+        """
+        sensors = {i: s for i, s in enumerate(scene.sensor) if self.name in s.report}
+        try:
+            return self.maker(scene, sensors)
+        except EncodeError as error:
+            raise scene.refusal(self._misfits(scene, sensors) or [("", str(error))]) from None
+
+    def _misfits(self, scene: Scene, sensors: Sensors) -> list[tuple[str, str]]:
+        """Keys of the sensors that it cannot tell of, and why: the first of each."""
+        found = []
+        for index, sensor in sensors.items():
+            try:
+                self.maker(scene, {index: sensor})
+            except EncodeError as error:
+                why = str(error).removeprefix(f"{error.field}: ")
+                what = f"{why}, for {error.field} of {self.name}"
+                found.append((key_of_item(error.field, index, sensor), what))
+        return found
+
+
+def key_of_item(item: str, index: int, sensor: Sensor) -> str:
+    """The key of a scene that an item of a sensor's own messages is made of."""
+    own = next((key for begins, key in KEYS_OF_ITEMS.items() if item.startswith(begins)), "report")
+    if own != PLACE or any(sensor.position_enu_m):
+        return f"sensor[{index}].{own}"
+    part = {"HGT": ".height_m", "LAT": ".latitude_deg", "LON": ".longitude_deg"}
+    return f"scene.site{part.get(item.rpartition('/')[2], '')}"
 
 
 class SectorFormat(ABC):

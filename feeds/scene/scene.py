@@ -37,6 +37,8 @@ MAX_FALSE_ALARMS = 100_000
 """In a scan, on average: each of them is drawn, encoded and sent."""
 TOPICS_OF_SESSION = frozenset({"telemetry", "truth", "errors", "control", "session", COOPERATIVE})
 """Levels after the prefix that no sensor can have as its id."""
+OWNERS = ("sensor", "drone")
+"""Lists of a scene whose entries have ids."""
 MAX_PROBLEMS = 20
 """Told of a scene that has many."""
 
@@ -122,7 +124,7 @@ class Scene(SceneTable):
     cooperative: CooperativeKeys | None = None
     page: PageKeys = PageKeys()
 
-    _folder: Path = PrivateAttr(default=Path())
+    _path: Path = PrivateAttr(default=Path())
     _files: Mapping[str, Path] | None = PrivateAttr(default=None)
     _outgoing: Outgoing | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
@@ -190,12 +192,12 @@ class Scene(SceneTable):
     @property
     def folder(self) -> Path:
         """Where the scene's own files are."""
-        return self._folder
+        return self._path.parent
 
     def file(self, name: str) -> Path:
         """Where a file is that the scene names; raises `PlotfeedError` where it may have none."""
         if self._files is None:
-            return self._folder / name
+            return self.folder / name
         if name not in self._files:
             raise PlotfeedError(f"the recording names the file {name!r} and does not hold it")
         return self._files[name]
@@ -239,6 +241,11 @@ class Scene(SceneTable):
         other = self.sent_to(Outgoing())
         other._files = dict(files)
         return other
+
+    def refusal(self, problems: list[tuple[str, str]]) -> SceneError:
+        """What to raise where it turns out that it cannot be run: keys, and what was expected."""
+        owners = {kind: [{"id": each.id} for each in getattr(self, kind)] for kind in OWNERS}
+        return SceneError(self._path, problems, owners, self._text)
 
     @property
     def text(self) -> str:
@@ -301,5 +308,5 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
         problems += islice(others, MAX_PROBLEMS)
     if problems:
         raise SceneError(path, problems, tree, text)
-    scene._folder, scene._text = path.parent, text
+    scene._path, scene._text = path, text
     return scene

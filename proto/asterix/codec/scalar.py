@@ -75,7 +75,9 @@ class ScalingRule:
                 raw = min(max(raw, self.low), self.high)
             case _ if not self.low <= raw <= self.high:
                 least, most = self.low * self.lsb, self.high * self.lsb
-                raise EncodeError(f"{value} is not within {least} to {most}", field=self.path)
+                shown = f"{value:.12g}" if isinstance(value, float) else value
+                what = f"{shown} is not within {least:.12g} to {most:.12g}"
+                raise EncodeError(what, field=self.path)
         return raw & (1 << self.bits) - 1
 
     def _rounded(self, value: object) -> int:

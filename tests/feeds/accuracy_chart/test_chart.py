@@ -35,6 +35,10 @@ RF = {
     "frequency_min_hz": 2.4e9, "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6,
     "integration_s": 1e-4, "range_max_m": 10_000.0, "baseline_m": 0.2,
 }  # fmt: skip
+OMNI = {
+    "id": "omni", "type": "acoustic", "scan": {"kind": "staring", "period_s": 1.0},
+    "noise_db": 0.0, "sensitivity_db": -5.0, "range_max_m": 3000.0, "azimuth_beamwidth_deg": 360.0,
+}  # fmt: skip
 GATE = {
     "id": "gate", "type": "range_gate", "scan": {"kind": "staring", "period_s": 1.0},
     "range_max_m": 10_000.0, "sigma_m": 5.0,
@@ -135,13 +139,24 @@ def test_any_mix_of_sensors_can_be_charted() -> None:
     emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
     path = [{"east_m": e, "north_m": 900.0, "above_site_m": 120.0} for e in (-800.0, 900.0)]
     drone = {"id": "d", "speed_m_s": 10.0, "path": path, "emitters": [emitter]}
-    scene = scene_of(RF, GATE, RADAR | {"measures_elevation": False}, drones=[drone])
+    radar, detector = RADAR | {"measures_elevation": False}, RF | {"measures_azimuth": False}
+    mixed = (RF, GATE, detector | {"id": "detector"}, OMNI, radar)
+    scene = scene_of(*mixed, drones=[drone | {"sound_power_db": 90.0}])
     values = as_values(charted(scene, Effort.quick(30)))
     found = sensors(values)
-    assert set(found) == {"rf", "gate", "radar"}
+    assert list(found) == ["rf", "gate", "detector", "omni", "radar"]
     assert {s["stage"] for s in found["gate"]["stages"]} == {"frames", "encoding"}
     assert "elevation_deg" not in found["radar"]["own"]
     assert set(found["rf"]["own"]) == {"azimuth_deg", "pd", "false_alarms"}
+    assert set(found["detector"]["own"]) == {"pd", "false_alarms"}
+    assert {s["stage"] for s in found["radar"]["stages"]} >= {"errors", "encoding"}
+
+
+def test_sensors_that_nothing_reaches_leave_the_others_of_a_scene_their_chart() -> None:
+    silent = (RF | {"measures_azimuth": False}, OMNI | {"noise_db": 200.0})
+    values = as_values(charted(scene_of(*silent, RADAR), Effort.quick(20)))
+    assert set(values["unseen"]) == {"rf", "omni"}
+    assert list(sensors(values)) == ["radar"]
 
 
 def test_a_scene_without_drones_is_charted_over_the_sensors_cover() -> None:

@@ -158,21 +158,46 @@ def test_a_site_at_a_pole_is_checked_and_run(latitude: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong"),
+    ("right", "wrong", "told"),
     [
-        ("height_m = 650.0\n[tel", "height_m = 50_000.0\n[tel"),
-        ("longitude_deg = -3.73", "longitude_deg = 150.0"),
+        (
+            "height_m = 650.0\n[tel",
+            "height_m = 50_000.0\n[tel",
+            "scene.site.height_m: 50000 is not within -32768 to 32767, for I034/120/HGT",
+        ),
+        (
+            'id = "radar"',
+            'id = "radar"\nposition_enu_m = [0.0, 0.0, 40_000.0]',
+            "sensor[0].position_enu_m of 'radar': 40650 is not within -32768 to 32767, for "
+            "I034/120/HGT of asterix-048",
+        ),
+        (
+            "longitude_deg = -3.73",
+            "longitude_deg = 150.0",
+            "scene.site.longitude_deg: 150 is not within -90 to 89.999999",
+        ),
+        (
+            "period_s = 0.5",
+            "period_s = 600.0",
+            "sensor[0].scan.period_s of 'radar': 600 is not within 0 to 511.9921875, for "
+            "I034/041 of asterix-048",
+        ),
     ],
 )
-def test_what_no_session_could_encode_check_refuses(right: str, wrong: str, tmp_path: Path) -> None:
+def test_what_no_session_could_encode_check_refuses_by_its_key(
+    right: str, wrong: str, told: str, tmp_path: Path
+) -> None:
     sensors = radar(more='report = ["asterix-048", "asterix-015"]')
     text = scene_text(sensors=sensors) + '[asterix]\nlongitude_025 = "half-turn"\n'
     assert right in text
-    scene = scene_file(tmp_path, text.replace(right, wrong))
+    scene = scene_file(tmp_path, text.replace(right, wrong, 1))
     checked = plotfeed_here("check", scene)
     ran = plotfeed_here("run", scene, "--broker", "none", "--speed", "max", "--duration", "1")
     assert (checked.returncode, checked.stderr) == (ran.returncode, ran.stderr)
     assert checked.returncode == 2
+    key = wrong.partition(" =")[0] if "position" not in wrong else "position_enu_m"
+    (line,) = (n for n, each in enumerate(scene.read_text().split("\n"), 1) if each.startswith(key))
+    assert f"{scene}: line {line}: {told}" in checked.stderr
 
 
 def test_a_drone_at_the_zenith_has_a_height(tmp_path: Path) -> None:
