@@ -100,7 +100,7 @@ def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to
     common = rows["`[[sensor]]` of every type"]
     assert {"id", "position_enu_m", "link"} <= set(common)
     definitions = json.loads(text_of("scene"))["$defs"].values()
-    sensors = [keys for keys in (d.get("properties", {}) for d in definitions) if "preset" in keys]
+    sensors = [keys for keys in (d.get("properties", {}) for d in definitions) if "scan" in keys]
     assert len(sensors) >= 6
     for keys in sensors:
         own = rows[f"`[[sensor]]` of type `{keys['type']['const']}`"]

@@ -13,6 +13,7 @@ from stability_case import Case, relative
 from plotfeed.feeds.impairment.losses import chain_of
 from plotfeed.feeds.scene.link_keys import GilbertElliott
 from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.echo_effects import cell_factor
 from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.false_alarms import probability_at_least_one
@@ -196,5 +197,29 @@ def endless_burst() -> Case:
     )
 
 
-EFFECTS = (slow, folded, forgotten, slow_drift, over_north, hardly_any_alarm, very_large)
+def amid_the_cell() -> Case:
+    x = 0.0
+    with np.errstate(invalid="ignore"):
+        plain = (np.sin(np.pi * x) / (np.pi * np.float64(x)) / (1 - x**2)) ** 2
+    return Case(
+        where="Hann's loss right amid a cell",
+        plain_form="sin πx/(πx(1 − x²))",
+        plain=relative(plain, mp.mpf(1)),
+        cure="sinc x/(1 − x²), x from the nearest middle",
+        ours=relative(cell_factor(np.array([x]), "hann")[0], mp.mpf(1)),
+        test="models/effects/test_antenna.py::"
+        "test_cells_lose_on_average_and_at_worst_what_their_shape_says",
+    )
+
+
+EFFECTS = (
+    amid_the_cell,
+    slow,
+    folded,
+    forgotten,
+    slow_drift,
+    over_north,
+    hardly_any_alarm,
+    very_large,
+)
 LINKS = (rare_changes, endless_burst)

@@ -208,7 +208,7 @@ def _law_of_kind(_model: SensorModel, _targets: Targets) -> ErrorLaw | None:
 
 @_law_of_kind.register
 def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
-    snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
+    snrs = model.look_snrs(targets)
     names = ("range_m", "azimuth_deg", "elevation_deg")[: 3 if model.measures_elevation else 2]
 
     def sigmas(snr: Floats) -> dict[str, Floats]:
@@ -302,7 +302,7 @@ def _printed(sigmas: Sigmas, beams: Mapping[str, tuple[float, float]]) -> Sigmas
 
 def passive_snrs(model: PassiveRadar, targets: Targets) -> Floats:
     """Mean ratios by channel; (n, channels)."""
-    return model.mean_snr(model.target_power_w(targets.position_enu_m, targets.rcs_m2()))
+    return model.mean_snr(model.look_powers_w(targets))
 
 
 def strongest_emissions(model: RfDirectionFinder, targets: Targets) -> tuple[Emissions, Floats]:

@@ -168,7 +168,7 @@ def _law_of_kind(model: SensorModel, targets: Targets) -> DetectionLaw | None:
 
 @_law_of_kind.register
 def _(model: ActiveRadar, targets: Targets) -> DetectionLaw:
-    snr = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())[:, 0]
+    snr = model.look_snrs(targets)[:, 0]
     return _swerling1(lambda: model.pd(snr[:, None]), snr, model.pfa, model.n_reference)
 
 
@@ -200,7 +200,7 @@ def _swerling1(
 
 @_law_of_kind.register
 def _(model: MimoRadar, targets: Targets) -> DetectionLaw:
-    snrs = model.signal_snrs(targets.position_enu_m, targets.rcs_m2())
+    snrs = model.look_snrs(targets)
     pfa, n = model.pfa, model.n_reference_total
     singles = snrs.astype(np.float32)
     looked_up = table(

@@ -99,12 +99,11 @@ def propagation_methods(
 
 @propagation_methods.register
 def _(model: PolarRadar, targets: Targets, antenna_m: float) -> PropagationMethods:
-    place_enu_m, rcs_m2 = targets.position_enu_m, targets.rcs_m2()
     return _over_ground(
         model,
         antenna_m,
-        lambda sensor: sensor.signal_snrs(place_enu_m, rcs_m2),
-        lambda sensor: sensor.pd(sensor.signal_snrs(place_enu_m, rcs_m2)),
+        lambda sensor: sensor.look_snrs(targets),
+        lambda sensor: sensor.pd(sensor.look_snrs(targets)),
     )
 
 

@@ -29,7 +29,16 @@ from plotfeed.proto.units import decibels
 ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
 DEFAULT_SPEED_M_S = 15.0
-EFFECTS = ("bias", "drift", "degradation", "multipath", "doppler", "merging")
+EFFECTS = (
+    "bias",
+    "drift",
+    "degradation",
+    "multipath",
+    "doppler",
+    "merging",
+    "antenna",
+    "straddling",
+)
 """Keys of what a sensor models only if its scene names it."""
 RANGES_SEARCHED = 2000
 LOUDEST_SNR_DB = 100.0
@@ -256,8 +265,23 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
 
 
 def _effect_line(name: str, keys: dict[str, Any]) -> str:
-    told = ", ".join(f"{key} {value:g}" for key, value in keys.items())
-    return f"  with {name}: {told or 'by its cells and beams'}"
+    return f"  with {name}: {_keys_in_words(keys) or 'by its cells and beams'}"
+
+
+def _keys_in_words(keys: dict[str, Any]) -> str:
+    """Keys and values, those of tables after their own key."""
+    parts = []
+    for key, value in keys.items():
+        match value:
+            case dict():
+                parts.append(f"{key} ({_keys_in_words(value)})")
+            case list() | tuple():
+                parts.append(f"{key} of {len(value)} values")
+            case float() | int():
+                parts.append(f"{key} {value:g}")
+            case _:
+                parts.append(f"{key} {value}")
+    return ", ".join(parts)
 
 
 def row_lines(sensor: dict[str, Any], name: str) -> list[str]:

@@ -11,6 +11,7 @@ of the reference samples of all signals. Positions are measured from the receive
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +124,11 @@ class MimoRadar(PolarRadar):
                 snr *= self.multipath.power_factor(position_enu_m, wavelength_m, place_enu_m)
             snrs[:, k] = snr
         return snrs
+
+    @property
+    def transmitters_enu_m(self) -> Sequence[Floats]:
+        """Places of its transmitters, each (3,), or (n, 3) of several radars."""
+        return [place_m.T for place_m in self._places_enu_m]
 
     @sensor_property
     def _places_enu_m(self) -> Floats:

@@ -13,6 +13,7 @@ from plotfeed.models import detection
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
 from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
@@ -34,13 +35,26 @@ class EchoRadar(SensorModel, ABC):
     multipath: Multipath | None = None
     doppler: Doppler | None = None
     merging: Merging | None = None
+    echo_effects: EchoEffects | None = None
 
-    alike: ClassVar[frozenset[str]] = frozenset({"pfa", "multipath", "doppler", "merging"})
+    alike: ClassVar[frozenset[str]] = frozenset(
+        {"pfa", "multipath", "doppler", "merging", "echo_effects"}
+    )
 
     @property
     def measures_range_rate(self) -> bool:
         """Whether its Doppler cells are modelled."""
         return self.doppler is not None
+
+    @abstractmethod
+    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
+        """How echoes of those rows of targets, the model's own, come to it."""
+
+    def _with_effects(self, powers: Floats, targets: Targets, rows: Ints | slice) -> Floats:
+        """Mean powers of echoes, or their ratios, (n, K), as the effects leave them."""
+        if self.echo_effects is None:
+            return powers
+        return powers * self.echo_effects.power_factor(self._echo_paths(targets, rows))
 
     @abstractmethod
     def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:

@@ -20,10 +20,12 @@ from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.effects.echo_effects import EchoPaths
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.passive_signals import PassiveSignals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
+from plotfeed.models.sensors.stacking import EVERY_ROW
 from plotfeed.models.state import Floats, Ints, Looks, Plots
 
 
@@ -41,6 +43,32 @@ class PassiveRadar(PassiveSignals):
         snr = propagation.correlated_snr(powers, disturbance_w, time_bandwidth)
         return snr, self.pd(snr)
 
+    def look_powers_w(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats:
+        """Mean echoes of those rows of targets, the model's own, by each channel."""
+        place_enu_m = targets.true_position_enu_m[rows]
+        target_w = self.target_power_w(place_enu_m, targets.rcs_m2(rows))
+        return self._with_effects(target_w, targets, rows)
+
+    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
+        azimuth_deg, elevation_deg, _ = enu_to_aer(targets.position_enu_m[rows])
+        place_enu_m = targets.true_position_enu_m[rows]
+        from_enu_m = [place_m.T for place_m in self.positions_enu_m]
+        excess_m = [propagation.bistatic_range(place_enu_m, each_m) for each_m in from_enu_m]
+        rates_m_s = None
+        if self.doppler is not None and targets.velocity_enu_m_s is not None:
+            velocity = targets.velocity_enu_m_s[rows]
+            own_m_s = range_rate_m_s(place_enu_m, velocity)
+            rates = [own_m_s + range_rate_m_s(place_enu_m, velocity, m) for m in from_enu_m]
+            rates_m_s = np.stack(rates, axis=-1)
+        return EchoPaths(
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            place_enu_m=place_enu_m,
+            transmitters_enu_m=from_enu_m,
+            measured_m=np.stack(excess_m, axis=-1),
+            rates_m_s=rates_m_s,
+        )
+
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look by each channel at each target within cover, and plot those detected.
 
@@ -49,9 +77,7 @@ class PassiveRadar(PassiveSignals):
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
         of_covered, channels = self.rows(covered), self.n_channels
-        target_w = of_covered.target_power_w(
-            targets.true_position_enu_m[covered], targets.rcs_m2(covered)
-        )
+        target_w = of_covered.look_powers_w(targets, covered)
         snr = of_covered.mean_snr(target_w).ravel()
         rows = np.repeat(covered, channels)
         return self.rows(rows)._looks_and_plots(
@@ -131,7 +157,7 @@ class PassiveRadar(PassiveSignals):
         is Gaussian. The errors are about the mean of the flat solution, which is biased.
         """
         position_enu_m = targets.true_position_enu_m
-        target_w = self.target_power_w(position_enu_m, targets.rcs_m2())
+        target_w = self.look_powers_w(targets)
         snr = self.mean_snr(target_w)
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)

@@ -7,7 +7,7 @@ of the very detection: section 3.1.1 of the paper, equations 4, 5 and 9 to 15 in
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,12 +20,13 @@ from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.effects.echo_effects import EchoPaths
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
-from plotfeed.models.sensors.stacking import sensor_property
+from plotfeed.models.sensors.stacking import EVERY_ROW, sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
 
 FEW_SIGNALS = 8
@@ -138,6 +139,28 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         floors = [self.range_floor_m, self.azimuth_floor_deg, self.elevation_floor_deg]
         return np.array(widths)[:, None], np.array(floors)[:, None]
 
+    def look_snrs(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats:
+        """Mean ratios of each signal's echo of those rows of targets, the model's own; (n, K)."""
+        snrs = self.signal_snrs(targets.true_position_enu_m[rows], targets.rcs_m2(rows))
+        return self._with_effects(snrs, targets, rows)
+
+    def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])
+        rate_m_s = self._range_rates(targets, rows)
+        return EchoPaths(
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            place_enu_m=targets.true_position_enu_m[rows],
+            transmitters_enu_m=self.transmitters_enu_m,
+            measured_m=range_m[:, None],
+            rates_m_s=None if rate_m_s is None else rate_m_s[:, None],
+        )
+
+    @property
+    def transmitters_enu_m(self) -> Sequence[Floats] | None:
+        """Places of the transmitters of its signals, each (3,) or (n, 3); None for its own."""
+        return None
+
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Look once at each target within cover, and plot those detected.
 
@@ -146,7 +169,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         of_covered = self.rows(covered)
-        snrs = of_covered.signal_snrs(targets.true_position_enu_m[covered], targets.rcs_m2(covered))
+        snrs = of_covered.look_snrs(targets, covered)
         return of_covered._looks_and_plots(
             targets,
             covered,
@@ -176,7 +199,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
-        snrs = self.signal_snrs(targets.true_position_enu_m, targets.rcs_m2())
+        snrs = self.look_snrs(targets)
         pd, sigma_rate_m_s = self.pd(snrs) * self.pd_factor, None
         # Error variances go as one over the detection's own power.
         effective_snr = 1.0 / self.inverse_detected(snrs)

@@ -40,6 +40,15 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "two rays": {"multipath": {"antenna_height_m": 5.0}},
     "Doppler": {"doppler": {"notch_m_s": 1e-3, "prf_hz": 4000.0}},
     "merging": {"merging": {}},
+    "antenna": {
+        "antenna": {
+            "transmit": {
+                "elevation": {"kind": "cosecant-squared", "from_deg": 4.0, "to_deg": 30.0}
+            },
+            "receive": {"elevation": {"kind": "gaussian"}},
+        }
+    },
+    "straddling": {"straddling": {"range": "sinc"}},
     "out of reach": {"range_max_m": 1000.0},
 }
 """The last names nothing either: its drones are too far away."""

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from detection_values import energies, fluctuations, looks, sums, thresholds, unequal
+from effect_values import effects
 from mpmath import mp
 from place_values import bistatic, inverse, local
 
@@ -186,6 +187,7 @@ def levels() -> Iterator[Row]:
 
 TABLES: dict[str, Callable[[], Iterator[Row]]] = {
     "bistatic": bistatic,
+    "effects": effects,
     "false_alarm_binomial": alarms,
     "fluctuating_rms_given_detection": fluctuations,
     "geodesy_inverse": inverse,

@@ -168,6 +168,13 @@ def _effects(dice: Dice, **more: Keys) -> Keys:
         "multipath": {"antenna_height_m": dice.between(2, 20), "reflection": -0.6},
         "doppler": {"floor_m_s": 0.1, "notch_m_s": dice.one_of(0.0, 0.5, 2.0)},
         "merging": {},
+        "antenna": {
+            "receive": {
+                "elevation": {"kind": "gaussian", "beamwidth_deg": dice.between(20, 60)},
+                "sidelobe_db": dice.between(10, 30),
+            }
+        },
+        "straddling": {"range": dice.one_of("sinc", "triangle", "hann")},
     } | more
     return {name: keys for name, keys in effects.items() if dice.happens(0.3)}
 

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.fields import (
     enu_from,
     frame_at,
 )
+from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
     DopplerKeys,
     MergingKeys,
@@ -27,8 +28,6 @@ from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
-    TrackingSensorKeys,
-    VolumeKeys,
     gain_or_of_beam,
     long_integration,
 )
@@ -53,7 +52,7 @@ BLURRED_DEG = 26.0
 """Closer to the baseline, an error of bistatic range is over ten times larger in short range."""
 
 
-class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
+class PassiveRadarKeys(EchoRadarKeys):
     """A radar without a transmitter. The defaults are the paper's typical values."""
 
     label = "passive radar"
@@ -176,12 +175,16 @@ class PassiveRadarKeys(TrackingSensorKeys, VolumeKeys):
                 self.azimuth_beamwidth_deg,
                 self.elevation_beamwidth_deg,
                 self.antenna_efficiency,
+                self.shape_loss_db,
             ),
             "azimuth_cover": self.azimuth_cover,
             "azimuth_floor_deg": stated_or(self.azimuth_floor_deg, self._usual_azimuth_deg()),
             "multipath": self.multipath and self.multipath.model(),
             "doppler": self._doppler(),
             "merging": self._merging(),
+            "echo_effects": self.echo_effects(
+                [C_M_S / t.bandwidth_hz for t in self.transmitters], self._doppler()
+            ),
         }
         return PassiveRadar(**self.by_name(PassiveRadar) | converted)
 

@@ -22,6 +22,7 @@ from plotfeed.feeds.scene.fields import (
     frame_at,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
     MultipathKeys,
@@ -31,8 +32,6 @@ from plotfeed.feeds.scene.sensors.scan_keys import Scan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
-    TrackingSensorKeys,
-    VolumeKeys,
     gain_or_of_beam,
     long_integration,
 )
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging
 
 
-class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
+class PolarRadarKeys(EchoRadarKeys):
     """Everything but what makes the echoes. The defaults are the paper's typical values."""
 
     geometry = SensorGeometry.MONOSTATIC
@@ -178,6 +177,7 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
                     self.azimuth_beamwidth_deg,
                     self.elevation_beamwidth_deg,
                     self.antenna_efficiency,
+                    self.shape_loss_db,
                 ),
                 "measures_run_length": any(
                     REPORT_FORMATS[name].tells_run_lengths for name in self.report
@@ -185,6 +185,7 @@ class PolarRadarKeys(TrackingSensorKeys, VolumeKeys):
                 "multipath": self.multipath and self.multipath.model(),
                 "doppler": self._doppler(),
                 "merging": self._merging(),
+                "echo_effects": self.echo_effects([self.range_resolution_m], self._doppler()),
             }
         )
 

@@ -304,12 +304,19 @@ class TrackingSensorKeys(SensorKeys):
 
 
 def gain_or_of_beam(
-    gain_dbi: float | None, azimuth_deg: float, elevation_deg: float | None, efficiency: float
+    gain_dbi: float | None,
+    azimuth_deg: float,
+    elevation_deg: float | None,
+    efficiency: float,
+    shape_loss_db: float = 0.0,
 ) -> float:
-    """An antenna's gain, dBi: the one that is given, or else that of a beam of those widths."""
+    """An antenna's gain, dBi: the one that is given, or else that of a beam of those widths.
+
+    A beam whose shape spreads it has that loss beside.
+    """
     if gain_dbi is not None or elevation_deg is None:
         return gain_dbi or 0.0
-    return float(beam_gain_dbi(azimuth_deg, elevation_deg, efficiency))
+    return float(beam_gain_dbi(azimuth_deg, elevation_deg, efficiency)) - shape_loss_db
 
 
 def long_integration(integration_s: float, scan: Scan) -> list[str]:

@@ -24,9 +24,9 @@ from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
     r"\bmultipath is|\bdoppler is|\bmerging is|_detailed\b|readings is|\.errs\b|bias is|drift is"
-    r"|degradation is|pd_factor|axes is not|measures_range_rate|velocity_enu_m_s=?|readings="
-    r"|layout is|true_geometry|true_position_enu_m is not|range_rate_m_s is None"
-    r"|merged_drones is None"
+    r"|degradation is|echo_effects is|_with_effects|pd_factor|axes is not|measures_range_rate"
+    r"|layout is|velocity_enu_m_s=?|readings=|true_geometry|true_position_enu_m is not"
+    r"|range_rate_m_s is None|merged_drones is None"
 )
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 POLAR = {
@@ -69,6 +69,8 @@ EVERYTHING = {
     "doppler": {"notch_m_s": 1e-6},
     "merging": {},
     "layout": {"shape": "circle", "spacing_m": 0.4},
+    "antenna": {"receive": {"elevation": {"kind": "gaussian", "beamwidth_deg": 60.0}}},
+    "straddling": {"range": "hann"},
 }
 
 
@@ -136,6 +138,8 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
         assert {"doppler", "merging", "detailed_detection"} <= stems
     if "layout" in known:
         assert "microphone_layout" in stems
+    if "antenna" in known:
+        assert {"antenna", "echo_effects"} <= stems
     if "multipath" in known:
         assert "multipath" in stems
 
