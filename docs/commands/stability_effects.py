@@ -14,6 +14,7 @@ from plotfeed.feeds.impairment.losses import chain_of
 from plotfeed.feeds.scene.link_keys import GilbertElliott
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import cell_factor
+from plotfeed.models.effects.line_of_sight import OPAQUE, STEEPEST
 from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.false_alarms import probability_at_least_one
@@ -128,6 +129,33 @@ def over_north() -> Case:
     )
 
 
+def cut_off() -> Case:
+    ours = float(10 * np.log10(OPAQUE))
+    return Case(
+        where="level of an echo that a ridge cuts off",
+        plain_form="10 lg(0)",
+        plain="−∞ dB",
+        cure="a factor of 10⁻²⁰ each way",
+        ours=f"{ours:.0f} dB".replace("-", "−"),
+        test="models/effects/test_line_of_sight.py::test_what_is_cut_off_still_has_a_level",
+    )
+
+
+def along_azimuths() -> Case:
+    """The highest slope so far of ten thousand rays on one axis, worked out at once."""
+    slope, ray, apart = 1.23456789e-6, 3599, 4 * STEEPEST
+    exact = mp.mpf(slope)
+    return Case(
+        where="slope of an edge, from the running maximum of 3600 azimuths at once",
+        plain_form="maximum of slope + azimuth · 4000, less what was added",
+        plain=relative((slope + ray * apart) - ray * apart, exact),
+        cure="the slope itself, where that maximum rises",
+        ours=relative(float(np.float32(slope)), exact),
+        test="models/effects/test_line_of_sight.py::"
+        "test_the_running_maximum_answers_as_the_ray_that_is_followed",
+    )
+
+
 def hardly_any_alarm() -> Case:
     cells, pfa = 10**6, 1e-15
     exact = -mp.expm1(cells * mp.log1p(-mp.mpf(pfa)))
@@ -219,6 +247,8 @@ EFFECTS = (
     forgotten,
     slow_drift,
     over_north,
+    cut_off,
+    along_azimuths,
     hardly_any_alarm,
     very_large,
 )

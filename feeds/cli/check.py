@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, signature_of, trajectories_of
+from plotfeed.feeds.sensing.world import World
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
-from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.sensors.sensor_model import Prediction, SensorModel, Targets
 from plotfeed.models.state import Floats, Signature
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
@@ -40,6 +42,8 @@ EFFECTS = (
     "straddling",
 )
 """Keys of what a sensor models only if its scene names it."""
+WORLD = ("terrain",)
+"""Keys of what a scene has about all sensors only if it names it."""
 RANGES_SEARCHED = 2000
 LOUDEST_SNR_DB = 100.0
 """Between the noise of receivers and their overload: an ideal converter of 16 bits has 98 dB."""
@@ -101,19 +105,20 @@ def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     SeaLevel.of(scene)
     trajectories = trajectories_of(scene)
     launch(scene, trajectories, 0)
-    EmulatedSensors(scene, trajectories)  # what no session could encode is no scene
+    world = EmulatedSensors(scene, trajectories).world  # what no session could encode is no scene
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
         "drones": len(scene.drone),
-        "sensors": [sensor_report(scene.scene.site, s, target) for s in scene.sensor],
+        "sensors": [_report_of(scene, world, s, target) for s in scene.sensor],
     }
 
 
 def curves(scene: Scene, rcs_m2: float | None, points: int = 400) -> dict[str, Any]:
     """Ranges and predictions of every sensor, by its id."""
     target = scene_target(scene, rcs_m2)
-    return {s.id: _predicted(scene.scene.site, s, target, points) for s in scene.sensor}
+    world = World(scene)
+    return {s.id: _predicted(s, world.model_of(s), target, points) for s in scene.sensor}
 
 
 def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
@@ -139,19 +144,29 @@ def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
     )
 
 
-def sensor_report(site: Site, sensor: Sensor, target: TestTarget) -> dict[str, Any]:
-    """One sensor's table and warnings."""
-    model = sensor.model(site)
-    ranges_m, predicted = _predicted(site, sensor, target, ROWS)
+def _report_of(scene: Scene, world: World, sensor: Sensor, target: TestTarget) -> dict[str, Any]:
+    """A sensor's table and warnings where it stands."""
+    found = sensor_report(scene.scene.site, sensor, target, world.model_of(sensor))
+    found["effects"] |= _named(scene, WORLD)
+    found["warnings"] += world.warnings(sensor)
+    return found
+
+
+def sensor_report(
+    site: Site, sensor: Sensor, target: TestTarget, model: SensorModel | None = None
+) -> dict[str, Any]:
+    """One sensor's table and warnings, in free space unless its model says otherwise."""
+    model = model or sensor.model(site)
+    ranges_m, predicted = _predicted(sensor, model, target, ROWS)
     return {
         "id": sensor.id,
         "type": sensor.type,
         "sac": sensor.sac,
         "sic": sensor.sic,
         "target": _described(target.signature, sensor),
-        "range_at_pd_80_percent_m": _range_of_pd(site, sensor, target, 0.8),
+        "range_at_pd_80_percent_m": _range_of_pd(sensor, model, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
-        "effects": _effects(sensor),
+        "effects": _named(sensor, EFFECTS),
         "table": _rows(ranges_m, predicted),
         "warnings": [
             *sensor.warnings(site),
@@ -195,9 +210,9 @@ def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:
     ]
 
 
-def _effects(sensor: Sensor) -> dict[str, dict[str, Any]]:
+def _named(keys: Sensor | Scene, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """What the scene names of what is not modelled without; the keys that are not as they are."""
-    parts = {name: getattr(sensor, name, None) for name in EFFECTS}
+    parts = {name: getattr(keys, name, None) for name in names}
     return {name: part.model_dump(exclude_none=True) for name, part in parts.items() if part}
 
 
@@ -213,11 +228,11 @@ def _described(signature: Signature, sensor: Sensor) -> str:
 
 
 def _predicted(
-    site: Site, sensor: Sensor, target: TestTarget, points: int
+    sensor: Sensor, model: SensorModel, target: TestTarget, points: int
 ) -> tuple[Floats, Prediction]:
     """What to expect at equal steps of range from the sensor, up to its instrumented one."""
     ranges_m = np.linspace(0, sensor.range_max_m, points + 1)[1:]
-    return ranges_m, sensor.model(site).predict(_targets_at(sensor, target, ranges_m))
+    return ranges_m, model.predict(_targets_at(sensor, target, ranges_m))
 
 
 def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets:
@@ -230,9 +245,9 @@ def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets
     return Targets.of_one(target.signature, enu_m, -target.speed_m_s * enu_m / ranges_m[:, None])
 
 
-def _range_of_pd(site: Site, sensor: Sensor, target: TestTarget, pd: float) -> float | None:
+def _range_of_pd(sensor: Sensor, model: SensorModel, target: TestTarget, pd: float) -> float | None:
     """The furthest range at which Pd is at least that; None if it is nowhere."""
-    ranges_m, predicted = _predicted(site, sensor, target, RANGES_SEARCHED)
+    ranges_m, predicted = _predicted(sensor, model, target, RANGES_SEARCHED)
     reached = np.flatnonzero(predicted.pd >= pd)
     return float(ranges_m[reached[-1]]) if len(reached) else None
 

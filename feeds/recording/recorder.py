@@ -20,6 +20,8 @@ from typing import Self
 from plotfeed.feeds.console.process import new_file
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.terrain_keys import HORIZONS
+from plotfeed.feeds.sensing.horizons import horizons_of
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.replay.mcap.mcap_writer import McapWriter
@@ -257,18 +259,20 @@ def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
             name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
         )
     for name in files_of(scene):
-        data = scene.file(name).read_bytes()
+        data = horizons_of(scene) if name == HORIZONS else scene.file(name).read_bytes()
         yield Attachment(
             name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
         )
 
 
 def files_of(scene: Scene) -> Iterable[str]:
-    """The names of a scene's flights, map and geoid: what its record has with it."""
+    """The names of a scene's flights, map, geoid and horizons: what its record has with it."""
     names = [drone.flight.file for drone in scene.drone if drone.flight is not None]
     basemap = scene.page.basemap
     if basemap is not None:
         names.append(basemap if isinstance(basemap, str) else basemap.image)
     if scene.telemetry.geoid_grid is not None:
         names.append(scene.telemetry.geoid_grid)
+    if scene.terrain is not None:
+        names.append(HORIZONS)
     return dict.fromkeys(names)

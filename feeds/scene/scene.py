@@ -30,6 +30,7 @@ from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
+from plotfeed.feeds.scene.terrain_keys import TerrainKeys
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -122,6 +123,8 @@ class Scene(SceneTable):
     ]
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
     cooperative: CooperativeKeys | None = None
+    terrain: TerrainKeys | None = None
+    """The ground and buildings; without it, nothing stands in the way."""
     page: PageKeys = PageKeys()
 
     _path: Path = PrivateAttr(default=Path())
@@ -201,6 +204,11 @@ class Scene(SceneTable):
         if name not in self._files:
             raise PlotfeedError(f"the recording names the file {name!r} and does not hold it")
         return self._files[name]
+
+    @property
+    def is_enclosed(self) -> bool:
+        """Whether it is data, of whose files there are only those that it brings along."""
+        return self._files is not None
 
     @property
     def outgoing(self) -> Outgoing:

@@ -21,6 +21,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue
 from plotfeed.feeds.sensing.sensor_group import SensorGroup, SensorsAtWork
 from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
@@ -76,7 +77,8 @@ class EmulatedSensors:
         self._next = Timetables(timetables)
         self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
         self._sites = [self._site_of(i) for i in range(len(self.sensors))]
-        self._models = [sensor.model(self._scene_site) for sensor in self.sensors]
+        self.world = World(scene)
+        self._models = [self.world.model_of(sensor) for sensor in self.sensors]
         self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
         self._numbers: dict[Any, int] = {}
         """Of groups, by what their sensors have in common."""
@@ -226,7 +228,7 @@ class EmulatedSensors:
             self.sensors[i] = sensor
             self._enabled[i] = sensor.enabled
             self._sites[i] = self._site_of(i)
-            self._models[i] = sensor.model(self._scene_site)
+            self._models[i] = self.world.model_of(sensor)
             self._at_work.false_alarms.forget(i)
         self._group(sensors)
 

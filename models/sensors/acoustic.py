@@ -38,6 +38,7 @@ class MicrophoneArray(CellSensor):
     beams are cells for false alarms alone.
     """
 
+    frequency_hz: float
     directivity_db: float
     absorption_db_per_m: float
     barrier_db: float
@@ -55,7 +56,7 @@ class MicrophoneArray(CellSensor):
     kind: str
     layout: MicrophoneLayout | None = None
 
-    alike: ClassVar[frozenset[str]] = frozenset({"layout"})
+    alike: ClassVar[frozenset[str]] = frozenset({"layout", "surroundings"})
 
     @property
     def errs_as_stated(self) -> bool:
@@ -92,6 +93,10 @@ class MicrophoneArray(CellSensor):
             + self.barrier_db
             + self.misc_db
         )
+        if self.surroundings is not None:
+            wavelength_m = self.sound_speed_m_s / self.frequency_hz
+            factor = self.surroundings.power_factor(position_enu_m, wavelength_m)
+            attenuation_db = attenuation_db - 10 * np.log10(factor)
         return propagation.sound_level_db(power_level_db, self.directivity_db, attenuation_db)
 
     def snr_db(self, power_level_db: Floats, position_enu_m: Floats) -> Floats:

@@ -63,8 +63,8 @@ class ActiveRadar(PolarRadar):
         """Mean ratio of its one signal; (n, 3) and (n,) in, (n, 1) out."""
         range_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
         snr = self.mean_snr(range_m, rcs_m2)
-        if self.multipath is not None:
-            snr *= self.multipath.power_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
+        if not self.is_in_free_space:
+            snr *= self.way_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
         return snr[:, None]
 
     def pd(self, snrs: Floats) -> Floats:
@@ -119,9 +119,9 @@ class MimoRadar(PolarRadar):
             way_m2 = range_tx_m * range_rx_m
             echo_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))  # eqs 17, 21
             snr = echo_w * integration_s / density_w_hz
-            if self.multipath is not None:
-                snr *= self.multipath.power_factor(position_enu_m, wavelength_m)
-                snr *= self.multipath.power_factor(position_enu_m, wavelength_m, place_enu_m)
+            if not self.is_in_free_space:
+                snr *= self.way_factor(position_enu_m, wavelength_m)
+                snr *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
             snrs[:, k] = snr
         return snrs
 

@@ -81,7 +81,7 @@ class Camera(CellSensor):
     contrast: LostContrast | None
     hot_spot: HotSpot | None
 
-    alike: ClassVar[frozenset[str]] = frozenset({"panoramic", "classes"})
+    alike: ClassVar[frozenset[str]] = frozenset({"panoramic", "classes", "surroundings"})
 
     @cached_property
     def resolution_cells(self) -> float:
@@ -136,6 +136,7 @@ class Camera(CellSensor):
         geometry = _, _, range_m = enu_to_aer(targets.position_enu_m)
         size_m = targets.size_m()
         near = (range_m > 0) & (range_m <= self.range_max_m) & ~np.isnan(size_m)
+        near &= self.has_sight_of(targets.true_position_enu_m)
         seen = np.flatnonzero(near & self.in_view(targets.position_enu_m))
         of_seen, rng = self.rows(seen), of_rows(rng, seen)
         probabilities = of_seen.task_probabilities(size_m[seen], range_m[seen])
@@ -237,7 +238,8 @@ class Camera(CellSensor):
         unknown = np.full(len(range_m), np.nan)
         return Prediction(
             snr=unknown,
-            pd=self.task_probabilities(targets.size_m(), range_m)[0],
+            pd=self.task_probabilities(targets.size_m(), range_m)[0]
+            * self.has_sight_of(targets.true_position_enu_m),
             sigma_range_m=unknown,
             sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg),
             sigma_elevation_deg=self.sigma_elevation_deg(len(range_m)),

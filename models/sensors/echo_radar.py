@@ -14,8 +14,7 @@ from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
-from plotfeed.models.effects.multipath import Multipath
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, RadioSensor, Targets
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 
 if TYPE_CHECKING:
@@ -29,16 +28,15 @@ MEASURED_OF = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class EchoRadar(SensorModel, ABC):
+class EchoRadar(RadioSensor, ABC):
     """A radar, of which what is None is not modelled. The powers of its looks are (n, ...)."""
 
-    multipath: Multipath | None = None
     doppler: Doppler | None = None
     merging: Merging | None = None
     echo_effects: EchoEffects | None = None
 
     alike: ClassVar[frozenset[str]] = frozenset(
-        {"pfa", "multipath", "doppler", "merging", "echo_effects"}
+        {"pfa", "surroundings", "multipath", "doppler", "merging", "echo_effects"}
     )
 
     @property

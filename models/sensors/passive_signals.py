@@ -163,8 +163,8 @@ class PassiveSignals(Volume, EchoRadar, ABC):
             wavelength_m=self.wavelengths_m,
             baseline_m=np.linalg.norm(self.positions_enu_m, axis=-1),
         )
-        if self.multipath is not None:
-            direct_w *= self.multipath.power_factor(self.positions_enu_m, self.wavelengths_m)
+        if not self.is_in_free_space:
+            direct_w *= self.way_factor(self.positions_enu_m, self.wavelengths_m)
         noise_w = propagation.passive_noise_power_w(
             self._each("bandwidth_hz"),
             self._each("external_noise_db"),
@@ -184,9 +184,9 @@ class PassiveSignals(Volume, EchoRadar, ABC):
             way_m2 = range_tx_m * range_rx_m
             aperture_m4 = wavelength_m * wavelength_m * rcs_m2
             power_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
-            if self.multipath is not None:
-                power_w *= self.multipath.power_factor(position_enu_m, wavelength_m)
-                power_w *= self.multipath.power_factor(position_enu_m, wavelength_m, place_enu_m)
+            if not self.is_in_free_space:
+                power_w *= self.way_factor(position_enu_m, wavelength_m)
+                power_w *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
             powers_w[:, k] = power_w
         return powers_w
 

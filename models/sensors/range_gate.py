@@ -25,7 +25,7 @@ class RangeGate(SensorModel):
 
     sigma_m: float
 
-    alike: ClassVar[frozenset[str]] = frozenset()
+    alike: ClassVar[frozenset[str]] = frozenset({"surroundings"})
 
     @property
     def false_alarms_per_scan(self) -> float:
@@ -35,7 +35,8 @@ class RangeGate(SensorModel):
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
         """Every target within the gate, its position with noise added."""
         geometry = _, _, range_m = enu_to_aer(targets.position_enu_m)
-        seen = np.flatnonzero((range_m > 0) & (range_m <= self.range_max_m))
+        within = (range_m > 0) & (range_m <= self.range_max_m)
+        seen = np.flatnonzero(within & self.has_sight_of(targets.true_position_enu_m))
         looks = targets.looks(
             seen,
             geometry,
@@ -109,9 +110,10 @@ class RangeGate(SensorModel):
         """Certain within the gate, with the same noise everywhere."""
         _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         sigmas = [s * self.error_factor for s in self._sigmas(elevation_deg, range_m)]
+        seen = (range_m <= self.range_max_m) & self.has_sight_of(targets.true_position_enu_m)
         return Prediction(
             snr=np.full(len(range_m), np.nan),
-            pd=np.where(range_m <= self.range_max_m, 1.0, 0.0) * self.pd_factor,
+            pd=np.where(seen, 1.0, 0.0) * self.pd_factor,
             sigma_range_m=sigmas[0],
             sigma_azimuth_deg=sigmas[1],
             sigma_elevation_deg=sigmas[2],

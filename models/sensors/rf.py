@@ -15,13 +15,18 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
-from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.emitters import Emissions, EmitterTable
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
+from plotfeed.models.sensors.sensor_model import (
+    NO_PLOTS,
+    CellSensor,
+    Prediction,
+    RadioSensor,
+    Targets,
+)
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endless
 
@@ -32,7 +37,7 @@ def emissions_of(targets: Targets) -> Emissions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RfDirectionFinder(CellSensor):
+class RfDirectionFinder(RadioSensor, CellSensor):
     """What the equations need.
 
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
@@ -60,10 +65,9 @@ class RfDirectionFinder(CellSensor):
     azimuth_floor_deg: float
     classifies: bool
     decodes: frozenset[str]
-    multipath: Multipath | None = None
 
     alike: ClassVar[frozenset[str]] = frozenset(
-        {"pfa", "channel_bandwidth_hz", "integration_s", "multipath"}
+        {"pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"}
     )
 
     @cached_property
@@ -130,9 +134,9 @@ class RfDirectionFinder(CellSensor):
         """Ratios of emissions over the ground, if it is modelled; ranges are the targets'."""
         source = emissions.target
         snr = self.mean_snr(emissions, range_m[source])
-        if self.multipath is not None:
+        if not self.is_in_free_space:
             wavelength_m = C_M_S / emissions.frequency_hz
-            snr *= self.multipath.power_factor(targets.true_position_enu_m[source], wavelength_m)
+            snr *= self.way_factor(targets.true_position_enu_m[source], wavelength_m)
         return snr
 
     def pd(self, emissions: Emissions, snr: Floats) -> Floats:

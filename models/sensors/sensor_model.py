@@ -8,20 +8,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models import false_alarms
 from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.stacking import Stackable
-from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures
+from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures, endless
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.degradation import Degradation
+    from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
+    from plotfeed.models.effects.surroundings import Surroundings
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 NO_LOOKS = Looks.none()
+ANYWHERE = endless(True, np.bool_)
+SHARPEST_M = 1e-9
+"""A wavelength that bends over nothing."""
+SEEN = 0.2
+"""Power beyond which what is left has come straight: an edge that it grazes leaves a quarter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,10 +164,12 @@ class SensorModel(Stackable, ABC):
     Of many sensors (`stacking`), `observe` takes targets of which each row belongs to the model's
     row: whoever lets sensors differ in a field, by `alike`, follows each selection of rows by
     `rows`, and `chance.of_rows`. All else is asked of the model of a single sensor.
+    `surroundings` are what its signals meet on their way, None for free space.
     """
 
     range_max_m: float
     degradation: Degradation | None = None
+    surroundings: Surroundings | None = None
 
     @property
     def error_factor(self) -> float | Floats:
@@ -204,6 +213,12 @@ class SensorModel(Stackable, ABC):
         Heights are left out: they take the sensor's place on Earth.
         """
 
+    def has_sight_of(self, place_enu_m: Floats) -> Bools:
+        """Whether nothing stands in the straight way to places, (n, 3); (n,)."""
+        if self.surroundings is None:
+            return ANYWHERE[: len(place_enu_m)]
+        return self.surroundings.power_factor(place_enu_m, SHARPEST_M) > SEEN
+
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
     ) -> tuple[Floats, Floats, Floats]:
@@ -238,6 +253,28 @@ class SensorModel(Stackable, ABC):
         Amidst the cover, where errors change with the place; nothing of a sensor that states none.
         """
         return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadioSensor(SensorModel, ABC):
+    """A sensor of radio waves, over ground that may reflect them."""
+
+    multipath: Multipath | None = None
+
+    @property
+    def is_in_free_space(self) -> bool:
+        """Whether nothing changes the powers of its signals on their way."""
+        return self.multipath is None and self.surroundings is None
+
+    def way_factor(
+        self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> Floats:
+        """Factor of power one way between places, (..., 3), by all that changes it; (...) out."""
+        factor = np.ones(place_enu_m.shape[:-1])
+        for each in (self.multipath, self.surroundings):
+            if each is not None:
+                factor = factor * each.power_factor(place_enu_m, wavelength_m, from_enu_m)
+        return factor
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ the interpreter's own, counted one by one in a sector of three drones that names
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -20,11 +21,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "sensing"))
 
 from aims import ratios, spread
 from section_4_crowd import START_NS, scene_of
+from support.hills import write_ridge
 from support.instructions import text_of
 from support.station import Station
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
@@ -49,14 +52,26 @@ EFFECTS: dict[str, dict[str, Any]] = {
         }
     },
     "straddling": {"straddling": {"range": "sinc"}},
+    "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
     "out of reach": {"range_max_m": 1000.0},
 }
-"""The last names nothing either: its drones are too far away."""
+"""Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
+away."""
+OF_SCENE = frozenset({"terrain"})
 
 
 def station_of(n: int, named: dict[str, Any]) -> Station:
+    """A station of n drones, as `_at_work` has it."""
+    of_scene = {key: table for key, table in named.items() if key in OF_SCENE}
+    of_radar = {key: value for key, value in named.items() if key not in OF_SCENE}
+    with tempfile.TemporaryDirectory() as folder:
+        write_ridge(Path(folder), height_m=700)
+        scene = scene_of(n, Path(folder), of_scene, report=["asterix-015"], **of_radar)
+        return _at_work(scene)
+
+
+def _at_work(scene: Scene) -> Station:
     """At work for two scans already, and without formats."""
-    scene = scene_of(n, report=["asterix-015"], **named)
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = Station(scene, scene.sensor[0], trajectories)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,13 @@ START_NS = 1_767_268_800 * NS
 SECTION_4 = files("plotfeed.feeds.scene.examples") / "section-4.toml"
 
 
-def scene_of(n: int, **more: Any) -> Scene:
-    """Drones of 0.01 m2 between 2 and 7 km that move slowly; `more` are keys of the radar."""
+def scene_of(
+    n: int, folder: Path = Path(), tables: Mapping[str, Any] | None = None, /, **more: Any
+) -> Scene:
+    """Drones of 0.01 m2 between 2 and 7 km that move slowly; `more` are keys of the radar.
+
+    `tables` are others of the scene, whose files are in the folder.
+    """
     tree = tomllib.loads(SECTION_4.read_text())
     (radar,) = (s for s in tree["sensor"] if s["id"] == "active")
     radar["scan"] = {"kind": "staring", "period_s": 1.0}
@@ -28,7 +34,7 @@ def scene_of(n: int, **more: Any) -> Scene:
         {"id": f"d{i}", "rcs_m2": 0.01, "speed_m_s": 0.01, "path": _path(r, a)}
         for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
     ]
-    return from_tree(tree, Path("bench.toml"))
+    return from_tree(tree | dict(tables or {}), folder / "bench.toml")
 
 
 def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:

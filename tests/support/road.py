@@ -95,6 +95,7 @@ def scene(
     drones: Sequence[dict[str, Any]] = (),
     *,
     seed: int,
+    folder: Path = Path(),
     **more: Any,
 ) -> Scene:
     general = {
@@ -107,7 +108,7 @@ def scene(
         },
     }
     tree = {"scene": general, "sensor": list(sensors), "drone": list(drones)} | more
-    return from_tree(tree, Path("road.toml"))
+    return from_tree(tree, folder / "road.toml")
 
 
 @dataclass(frozen=True, eq=False)

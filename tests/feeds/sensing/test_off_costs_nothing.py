@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.hills import write_ridge
 from support.instructions import Place, instructions_of, text_of
 from support.road import START_NS, held, radar, rotating, scene, staring, waypoint
 from support.station import Station
@@ -23,10 +24,10 @@ from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
-    r"\bmultipath is|\bdoppler is|\bmerging is|_detailed\b|readings is|\.errs\b|bias is|drift is"
-    r"|degradation is|echo_effects is|_with_effects|pd_factor|axes is not|measures_range_rate"
-    r"|layout is|velocity_enu_m_s=?|readings=|true_geometry|true_position_enu_m is not"
-    r"|range_rate_m_s is None|merged_drones is None"
+    r"is_in_free_space|surroundings is|\bmultipath is|\bdoppler is|\bmerging is|_detailed\b"
+    r"|readings is|\.errs\b|bias is|drift is|degradation is|echo_effects is|_with_effects"
+    r"|pd_factor|axes is not|layout is|measures_range_rate|velocity_enu_m_s=?|readings="
+    r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
 )
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 POLAR = {
@@ -142,6 +143,17 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
         assert {"antenna", "echo_effects"} <= stems
     if "multipath" in known:
         assert "multipath" in stems
+
+
+def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:
+    elevation = [write_ridge(tmp_path, height_m=700)]
+    made = scene([SENSORS["staring"]], [held("d", 10.0, 12.0, 2000.0)], seed=1, folder=tmp_path,
+                 terrain={"elevation": elevation})  # fmt: skip
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(made, trajectories, START_NS)
+    at = Station(made, made.sensor[0], trajectories)
+    counts = instructions_of(lambda: at.report(at.sector_at(START_NS)))
+    assert {"line_of_sight", "surroundings"} <= {Path(file).stem for file, _ in counts}
 
 
 def test_merging_is_not_even_imported_for_a_scene_without_it() -> None:

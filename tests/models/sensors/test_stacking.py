@@ -55,6 +55,7 @@ PASSIVE = PassiveRadar(
     elevation_max_deg=60.0, azimuth_floor_deg=0.2,
 )  # fmt: skip
 MICROPHONES = MicrophoneArray(
+    frequency_hz=1000.0,
     directivity_db=3.0, absorption_db_per_m=0.005, barrier_db=3.0, misc_db=1.0, array_gain_db=20.0,
     noise_db=0.5, sensitivity_db=10.0, slope_per_db=1.0, pfa=1e-6, range_max_m=8000.0,
     height_above_ground_m=1.5, sound_speed_m_s=343.2, azimuth_cover=AzimuthCover(-180.0, 180.0),

@@ -1,0 +1,46 @@
+"""What of the world a scene names, about each of its sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
+from plotfeed.models.sensors.sensor_model import SensorModel
+
+SUNK_M = 1.0
+"""By which rasters and masts may disagree about the ground."""
+
+
+class World:
+    """The surroundings of sensors; of a scene that names none, nothing."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Raises `PlotfeedError` for a file without use."""
+        self._site = scene.scene.site
+        self._horizons = None
+        if scene.terrain is not None:
+            from plotfeed.feeds.sensing.horizons import Horizons
+
+            self._horizons = Horizons(scene, scene.terrain)
+
+    def model_of(self, sensor: Sensor) -> SensorModel:
+        """The model of a sensor where it stands; raises `PlotfeedError`."""
+        model = sensor.model(self._site)
+        met: list[OnTheWay] = []
+        if self._horizons is not None:
+            met.append(self._horizons.around(sensor, model))
+        return replace(model, surroundings=Surroundings(tuple(met))) if met else model
+
+    def warnings(self, sensor: Sensor) -> list[str]:
+        """What is legal and still looks wrong, for `check`."""
+        if self._horizons is None:
+            return []
+        above_m = self._horizons.ground_above_m(sensor)
+        if not above_m > SUNK_M:
+            return []
+        return [
+            f"it stands {above_m:.0f} m below the ground of terrain.elevation, and sees little: "
+            "are heights above sea level taken for heights above the ellipsoid?"
+        ]

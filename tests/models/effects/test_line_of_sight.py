@@ -1,0 +1,211 @@
+"""Horizons beside rays that are followed step by step, and one edge beside Fresnel's integral."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import fresnel
+
+from plotfeed.models.effects.line_of_sight import (
+    EARTH_RADIUS_M,
+    OPAQUE,
+    HorizonSettings,
+    Obstruction,
+    horizon_of,
+    knife_edge_loss_db,
+)
+from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.terrain import ElevationTile, Ground, Walls
+
+HERE = LocalFrame(40.5, -3.5, 700.0)
+STRAIGHT = HorizonSettings(azimuths=1440, step_m=20.0, reach_m=9000.0, k=1.0)
+
+
+def by_fresnel_db(nu):
+    """The loss behind an edge by the integral that the recommendation approximates."""
+    s, c = fresnel(nu)
+    return -10 * np.log10(((1 - c - s) ** 2 + (c - s) ** 2) / 4)
+
+
+def obstruction(horizon, *, diffracts=False, k=1.0):
+    return Obstruction(frames=(HERE,), horizons=(horizon,), diffracts=diffracts, k=k)
+
+
+def test_behind_an_edge_it_is_fresnels_integral_within_what_the_recommendation_says():
+    nu = np.linspace(-0.7, 20, 5000)
+    assert np.abs(knife_edge_loss_db(nu) - by_fresnel_db(nu)).max() < 0.14
+
+
+@pytest.mark.parametrize(
+    ("nu", "exact_db"), [(0, 6.02059991327962), (1, 13.8641054136291), (2.4, 20.6181954120076)]
+)
+def test_the_loss_is_right_at_values_worked_out_elsewhere(nu, exact_db):
+    assert by_fresnel_db(nu) == pytest.approx(exact_db, rel=1e-12)
+    assert float(knife_edge_loss_db(nu)) == pytest.approx(exact_db, abs=0.14)
+
+
+def test_far_below_the_ray_an_edge_costs_nothing_and_far_above_the_loss_stays_a_number():
+    assert float(knife_edge_loss_db(-0.79)) == 0.0
+    assert float(knife_edge_loss_db(-np.inf)) == 0.0
+    assert float(knife_edge_loss_db(1e8)) == pytest.approx(13 + 160, abs=0.1)
+
+
+def rough() -> Ground:
+    """Hills of some 150 m, a kilometre apart."""
+    rng = np.random.default_rng(5)
+    row, column = np.mgrid[0:401, 0:401] / 20
+    height_m = np.full((401, 401), 620.0)
+    for _ in range(60):
+        y, x = rng.uniform(0, 20, 2)
+        bump = np.exp(-((row - y) ** 2 + (column - x) ** 2) / 0.6)
+        height_m += rng.uniform(0, 150) * bump
+    return Ground([ElevationTile(heights_m=height_m, north_deg=40.6, west_deg=-3.6,
+                                 row_step_deg=0.0005, column_step_deg=0.0005)])  # fmt: skip
+
+
+def seen_along(ground, place_enu_m):
+    """Whether a straight ray stays above the ground, at each tenth of a thousandth of it."""
+    share = np.linspace(0.004, 0.999, 1500)[:, None]
+    points = share * place_enu_m
+    latitude_deg, longitude_deg, height_m = HERE.to_geodetic(points)
+    clear_m = height_m - ground.height_m(latitude_deg, longitude_deg)
+    return clear_m.min()
+
+
+def test_the_running_maximum_answers_as_the_ray_that_is_followed():
+    ground, rng = rough(), np.random.default_rng(6)
+    places = aer_to_enu(
+        rng.uniform(0, 360, 400), rng.uniform(-1, 4, 400), rng.uniform(500, 8000, 400)
+    )
+    factor = obstruction(horizon_of(HERE, ground, None, STRAIGHT)).power_factor(places, 0.03)
+    clear_m = np.array([seen_along(ground, place) for place in places])
+    is_plain = np.abs(clear_m) > 3.0  # between samples of 20 m and 0.25 degrees
+    assert is_plain.sum() > 100
+    assert 50 < (clear_m[is_plain] < 0).sum() < is_plain.sum() - 50
+    np.testing.assert_array_equal(factor[is_plain] < 0.5, clear_m[is_plain] < 0)
+
+
+def blocks():
+    """Towers about the place: rings of longitude and latitude, and how high they reach."""
+    rng = np.random.default_rng(7)
+    rings, tops_m = [], []
+    for _ in range(40):
+        middle = aer_to_enu(rng.uniform(0, 360), 0.0, rng.uniform(100, 1500))
+        corners = middle + aer_to_enu(
+            np.array([10.0, 100.0, 190.0, 280.0]), 0.0, rng.uniform(20, 60)
+        )
+        latitude_deg, longitude_deg, _ = HERE.to_geodetic(corners)
+        rings.append(np.column_stack([longitude_deg, latitude_deg]))
+        tops_m.append(700.0 + rng.uniform(-20, 80))
+    return rings, tops_m
+
+
+def test_walls_hide_what_the_ray_meets_at_entry_or_exit():
+    rings, tops_m = blocks()
+    settings = HorizonSettings(azimuths=36_000, step_m=20.0, reach_m=4000.0, k=1.0)
+    horizon = horizon_of(HERE, None, Walls.of_rings(rings, tops_m), settings)
+    rng = np.random.default_rng(8)
+    places = aer_to_enu(rng.uniform(0, 360, 500), rng.uniform(-1, 5, 500), 2000.0)
+    factor = obstruction(horizon).power_factor(places, 0.03)
+    hidden = np.array([any_crossed(rings, tops_m, place) for place in places])
+    assert 50 < hidden.sum() < 450
+    assert (hidden == (factor == OPAQUE)).mean() > 0.99  # azimuths are 0.01 degrees wide
+
+
+def any_crossed(rings, tops_m, place):
+    """Whether a ray enters or leaves a footprint below its top, by each of its points."""
+    share = np.linspace(0, 1, 8001)[:, None]
+    points = share * place
+    latitude_deg, longitude_deg, height_m = HERE.to_geodetic(points)
+    for ring, top_m in zip(rings, tops_m, strict=True):
+        inside = np.zeros(len(points), bool)
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            crosses = (a[1] > latitude_deg) != (b[1] > latitude_deg)
+            at = a[0] + (latitude_deg - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+            inside ^= crosses & (longitude_deg < at)
+        if (inside & (height_m < top_m)).any():
+            return True
+    return False
+
+
+@pytest.mark.parametrize("k", [1.0, 4 / 3])
+def test_over_level_ground_the_horizon_is_that_of_the_effective_earth(k):
+    level = np.zeros((3, 3))
+    ground = Ground([ElevationTile(heights_m=level, north_deg=41.5, west_deg=-4.5,
+                                   row_step_deg=1.0, column_step_deg=1.0)])  # fmt: skip
+    mast = LocalFrame(40.5, -3.5, 10.0)
+    settings = HorizonSettings(azimuths=8, step_m=50.0, reach_m=40_000.0, k=k)
+    seen = Obstruction(
+        frames=(mast,), horizons=(horizon_of(mast, ground, None, settings),), diffracts=False, k=k
+    )
+    distance_m, target_m = np.arange(15_000.0, 40_000.0, 10.0), 15.0
+    up_m = (target_m - 10.0) - distance_m**2 / (2 * EARTH_RADIUS_M)
+    east = np.column_stack([distance_m, np.zeros(len(distance_m)), up_m])
+    free = seen.power_factor(east, 0.03) > 0.5
+    last_m = float(distance_m[free].max())
+    expected_m = sum(np.sqrt(2 * k * EARTH_RADIUS_M * h) for h in (10.0, target_m))
+    assert last_m == pytest.approx(expected_m, rel=0.01)
+    assert not free[distance_m > last_m].any()
+
+
+def test_from_a_transmitter_its_own_horizon_counts():
+    mast = LocalFrame(*(float(x) for x in HERE.to_geodetic(np.array([4000.0, 0.0, 0.0]))))
+    ground = rough()
+    horizons = tuple(horizon_of(frame, ground, None, STRAIGHT) for frame in (HERE, mast))
+    both = Obstruction(frames=(HERE, mast), horizons=horizons, diffracts=True, k=1.0)
+    alone = Obstruction(frames=(mast,), horizons=horizons[1:], diffracts=True, k=1.0)
+    rng = np.random.default_rng(9)
+    places = aer_to_enu(rng.uniform(0, 360, 300), rng.uniform(0, 3, 300), 4500.0)
+    from_mast = mast.from_ecef(HERE.to_ecef(places))
+    found = both.power_factor(places, 0.1, HERE.from_ecef(mast.origin_ecef_m))
+    np.testing.assert_array_equal(found, alone.power_factor(from_mast, 0.1))
+    assert (found < 0.5).sum() > 20
+
+
+def test_what_is_cut_off_still_has_a_level():
+    assert 0 < OPAQUE**2 < 1e-30
+    assert np.isfinite(20 * np.log10(OPAQUE))
+
+
+def test_what_no_raster_knows_hides_nothing():
+    void = ElevationTile(heights_m=np.full((2, 2), -32768, ">i2"), north_deg=41, west_deg=-4,
+                         row_step_deg=1.0, column_step_deg=1.0, void=-32768)  # fmt: skip
+    elsewhere = ElevationTile(heights_m=np.full((2, 2), 9000.0), north_deg=10, west_deg=-4,
+                              row_step_deg=1.0, column_step_deg=1.0)  # fmt: skip
+    horizon = horizon_of(HERE, Ground([void, elsewhere]), None, STRAIGHT)
+    assert len(horizon.azimuth) == 0
+    down = aer_to_enu(np.linspace(0, 360, 100), -5.0, 8000.0)
+    assert (obstruction(horizon, diffracts=True).power_factor(down, 0.03) == 1.0).all()
+    overhead = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, 0.0]])
+    assert (obstruction(horizon).power_factor(overhead, 0.03) == 1.0).all()
+
+
+def test_a_raster_is_bilinear_between_its_samples_and_joins_the_next():
+    heights = np.array([[0.0, 10.0], [20.0, 40.0]])
+    west = ElevationTile(
+        heights_m=heights, north_deg=1, west_deg=0, row_step_deg=1, column_step_deg=1
+    )
+    east = ElevationTile(heights_m=heights + 10, north_deg=1, west_deg=1, row_step_deg=1,
+                         column_step_deg=1)  # fmt: skip
+    ground = Ground([west, east])
+    latitude, longitude = np.array([1.0, 0.0, 0.5, 0.5, 0.5]), np.array([0.0, 1.0, 0.5, 1.5, 2.5])
+    found = ground.height_m(latitude, longitude)
+    np.testing.assert_array_equal(found, [0.0, 40.0, 17.5, 27.5, np.nan])
+    raised = Ground([west], lambda lat, lon: lat + 100 * lon)
+    assert raised.height_m(np.array([0.5]), np.array([0.5])) == pytest.approx(17.5 + 50.5)
+
+
+def test_a_ray_that_bends_down_to_an_edge_is_weakened_by_how_deep_it_lies():
+    """One edge half-way: the parameter of Fresnel by its height above the line."""
+    corners = [(-200.0, 2000.0), (200.0, 2000.0), (200.0, 2000.1), (-200.0, 2000.1)]
+    ring = np.array([(east, north, 0.0) for east, north in corners])
+    latitude_deg, longitude_deg, _ = HERE.to_geodetic(ring)
+    top_m = float(HERE.to_geodetic(np.array([0.0, 2000.0, 40.0]))[2])
+    walls = Walls.of_rings([np.column_stack([longitude_deg, latitude_deg])], [top_m])
+    horizon = horizon_of(HERE, None, walls, STRAIGHT)
+    up_m = np.linspace(-200.0, 300.0, 60)
+    places = np.column_stack([np.zeros(60), np.full(60, 4000.0), up_m])
+    over_m = 40.0 - up_m / 2
+    nu = over_m * np.sqrt(2 * (1 / 2000 + 1 / 2000) / 0.03)
+    factor = obstruction(horizon, diffracts=True).power_factor(places, 0.03)
+    np.testing.assert_allclose(-10 * np.log10(factor), knife_edge_loss_db(nu), atol=0.05)
