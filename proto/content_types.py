@@ -4,7 +4,11 @@ from __future__ import annotations
 
 PROTOBUF = "application/x-protobuf"
 JSON = "application/json"
+GEOJSON = "application/geo+json"
+COT = "application/x-cot+xml"
+"""Cursor on Target has no registered name."""
 ASTERIX = "application/x-asterix"
+SCHEMA = "schema="
 MESSAGE_TYPE = "messageType="
 
 
@@ -16,6 +20,16 @@ def asterix_content_type(category: int) -> str:
 def protobuf_content_type(message: str) -> str:
     """The content type of a protobuf message of that full name."""
     return f"{PROTOBUF}; {MESSAGE_TYPE}{message}"
+
+
+def json_content_type(schema: str, kind: str = JSON) -> str:
+    """The content type of JSON that follows a schema of `proto.tracks.json_schemas`."""
+    return f"{kind}; {SCHEMA}{schema}"
+
+
+def schema_name(content_type: str) -> str:
+    """The schema that a content type of JSON names; empty if it names none."""
+    return content_type.partition(SCHEMA)[2].partition(";")[0].strip(' "')
 
 
 def message_type(content_type: str) -> str:

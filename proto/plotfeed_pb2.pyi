@@ -17,6 +17,12 @@ class AltitudeReference(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MEAN_SEA_LEVEL: _ClassVar[AltitudeReference]
     ABOVE_TAKEOFF: _ClassVar[AltitudeReference]
 
+class TrackKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    TRACK_KIND_UNSPECIFIED: _ClassVar[TrackKind]
+    SMOOTHED_TRUTH: _ClassVar[TrackKind]
+    PLAIN: _ClassVar[TrackKind]
+
 class Fate(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     FATE_UNSPECIFIED: _ClassVar[Fate]
@@ -31,6 +37,9 @@ ALTITUDE_REFERENCE_UNSPECIFIED: AltitudeReference
 ELLIPSOID: AltitudeReference
 MEAN_SEA_LEVEL: AltitudeReference
 ABOVE_TAKEOFF: AltitudeReference
+TRACK_KIND_UNSPECIFIED: TrackKind
+SMOOTHED_TRUTH: TrackKind
+PLAIN: TrackKind
 FATE_UNSPECIFIED: Fate
 SENT: Fate
 LOST: Fate
@@ -143,6 +152,62 @@ class Plot(_message.Message):
     sigma_range_rate_m_s: float
     kind_probability: float
     def __init__(self, time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., snr_db: _Optional[float] = ..., amplitude_dbm: _Optional[float] = ..., sigma_range_m: _Optional[float] = ..., sigma_azimuth_deg: _Optional[float] = ..., sigma_elevation_deg: _Optional[float] = ..., channel: _Optional[int] = ..., bistatic_range_m: _Optional[float] = ..., sigma_bistatic_range_m: _Optional[float] = ..., covariance_east_m2: _Optional[float] = ..., covariance_north_m2: _Optional[float] = ..., covariance_east_north_m2: _Optional[float] = ..., kind: _Optional[str] = ..., identity: _Optional[str] = ..., range_rate_m_s: _Optional[float] = ..., sigma_range_rate_m_s: _Optional[float] = ..., kind_probability: _Optional[float] = ...) -> None: ...
+
+class TrackBatch(_message.Message):
+    __slots__ = ("sensor", "scan", "sector", "kind", "tracks")
+    SENSOR_FIELD_NUMBER: _ClassVar[int]
+    SCAN_FIELD_NUMBER: _ClassVar[int]
+    SECTOR_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    TRACKS_FIELD_NUMBER: _ClassVar[int]
+    sensor: str
+    scan: int
+    sector: int
+    kind: TrackKind
+    tracks: _containers.RepeatedCompositeFieldContainer[Track]
+    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., kind: _Optional[_Union[TrackKind, str]] = ..., tracks: _Optional[_Iterable[_Union[Track, _Mapping]]] = ...) -> None: ...
+
+class Track(_message.Message):
+    __slots__ = ("id", "number", "time_utc_ns", "latitude_deg", "longitude_deg", "height_m", "velocity_east_m_s", "velocity_north_m_s", "climb_m_s", "age_s", "coasted", "first", "last", "sigma_east_m", "sigma_north_m", "sigma_up_m", "sigma_velocity_east_m_s", "sigma_velocity_north_m_s", "sigma_climb_m_s")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    NUMBER_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_EAST_M_S_FIELD_NUMBER: _ClassVar[int]
+    VELOCITY_NORTH_M_S_FIELD_NUMBER: _ClassVar[int]
+    CLIMB_M_S_FIELD_NUMBER: _ClassVar[int]
+    AGE_S_FIELD_NUMBER: _ClassVar[int]
+    COASTED_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    LAST_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_EAST_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_UP_M_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_VELOCITY_EAST_M_S_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_VELOCITY_NORTH_M_S_FIELD_NUMBER: _ClassVar[int]
+    SIGMA_CLIMB_M_S_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    number: int
+    time_utc_ns: int
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    velocity_east_m_s: float
+    velocity_north_m_s: float
+    climb_m_s: float
+    age_s: float
+    coasted: bool
+    first: bool
+    last: bool
+    sigma_east_m: float
+    sigma_north_m: float
+    sigma_up_m: float
+    sigma_velocity_east_m_s: float
+    sigma_velocity_north_m_s: float
+    sigma_climb_m_s: float
+    def __init__(self, id: _Optional[str] = ..., number: _Optional[int] = ..., time_utc_ns: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., velocity_east_m_s: _Optional[float] = ..., velocity_north_m_s: _Optional[float] = ..., climb_m_s: _Optional[float] = ..., age_s: _Optional[float] = ..., coasted: _Optional[bool] = ..., first: _Optional[bool] = ..., last: _Optional[bool] = ..., sigma_east_m: _Optional[float] = ..., sigma_north_m: _Optional[float] = ..., sigma_up_m: _Optional[float] = ..., sigma_velocity_east_m_s: _Optional[float] = ..., sigma_velocity_north_m_s: _Optional[float] = ..., sigma_climb_m_s: _Optional[float] = ...) -> None: ...
 
 class Ledger(_message.Message):
     __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link")

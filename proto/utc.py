@@ -12,7 +12,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 DAY_NS = 86_400 * NS
 
-__all__ = ["DAY_NS", "NS", "iso_utc", "nearest_utc_ns", "utc_ns"]
+__all__ = ["DAY_NS", "NS", "iso_utc", "iso_utc_ms", "nearest_utc_ns", "utc_ns"]
 
 
 def iso_utc(t_utc_ns: int) -> str:
@@ -22,6 +22,12 @@ def iso_utc(t_utc_ns: int) -> str:
         return f"{_to_the_second(seconds)}.{ns:09d}Z"
     except OverflowError:
         return ""
+
+
+def iso_utc_ms(t_utc_ns: int) -> str:
+    """2026-01-01T12:00:00.123Z, rounded down: as many decimals as every reader takes."""
+    text = iso_utc(t_utc_ns)
+    return f"{text[:-7]}Z" if text else ""
 
 
 @lru_cache(maxsize=16)  # a session writes the same second again and again

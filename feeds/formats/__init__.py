@@ -26,6 +26,7 @@ from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
 from plotfeed.feeds.formats.seen import Seen, SeenSector
 from plotfeed.feeds.formats.sensor_tracks import SceneTracks
+from plotfeed.feeds.formats.track_messages import TRACK_ROWS
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -43,6 +44,7 @@ FORMATS: dict[str, Format] = {
         Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix),
         Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None),
         SAPIENT,
+        *TRACK_ROWS,
     )
 }
 """By the name that scenes have for it; the first are those that say most of plots."""

@@ -47,7 +47,7 @@ class SceneTracks:
         self._trackers: dict[int, SensorTracker] = {}
         for i, sensor in enumerate(scene.sensor):
             if any(REPORT_FORMATS[name].tells_tracks for name in sensor.report):
-                is_plain = _keys_of(sensor).kind == "plain"
+                is_plain = tracks_keys_of(sensor).kind == "plain"
                 kind = _PlainTracks if is_plain else _SmoothedTruth
                 self._trackers[i] = kind(scene, sensor, self._site)
 
@@ -110,7 +110,7 @@ class _SmoothedTruth:
         here = frame_at(scene.scene.site, sensor.position_enu_m)
         self._site = site
         self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
-        self._tracks = SmoothedTruth(_rule_of(sensor), _keys_of(sensor).smoothing_scans)
+        self._tracks = SmoothedTruth(_rule_of(sensor), tracks_keys_of(sensor).smoothing_scans)
         self._has_height = False
         self._names: Sequence[str] = ()
         """Of drones by index, when it last knew of them."""
@@ -167,7 +167,7 @@ class _PlainTracks:
         self._here = frame_at(scene.scene.site, sensor.position_enu_m)
         self._site = site
         self._to_site = site.rotation_from_ecef @ self._here.rotation_from_ecef.T
-        keys = _keys_of(sensor)
+        keys = tracks_keys_of(sensor)
         motion = PlainMotion(
             density_m2_s3=keys.acceleration_m_s2**2 * sensor.scan.period_s,
             initial_speed_m_s=keys.initial_speed_m_s,
@@ -201,12 +201,13 @@ class _PlainTracks:
         return located.rows(is_place & np.isfinite(covariance_m2).all(axis=(1, 2)))
 
 
-def _keys_of(sensor: Sensor) -> TracksKeys:
+def tracks_keys_of(sensor: Sensor) -> TracksKeys:
+    """The keys of a sensor's tracks."""
     return sensor.tracks if isinstance(sensor, TrackingSensorKeys) else TracksKeys()
 
 
 def _rule_of(sensor: Sensor) -> TrackRule:
-    keys, period_ns = _keys_of(sensor), sensor.scan.period_ns
+    keys, period_ns = tracks_keys_of(sensor), sensor.scan.period_ns
     first, last = keys.numbers
     return TrackRule(
         confirm_hits=keys.confirm_hits,

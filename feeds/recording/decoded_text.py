@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.content_types import ASTERIX, JSON, message_type
+from plotfeed.proto.content_types import ASTERIX, GEOJSON, JSON, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
@@ -33,6 +33,7 @@ OURS: Mapping[str, type[ProtobufMessage]] = {
     for kind in (
         pb.Telemetry,
         pb.PlotBatch,
+        pb.TrackBatch,
         pb.Ledger,
         pb.Refusal,
         pb.SensorStatus,
@@ -126,6 +127,8 @@ def _told(
         return _asterix(payload, categories, as_json=as_json)
     if kind == "sapient":
         return _sapient(payload, as_json=as_json)
+    if kind == "xml":
+        return iter([payload.decode()[:MAX_TEXT]])
     if isinstance(kind, str):
         value = json.loads(payload)
         return iter([value if as_json else json.dumps(value)[:MAX_TEXT]])
@@ -144,13 +147,18 @@ def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
     levels = topic.split("/")
     if (content_type or "").startswith(ASTERIX) or "asterix" in levels[-2:]:
         return "asterix"
-    if (content_type or "").startswith(JSON) or levels[-1] in ("errors", "status"):
+    if (content_type or "").startswith((JSON, GEOJSON)) or levels[-1] in ("errors", "status"):
         return "json"
     if levels[-1] == "sapient" or levels[-2:] == ["sapient", "task"]:
         return "sapient"
     if levels[-2:-1] == ["telemetry"]:
         return pb.Telemetry
-    kinds: dict[str, type[ProtobufMessage]] = {"plots": pb.PlotBatch, "truth": pb.Ledger}
+    kinds: dict[str, str | type[ProtobufMessage]] = {
+        "cot": "xml",
+        "plots": pb.PlotBatch,
+        "tracks": pb.TrackBatch,
+        "truth": pb.Ledger,
+    }
     return kinds.get(levels[-1], "json")
 
 
@@ -173,6 +181,9 @@ def _asterix_trees(payload: bytes, categories: Categories) -> Iterator[str]:
 
 def _indented(kind: str | type[ProtobufMessage], payload: bytes) -> Iterator[str]:
     """A message of JSON or protobuf with all its fields, each on a line."""
+    if kind == "xml":
+        yield payload.decode()
+        return
     if isinstance(kind, str):
         yield json.dumps(json.loads(payload), indent=2)
         return
@@ -199,6 +210,10 @@ def _protobuf(message: ProtobufMessage) -> Iterator[str]:
         place = f"scan {message.scan} sector {message.sector}"
         for plot in message.plots:
             yield f"{place}  {iso_utc(plot.time_utc_ns)}  {_fields(plot, 'time_utc_ns')}"
+    elif isinstance(message, pb.TrackBatch):
+        place = f"scan {message.scan} sector {message.sector}"
+        for track in message.tracks:
+            yield f"{place}  {iso_utc(track.time_utc_ns)}  {_fields(track, 'time_utc_ns')}"
     elif isinstance(message, pb.Ledger):
         place = f"{message.sensor} scan {message.scan} sector {message.sector}"
         for look in message.looks:

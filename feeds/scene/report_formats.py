@@ -10,9 +10,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from plotfeed.proto.asterix.cat048 import RHO_LSB_M
-from plotfeed.proto.content_types import asterix_content_type, protobuf_content_type
+from plotfeed.proto.content_types import (
+    COT,
+    GEOJSON,
+    JSON,
+    asterix_content_type,
+    json_content_type,
+    protobuf_content_type,
+)
+from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
 
-PLOT_BATCH = "plotfeed.v1.PlotBatch"
+PLOT_BATCH, TRACK_BATCH = "plotfeed.v1.PlotBatch", "plotfeed.v1.TrackBatch"
 SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 
 
@@ -42,7 +50,9 @@ class ReportFormat:
     inbox: str = ""
     """End of the topics on which sensors are asked something in it; empty for none."""
     message: str = ""
-    """The protobuf message that they are; empty for ASTERIX."""
+    """The protobuf message that they are; empty for ASTERIX, XML and JSON."""
+    schema: Mapping[str, Any] | None = None
+    """Of JSON."""
     categories: Mapping[int, SentCategory] = field(default_factory=dict)
     """Of ASTERIX: the format's own category first, then its companions, and what they bring."""
     tells_tracks: bool = False
@@ -68,6 +78,18 @@ def asterix(categories: Mapping[int, SentCategory], **says: Any) -> ReportFormat
         summary=categories[own].summary,
         categories=categories,
         **says,
+    )
+
+
+def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> ReportFormat:
+    """A format of tracks in JSON, by one of the schemas in `proto.tracks.json_schemas`."""
+    return ReportFormat(
+        name=name,
+        topic=name,
+        content_type=json_content_type(schema, kind),
+        summary=summary,
+        schema=JSON_SCHEMAS[schema],
+        tells_tracks=True,
     )
 
 
@@ -115,9 +137,42 @@ REPORT_FORMATS: dict[str, ReportFormat] = {
             inbox="sapient/task",
             message=SAPIENT_MESSAGE,
         ),
+        ReportFormat(
+            name="tracks",
+            topic="tracks",
+            content_type=protobuf_content_type(TRACK_BATCH),
+            summary="Tracks that had a look in a sector, at full precision.",
+            message=TRACK_BATCH,
+            tells_tracks=True,
+        ),
+        ReportFormat(
+            name="cot",
+            topic="cot",
+            content_type=COT,
+            summary="Cursor on Target in XML: an event for a track.",
+            tells_tracks=True,
+        ),
+        tracks_in_json(
+            "geojson", "plotfeed.TrackFeatures", "GeoJSON: the tracks of a sector.", GEOJSON
+        ),
+        tracks_in_json(
+            "air-traffic", "plotfeed.AirTraffic", "Observations for Flight Blender's air traffic."
+        ),
+        tracks_in_json("f3411", "plotfeed.F3411Flights", "Flights in the words of ASTM F3411-22a."),
+        tracks_in_json("gutma", "plotfeed.GutmaLog", "A flight log like GUTMA's, of one position."),
+        tracks_in_json(
+            "foxglove-geojson", "foxglove.GeoJSON", "All living tracks, for Foxglove's map."
+        ),
+        tracks_in_json(
+            "foxglove-location", "foxglove.LocationFix", "A place of a track, for Foxglove's map."
+        ),
     )
 }
 """By name. `feeds.formats.register` adds to them."""
+
+
+TRACK_FORMATS = tuple(sorted(name for name, row in REPORT_FORMATS.items() if row.tells_tracks))
+"""Those that sensors of range and azimuth may report tracks in."""
 
 
 def is_inbox(topic: str) -> bool:

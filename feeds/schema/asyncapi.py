@@ -235,7 +235,7 @@ def _example(flow: Flow) -> dict[str, Any]:
     payload = _examples()[flow.name]
     if isinstance(payload, str):
         return {"summary": "The octets in base64.", "payload": payload}
-    if flow.content_type != JSON:
+    if flow.content_type != JSON and flow.schema is None:
         return {"summary": "The fields, as in JSON.", "payload": payload}
     return {"payload": payload}
 

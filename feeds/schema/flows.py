@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.messages.user_properties import type_of
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.drones import COOPERATIVE
 from plotfeed.feeds.scene.sensors import SENSORS
@@ -90,8 +91,9 @@ def _of_format(name: str) -> Iterator[Flow]:
         summary=facts.summary,
         message=facts.message,
         attributes=OF_SECTOR,
-        kind=f"plotfeed.{name}",
+        kind=type_of(facts.topic),
         sensors=sensors,
+        schema=facts.schema,
     )
     yield plots
     for what in ("registration", "status", "goodbye", "answer") if announces else ():

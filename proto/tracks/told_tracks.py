@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from hashlib import blake2b
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plotfeed.models.state import Floats
 from plotfeed.proto.asterix.cat062 import Tracks
@@ -44,5 +47,47 @@ class ToldTracks(Tracks):
         return np.maximum(self.sigma_velocity_east_m_s, self.sigma_velocity_north_m_s)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackOrigin:
+    """Whose tracks they are, and from where: what is the same in all messages of a sensor."""
+
+    sensor: str
+    kind: Literal["smoothed-truth", "plain"]
+    stale_after_s: float
+    """A track of which nothing has come for so long is gone."""
+
+    def name_of(self, number: int) -> str:
+        """Name a track so that no other of the session has it."""
+        return f"{self.sensor}-{number}"
+
+    def short_name_of(self, number: int, most: int = 24) -> str:
+        """Name a track in so many characters; what does not fit gives way to a digest of it."""
+        name = self.name_of(number)
+        if len(name) <= most and name.isascii():
+            return name
+        digest = blake2b(self.sensor.encode(), digest_size=4).hexdigest()
+        return f"{digest}-{number}"
+
+
+Told = dict[str, Any]
+"""One track: columns by their names, None for what is not estimated."""
+
+
+def one_by_one(tracks: ToldTracks) -> list[Told]:
+    """Tracks as values of Python, with speed, course and the deviations of these."""
+    columns: dict[str, NDArray[Any]] = dict(vars(tracks))
+    columns |= {name: getattr(tracks, name) for name in _DERIVED}
+    lists = [_values(column) for column in columns.values()]
+    return [dict(zip(columns, values, strict=True)) for values in zip(*lists, strict=True)]
+
+
+def _values(column: NDArray[Any]) -> list[Any]:
+    values: list[Any] = column.tolist()
+    if column.dtype.kind == "f" and np.isnan(column).any():
+        return [None if value != value else value for value in values]  # noqa: PLR0124 - NaN is not
+    return values
+
+
+_DERIVED = ("speed_m_s", "course_deg", "sigma_level_m", "sigma_speed_m_s")
 _DTYPES = {"Ints": np.int64, "Bools": np.bool_, "Floats": np.float64}
 NO_TRACKS = ToldTracks(**{f.name: np.zeros(0, _DTYPES[str(f.type)]) for f in fields(ToldTracks)})

@@ -15,6 +15,7 @@ from google.protobuf.descriptor_pool import Default
 
 from plotfeed.proto.content_types import (
     ASTERIX,
+    GEOJSON,
     JSON,
     PROTOBUF,
     message_type,
@@ -165,7 +166,7 @@ def channel_of(topic: str, encoding: str, schema: str, metadata: Mapping[str, st
 def encoding_of(content_type: str) -> str:
     """MCAP's name for how messages of a content type are written."""
     kind = content_type.partition(";")[0].strip()
-    return {PROTOBUF: "protobuf", JSON: "json", ASTERIX: "asterix"}.get(kind, kind)
+    return {PROTOBUF: "protobuf", JSON: "json", GEOJSON: "json", ASTERIX: "asterix"}.get(kind, kind)
 
 
 def message_type_of(series: ChannelKey) -> str:

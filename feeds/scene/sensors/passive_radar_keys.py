@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.fields import (
     enu_from,
     frame_at,
 )
+from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
     DopplerKeys,
@@ -58,7 +59,7 @@ class PassiveRadarKeys(EchoRadarKeys):
     label = "passive radar"
     geometry = SensorGeometry.BISTATIC
     sapient_type = "RADAR"
-    formats = ("asterix-015", "asterix-062", "plots", "sapient")
+    formats = ("asterix-015", *TRACK_FORMATS, "plots", "sapient")
 
     type: Literal["passive_radar"]
     """Which model."""

@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.fields import (
     enu_from,
     frame_at,
 )
-from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
@@ -56,7 +56,7 @@ class PolarRadarKeys(EchoRadarKeys):
 
     geometry = SensorGeometry.MONOSTATIC
     sapient_type = "RADAR"
-    formats = ("asterix-015", "asterix-048", "asterix-062", "plots", "sapient")
+    formats = ("asterix-015", "asterix-048", *TRACK_FORMATS, "plots", "sapient")
 
     report: Reports = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, Site
+from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, TrackingSensorKeys
 from plotfeed.models.sensors.range_gate import RangeGate
@@ -19,7 +20,7 @@ class RangeGateKeys(TrackingSensorKeys):
     label = "range gate"
     geometry = SensorGeometry.MONOSTATIC
     sapient_type = "OTHER"
-    formats = ("asterix-015", "asterix-062", "plots", "sapient")
+    formats = ("asterix-015", *TRACK_FORMATS, "plots", "sapient")
 
     type: Literal["range_gate"]
     """Which model."""

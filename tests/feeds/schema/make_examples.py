@@ -61,7 +61,7 @@ def _telemetry() -> bytes:
 
 
 def _told(content_type: str, kind: str, octets: bytes) -> Any:
-    if content_type == "application/json":
+    if content_type.startswith(("application/json", "application/geo+json")):
         return json.loads(octets)
     if kind.startswith(f"{OURS}."):
         message = getattr(pb, kind.rpartition(".")[2]).FromString(octets)

@@ -1,0 +1,107 @@
+"""Messages of tracks in formats other than ASTERIX: one a sector, or one a track."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from plotfeed.feeds.formats.message_format import (
+    Format,
+    MessageFormat,
+    Sensors,
+    Topics,
+    message_to,
+)
+from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.user_properties import SectorStamp
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.proto.tracks.cot import cot_events
+from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, location_fixes
+from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
+from plotfeed.proto.tracks.track_batch import track_batch
+from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights, gutma_logs
+
+Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
+"""What makes payloads of the tracks of a sector, of which there is at least one."""
+
+
+class TrackMessages:
+    """Makes the messages of sectors that have tracks, each sensor's by an encoder of its own."""
+
+    def __init__(
+        self, name: str, encoder: Callable[[], Encoder], scene: Scene, sensors: Sensors
+    ) -> None:
+        facts = REPORT_FORMATS[name]
+        self._encoders = {i: encoder() for i in sensors}
+        self._origins = {i: origin_of(sensor) for i, sensor in sensors.items()}
+        self._addresses = {
+            i: Topics(scene, sensor).address(facts.topic, facts.content_type)
+            for i, sensor in sensors.items()
+        }
+
+    def messages(self, seen: Seen) -> list[list[Message]]:
+        """Messages of each sector; none of one without tracks."""
+        by = seen.tracks_by.tolist()
+        found = []
+        for k, (sensor, stamp) in enumerate(
+            zip(seen.sectors.sensor.tolist(), seen.stamps, strict=True)
+        ):
+            payloads: Sequence[bytes] = ()
+            if by[k] < by[k + 1]:
+                tracks = seen.tracks.between(by[k], by[k + 1])
+                payloads = self._encoders[sensor](tracks, self._origins[sensor], stamp)
+            address = self._addresses[sensor]
+            found.append([message_to(address, p, stamp, n) for n, p in enumerate(payloads)])
+        return found
+
+
+def origin_of(sensor: Sensor) -> TrackOrigin:
+    """Whose tracks a sensor's are; they are stale when they would have ended for want of plots."""
+    keys = tracks_keys_of(sensor)
+    stale_after_s = (keys.drop_misses + 1) * sensor.scan.period_s
+    return TrackOrigin(sensor=sensor.id, kind=keys.kind, stale_after_s=stale_after_s)
+
+
+def _batch(tracks: ToldTracks, origin: TrackOrigin, stamp: SectorStamp) -> list[bytes]:
+    return [track_batch(tracks, origin, stamp.scan, stamp.index)]
+
+
+def _one(encode: Callable[[ToldTracks, TrackOrigin], bytes]) -> Callable[[], Encoder]:
+    """Encoders of one message a sector."""
+    return lambda: lambda tracks, origin, _: [encode(tracks, origin)]
+
+
+def _each(encode: Callable[[ToldTracks, TrackOrigin], list[bytes]]) -> Callable[[], Encoder]:
+    """Encoders of one message a track."""
+    return lambda: lambda tracks, origin, _: encode(tracks, origin)
+
+
+def _living() -> Encoder:
+    message = LiveFeatures().message
+    return lambda tracks, origin, _: [message(tracks, origin)]
+
+
+ENCODERS: dict[str, Callable[[], Encoder]] = {
+    "tracks": lambda: _batch,
+    "cot": _each(cot_events),
+    "geojson": _one(feature_collection),
+    "air-traffic": _one(air_traffic),
+    "f3411": _one(f3411_flights),
+    "gutma": _each(gutma_logs),
+    "foxglove-geojson": _living,
+    "foxglove-location": _each(location_fixes),
+}
+
+
+def _maker(name: str) -> Callable[[Scene, Sensors], MessageFormat]:
+    return partial(TrackMessages, name, ENCODERS[name])
+
+
+TRACK_ROWS = tuple(
+    Format(facts=REPORT_FORMATS[name], maker=_maker(name), plots_in=None) for name in ENCODERS
+)
+"""Rows of the table of formats."""

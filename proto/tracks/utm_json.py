@@ -1,0 +1,162 @@
+"""Tracks as UTM systems take them in JSON: Flight Blender, ASTM F3411, and a log like GUTMA's."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_left
+from typing import Any
+
+from plotfeed.proto.tracks.told_tracks import Told, ToldTracks, TrackOrigin, one_by_one
+from plotfeed.proto.utc import iso_utc_ms
+
+PRIMARY_RADAR = 5
+"""Flight Blender's `traffic_source` of what does not answer."""
+OF_ONE_SOURCE = 0
+"""Its `source_type` of what is not fused."""
+HORIZONTAL = {
+    1.0: "HA1m",
+    3.0: "HA3m",
+    10.0: "HA10m",
+    30.0: "HA30m",
+    92.6: "HA005NM",
+    185.2: "HA01NM",
+    555.6: "HA03NM",
+    926.0: "HA05NM",
+    1852.0: "HA1NM",
+    3704.0: "HA2NM",
+    7408.0: "HA4NM",
+    18520.0: "HA10NM",
+}
+VERTICAL = {1.0: "VA1m", 3.0: "VA3m", 10.0: "VA10m", 25.0: "VA25m", 45.0: "VA45m", 150.0: "VA150m"}
+SPEED = {0.3: "SA03mps", 1.0: "SA1mps", 3.0: "SA3mps", 10.0: "SA10mps"}
+"""Bounds of 95 %, as ASTM F3411-22a names them."""
+OF_95_PERCENT_LEVEL, OF_95_PERCENT = 2.4477, 1.9600
+"""Radius, and half an interval, that hold 95 % of a normal error of sigma 1."""
+MOST_SPEED_M_S, UNKNOWN_SPEED_M_S = 254.25, 255.0
+MOST_CLIMB_M_S, UNKNOWN_CLIMB_M_S = 62.0, 63.0
+UNKNOWN_ALTITUDE_M = -1000.0
+"""F3411's words for what is not known."""
+
+
+def air_traffic(tracks: ToldTracks, origin: TrackOrigin) -> bytes:
+    """The body of Flight Blender's set_air_traffic: an observation a track.
+
+    `icao_address` is the name of the track, in at most 24 characters; altitudes are above the
+    WGS-84 ellipsoid, and 0 where none is measured, which the metadata say.
+    """
+    observations = [
+        {
+            "lat_dd": round(told["latitude_deg"], 8),
+            "lon_dd": round(told["longitude_deg"], 8),
+            "altitude_mm": round(1000.0 * (told["height_m"] or 0.0), 1),
+            "icao_address": origin.short_name_of(told["track"]),
+            "traffic_source": PRIMARY_RADAR,
+            "source_type": OF_ONE_SOURCE,
+            "timestamp": told["t_utc_ns"] // 1_000_000,
+            "metadata": {
+                "sensor": origin.sensor,
+                "kind": origin.kind,
+                "simulated": True,
+                "altitude_is_measured": told["height_m"] is not None,
+                "speed_m_s": round(told["speed_m_s"], 2),
+                "course_deg": round(told["course_deg"], 2),
+                "coasted": told["coasted"],
+                "last": told["last"],
+            },
+        }
+        for told in one_by_one(tracks)
+    ]
+    return _json({"observations": observations})
+
+
+def f3411_flights(tracks: ToldTracks, origin: TrackOrigin) -> bytes:
+    """Flights as a service provider answers GET /uss/flights of ASTM F3411-22a."""
+    told = one_by_one(tracks)
+    at_ns = max(one["t_utc_ns"] for one in told)
+    flights = [_flight(one, origin) for one in told]
+    return _json({"timestamp": _time(at_ns), "flights": flights})
+
+
+def _flight(told: Told, origin: TrackOrigin) -> dict[str, Any]:
+    climb_m_s, speed_m_s = told["climb_m_s"], told["speed_m_s"]
+    height_m = told["height_m"]
+    return {
+        "id": origin.name_of(told["track"]),
+        "aircraft_type": "NotDeclared",
+        "simulated": True,
+        "current_state": {
+            "timestamp": _time(told["t_utc_ns"]),
+            "timestamp_accuracy": 0.0,
+            "operational_status": "Undeclared",
+            "position": {
+                "lat": round(told["latitude_deg"], 7),
+                "lng": round(told["longitude_deg"], 7),
+                "alt": UNKNOWN_ALTITUDE_M if height_m is None else round(height_m, 1),
+                "accuracy_h": _bound(
+                    HORIZONTAL, OF_95_PERCENT_LEVEL, told["sigma_level_m"], "HAUnknown"
+                ),
+                "accuracy_v": _bound(VERTICAL, OF_95_PERCENT, told["sigma_up_m"], "VAUnknown"),
+                "extrapolated": told["coasted"],
+            },
+            "track": round(told["course_deg"], 1) % 360.0,
+            "speed": round(speed_m_s, 2) if speed_m_s <= MOST_SPEED_M_S else UNKNOWN_SPEED_M_S,
+            "speed_accuracy": _bound(
+                SPEED, OF_95_PERCENT_LEVEL, told["sigma_speed_m_s"], "SAUnknown"
+            ),
+            "vertical_speed": (
+                UNKNOWN_CLIMB_M_S
+                if climb_m_s is None or abs(climb_m_s) > MOST_CLIMB_M_S
+                else round(climb_m_s, 2)
+            ),
+        },
+    }
+
+
+def gutma_logs(tracks: ToldTracks, origin: TrackOrigin) -> list[bytes]:
+    """A flight log with one position for each track, by the names that GUTMA's format has.
+
+    The protocol's own schema was not at hand: these are the keys that its readers look for.
+    """
+    return [_log(told, origin) for told in one_by_one(tracks)]
+
+
+def _log(told: Told, origin: TrackOrigin) -> bytes:
+    time, name = iso_utc_ms(told["t_utc_ns"]), origin.name_of(told["track"])
+    row = {
+        "timestamp": 0.0,
+        "gps_lon": round(told["longitude_deg"], 8),
+        "gps_lat": round(told["latitude_deg"], 8),
+        "gps_altitude": None if told["height_m"] is None else round(told["height_m"], 2),
+        "speed": round(told["speed_m_s"], 2),
+        "heading": round(told["course_deg"], 2),
+    }
+    message = {
+        "message_type": "flight_logging_submission",
+        "file": {"logging_type": "GUTMA_DX_JSON", "filename": name, "creation_dtg": time},
+        "flight_data": {"flight_id": name, "aircraft": {"model": "unknown", "serial_number": name}},
+        "flight_logging": {
+            "altitude_system": "WGS84",
+            "logging_start_dtg": time,
+            "flight_logging_keys": list(row),
+            "flight_logging_items": [list(row.values())],
+            "events": [],
+        },
+    }
+    return _json({"exchange": {"exchange_type": "flight_logging", "message": message}})
+
+
+def _bound(names: dict[float, str], of_sigma: float, sigma: float | None, unknown: str) -> str:
+    """The name of the least bound that holds 95 % of an error; beyond the last one, of that."""
+    if sigma is None:
+        return unknown
+    bounds = list(names)
+    place = bisect_left(bounds, of_sigma * sigma)
+    return names[bounds[place]] if place < len(bounds) else f"{names[bounds[-1]]}Plus"
+
+
+def _time(t_utc_ns: int) -> dict[str, str]:
+    return {"value": iso_utc_ms(t_utc_ns), "format": "RFC3339"}
+
+
+def _json(value: object) -> bytes:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()

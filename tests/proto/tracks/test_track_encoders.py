@@ -1,0 +1,188 @@
+"""What messages of tracks say is what the tracks are, and what their schemas say they say."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+from support.told_tracks import NS, RADAR, T_NS, any_tracks, told_tracks
+
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.tracks.cot import UNKNOWN, cot_events
+from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, location_fixes
+from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
+from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
+from plotfeed.proto.tracks.track_batch import track_batch
+from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights, gutma_logs
+from plotfeed.proto.utc import utc_ns
+
+names = st.text(
+    st.characters(categories=("L", "M", "N", "P", "S"), exclude_characters="/+#"),
+    min_size=1,
+    max_size=64,
+)
+VALIDATORS = {name: Draft202012Validator(schema) for name, schema in JSON_SCHEMAS.items()}
+BOUNDS_M = {"HA1m": 1, "HA3m": 3, "HA10m": 10, "HA30m": 30, "HA005NM": 92.6, "HA01NM": 185.2}
+BOUNDS_M |= {"HA03NM": 555.6}
+
+
+def in_json(schema: str, octets: bytes) -> Any:
+    """What a message says, once its schema has had nothing against it."""
+    found = json.loads(octets)
+    VALIDATORS[schema].validate(found)
+    return found
+
+
+@pytest.mark.parametrize("name", JSON_SCHEMAS)
+def test_schemas_are_schemas(name: str) -> None:
+    Draft202012Validator.check_schema(JSON_SCHEMAS[name])
+
+
+@settings(max_examples=30)
+@given(any_tracks())
+def test_protobuf_holds_every_number_unrounded(tracks: ToldTracks) -> None:
+    batch = pb.TrackBatch.FromString(track_batch(tracks, RADAR, 17, 3))
+    assert (batch.sensor, batch.scan, batch.sector, batch.kind) == ("radar", 17, 3, pb.PLAIN)
+    for i, track in enumerate(batch.tracks):
+        assert track.id == f"radar-{tracks.track[i]}"
+        assert (track.number, track.time_utc_ns) == (tracks.track[i], T_NS)
+        for field in pb.Track.DESCRIPTOR.fields:
+            if field.name not in ("id", "number", "time_utc_ns"):
+                expected = getattr(tracks, field.name)[i]
+                assert not field.has_presence or track.HasField(field.name) != np.isnan(expected)
+                if not np.isnan(expected):
+                    assert getattr(track, field.name) == expected
+
+
+@settings(max_examples=30)
+@given(any_tracks(), names)
+def test_events_of_cot_are_xml_that_says_where_a_track_is(tracks: ToldTracks, name: str) -> None:
+    origin = replace(RADAR, sensor=name)
+    for i, octets in enumerate(cot_events(tracks, origin)):
+        event = ET.fromstring(octets)  # noqa: S314 - our own
+        assert event.attrib["uid"] == f"{name}-{tracks.track[i]}"
+        assert (event.attrib["type"], event.attrib["how"]) == ("a-u-A-M-H-Q", "m-s")
+        time_ns, start_ns, stale_ns = (
+            utc_ns(event.attrib[key]) for key in ("time", "start", "stale")
+        )
+        assert time_ns == start_ns == T_NS // 1_000_000 * 1_000_000
+        assert stale_ns == pytest.approx(T_NS + (0 if tracks.last[i] else 6 * NS), abs=1_000_000)
+        point = event.find("point")
+        assert point is not None
+        assert float(point.attrib["lat"]) == pytest.approx(tracks.latitude_deg[i], abs=1e-7)
+        assert float(point.attrib["lon"]) == pytest.approx(tracks.longitude_deg[i], abs=1e-7)
+        if np.isnan(tracks.height_m[i]):
+            assert point.attrib["hae"] == point.attrib["le"] == UNKNOWN
+        else:
+            assert float(point.attrib["hae"]) == pytest.approx(tracks.height_m[i], abs=0.01)
+        track = event.find("detail/track")
+        assert track is not None
+        course, speed = np.radians(float(track.attrib["course"])), float(track.attrib["speed"])
+        assert speed * np.sin(course) == pytest.approx(tracks.velocity_east_m_s[i], abs=0.05)
+        assert speed * np.cos(course) == pytest.approx(tracks.velocity_north_m_s[i], abs=0.05)
+
+
+@settings(max_examples=30)
+@given(any_tracks())
+def test_geojson_has_a_point_for_each_track(tracks: ToldTracks) -> None:
+    found = in_json("plotfeed.TrackFeatures", feature_collection(tracks, RADAR))
+    for i, feature in enumerate(found["features"]):
+        place = [tracks.longitude_deg[i], tracks.latitude_deg[i]]
+        if not np.isnan(tracks.height_m[i]):
+            place.append(tracks.height_m[i])
+        assert feature["geometry"]["coordinates"] == pytest.approx(place, abs=0.01)
+        assert feature["properties"]["last"] == tracks.last[i]
+
+
+@settings(max_examples=30)
+@given(any_tracks())
+def test_foxgloves_messages_are_by_its_schemas(tracks: ToldTracks) -> None:
+    for i, octets in enumerate(location_fixes(tracks, RADAR)):
+        fix = in_json("foxglove.LocationFix", octets)
+        assert fix["timestamp"]["sec"] * NS + fix["timestamp"]["nsec"] == T_NS
+        assert fix["position_covariance"][0] == pytest.approx(tracks.sigma_east_m[i] ** 2)
+        assert fix["latitude"] == tracks.latitude_deg[i]
+    live = in_json("foxglove.GeoJSON", LiveFeatures().message(tracks, RADAR))
+    shown = in_json("plotfeed.TrackFeatures", live["geojson"].encode())["features"]
+    assert [feature["id"] for feature in shown] == [f"radar-{n}" for n in tracks.track]
+
+
+def test_a_map_shows_all_tracks_that_live_whichever_sector_they_were_seen_in() -> None:
+    tracks = told_tracks(4, np.random.default_rng(1)).but(last=np.zeros(4, np.bool_))
+    live, numbers = LiveFeatures(), tracks.track.tolist()
+
+    def shown(rows: list[int], after_s: float, *, last: bool = False) -> list[int]:
+        some = tracks.rows(np.array(rows))
+        some = some.but(t_utc_ns=some.t_utc_ns + round(after_s * NS), last=np.full(len(rows), last))
+        found = json.loads(json.loads(live.message(some, RADAR))["geojson"])["features"]
+        return [numbers.index(feature["properties"]["track"]) for feature in found]
+
+    assert shown([0], 0.0) == [0]
+    assert shown([1, 2], 0.5) == [0, 1, 2]
+    assert shown([1], 1.0, last=True) == [0, 1, 2]  # once more, to say that it ends
+    assert shown([3], 1.5) == [0, 2, 3]
+    assert shown([3], 7.0) == [0, 2, 3]
+    assert shown([3], 8.0) == [3]  # of the others nothing has come
+
+
+@settings(max_examples=30)
+@given(any_tracks(), names)
+def test_flight_blender_is_told_of_each_track_by_a_key_of_its_own(
+    tracks: ToldTracks, name: str
+) -> None:
+    origin = replace(RADAR, sensor=name)
+    found = in_json("plotfeed.AirTraffic", air_traffic(tracks, origin))["observations"]
+    assert len({each["icao_address"] for each in found}) == len(tracks)
+    for i, each in enumerate(found):
+        assert type(each["timestamp"]) is int
+        assert each["timestamp"] == T_NS // 1_000_000
+        assert each["metadata"]["altitude_is_measured"] == (not np.isnan(tracks.height_m[i]))
+        height_mm = 1000 * np.nan_to_num(tracks.height_m[i])
+        assert each["altitude_mm"] == pytest.approx(height_mm, abs=0.1)
+
+
+def test_keys_of_sensors_whose_names_are_long_and_begin_alike_differ() -> None:
+    tracks = told_tracks(1, np.random.default_rng(2))
+    keys = set()
+    for end in "ab":
+        origin = TrackOrigin(sensor="r" * 63 + end, kind="plain", stale_after_s=1.0)
+        (each,) = json.loads(air_traffic(tracks, origin))["observations"]
+        keys.add(each["icao_address"])
+    assert len(keys) == 2
+
+
+@settings(max_examples=30)
+@given(any_tracks())
+def test_f3411_says_what_is_not_known_in_its_words_and_bounds_errors(tracks: ToldTracks) -> None:
+    found = in_json("plotfeed.F3411Flights", f3411_flights(tracks, RADAR))["flights"]
+    for i, flight in enumerate(found):
+        state, flat = flight["current_state"], bool(np.isnan(tracks.height_m[i]))
+        place = state["position"]
+        assert flight["simulated"]
+        assert (place["alt"] == -1000.0) == (place["accuracy_v"] == "VAUnknown") == flat
+        assert (state["vertical_speed"] == 63.0) == (flat or abs(tracks.climb_m_s[i]) > 62.0)
+        bound_m = BOUNDS_M[place["accuracy_h"]]
+        radius_m = 2.4477 * max(tracks.sigma_east_m[i], tracks.sigma_north_m[i])
+        assert radius_m <= bound_m
+        less = [m for m in BOUNDS_M.values() if m < bound_m]
+        assert radius_m > max(less, default=0.0)
+
+
+@settings(max_examples=30)
+@given(any_tracks())
+def test_logs_like_gutmas_have_a_value_for_each_key(tracks: ToldTracks) -> None:
+    for i, octets in enumerate(gutma_logs(tracks, RADAR)):
+        message = in_json("plotfeed.GutmaLog", octets)["exchange"]["message"]
+        logging = message["flight_logging"]
+        (item,) = logging["flight_logging_items"]
+        row = dict(zip(logging["flight_logging_keys"], item, strict=True))
+        assert row["gps_lat"] == pytest.approx(tracks.latitude_deg[i], abs=1e-8)
+        assert (row["gps_altitude"] is None) == np.isnan(tracks.height_m[i])
+        assert utc_ns(logging["logging_start_dtg"]) == T_NS // 1_000_000 * 1_000_000
