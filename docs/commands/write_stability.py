@@ -12,6 +12,7 @@ from pages import table
 from stability_case import Case, in_words
 from stability_chances import DETECTION
 from stability_effects import EFFECTS, LINKS
+from stability_joint import JOINT
 from stability_places import BISTATIC, FRAMES
 from stability_times import TIMES
 
@@ -27,6 +28,7 @@ row is held by the test that its last column names.
 HEAD = ("where", "plain form", "its error", "ours", "its error", "test")
 GROUPS = (
     ("Bistatic geometry and propagation", BISTATIC),
+    ("Several stations", JOINT),
     ("Frames and angles", FRAMES),
     ("Detection", DETECTION),
     ("Times, scans and chance", TIMES),

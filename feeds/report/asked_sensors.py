@@ -20,6 +20,7 @@ from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
@@ -89,7 +90,9 @@ class AskedSensor:
 
     @cached_property
     def false_alarms_per_scan(self) -> float:
-        """Mean number."""
+        """Mean number; NaN where ghosts are among them."""
+        if isinstance(self.model, JointSensor):
+            return np.nan
         return self.model.false_alarms_per_scan
 
 

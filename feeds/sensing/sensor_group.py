@@ -24,6 +24,7 @@ from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
 from plotfeed.models.sensors.stacking import stacked
 from plotfeed.models.state import Columns, Floats, Ints, Looks, PlaceState, Plots, TruthState
@@ -106,7 +107,11 @@ class SensorGroup:
         ]
         targets, row = self._targets(truth, row, sectors.sensor)
         rng: Any = generators[0] if self._is_alone else DrawsBySensor(generators, row)
-        looks, detections = self._observed(targets, rng)
+        if isinstance(self._model, JointSensor):
+            looks, detections = self._model.observe_scan(targets, sectors.one(0), rng)
+            looks = self._as_they_were(looks)
+        else:
+            looks, detections = self._observed(targets, rng)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
         return self._sighting(sectors, looks, detections, alarms)
 
@@ -245,9 +250,11 @@ class SensorGroup:
     def _observed(self, targets: Targets, rng: Any) -> tuple[Looks, Plots]:
         model = self._model if targets.sensor is None else self._model_of(targets.sensor)
         looks, plots = model.observe(targets, rng)
-        if self.site.axes is not self.site.frame:
-            looks = self.site.as_they_truly_were(looks)
-        return looks, plots
+        return self._as_they_were(looks), plots
+
+    def _as_they_were(self, looks: Looks) -> Looks:
+        skew = self.site.axes is not self.site.frame
+        return self.site.as_they_truly_were(looks) if skew else looks
 
     def _sighting(
         self, sectors: Sectors, looks: Looks, plots: Plots, alarms: Sequence[OfSensor]

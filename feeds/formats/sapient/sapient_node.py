@@ -16,6 +16,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam import Sector
 from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
 from plotfeed.models.frames import aer_to_enu, wrap_360
+from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import DecodeError, EncodeError
@@ -178,8 +179,13 @@ def _predicted(site: Site, sensor: Sensor) -> Prediction:
 
 
 def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
-    """How probable it is that detections are of drones; None where the scene says that itself."""
+    """How probable it is that detections are of drones.
+
+    None where the scene says that itself, and of a sensor whose plots may be ghosts.
+    """
     if scene.sapient.detection_confidence is not None:
+        return None
+    if isinstance(sensor.model(scene.scene.site), JointSensor):
         return None
     keys, field = scene.sapient.prior, _field(sensor)
     emitters: tuple[Emitter, ...] = ()

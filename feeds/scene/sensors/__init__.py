@@ -14,7 +14,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdap
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys
+from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys, AcousticPairKeys
 from plotfeed.feeds.scene.sensors.camera_keys import CameraKeys
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys, MimoRadarKeys
@@ -68,6 +68,7 @@ Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]
 
 for _keys in (
     AcousticKeys,
+    AcousticPairKeys,
     ActiveRadarKeys,
     CameraKeys,
     MimoRadarKeys,

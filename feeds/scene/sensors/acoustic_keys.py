@@ -1,4 +1,4 @@
-"""The keys of a microphone array."""
+"""The keys of microphone arrays, by themselves or in pairs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from plotfeed.feeds.scene.fields import (
     Azimuth,
     Beamwidth,
     Decibels,
+    Location,
     Loss,
     NotNegative,
     Probability,
     SceneTable,
     Site,
+    enu_from,
+    frame_at,
 )
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
@@ -24,7 +27,10 @@ from plotfeed.models.effects.microphone_layout import MicrophoneLayout
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
+from plotfeed.models.sensors.acoustic_pair import AcousticPair
 
+SHORTEST_BASELINE = 0.05
+"""Of the furthest that two arrays hear, for bearings to cross."""
 FEWEST_IN_A_LAYOUT = 3
 SHORTEST_LISTENING_S = 0.1
 """A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
@@ -41,16 +47,12 @@ class LayoutKeys(SceneTable):
     """Where the line, or the longer side of the rectangle, points."""
 
 
-class AcousticKeys(AzimuthCoverKeys):
-    """A microphone array, which hears bearings. The defaults are the paper's typical values."""
+class MicrophoneKeys(AzimuthCoverKeys):
+    """Microphone arrays. The defaults are the paper's typical values."""
 
-    label = "acoustic"
-    geometry = SensorGeometry.BEARINGS
     sapient_type = "ACOUSTIC"
     formats = ("asterix-015", "plots", "sapient")
 
-    type: Literal["acoustic"]
-    """Which model."""
     report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along."""
     scan: StaringScan
@@ -124,8 +126,8 @@ class AcousticKeys(AzimuthCoverKeys):
         """The one name for everything, if there is one."""
         return (self.kind,) if self.kind else ()
 
-    def model(self, _site: Site, /) -> MicrophoneArray:
-        """The model; gain and absorption that are not given follow from the other keys."""
+    def array(self) -> MicrophoneArray:
+        """The model of one array; gain and absorption that are not given follow from others."""
         array_gain_db = self.array_gain_db
         if array_gain_db is None:
             array_gain_db = float(10 * np.log10(self.microphones))
@@ -189,5 +191,61 @@ class AcousticKeys(AzimuthCoverKeys):
             found.append(
                 "a line of microphones cannot tell its sides apart, and the cover holds both: "
                 "half of the plots there are on the wrong one"
+            )
+        return found
+
+
+class AcousticKeys(MicrophoneKeys):
+    """A microphone array, which hears bearings. The defaults are the paper's typical values."""
+
+    label = "acoustic"
+    geometry = SensorGeometry.BEARINGS
+
+    type: Literal["acoustic"]
+    """Which model."""
+
+    def model(self, _site: Site, /) -> MicrophoneArray:
+        """The model of the array."""
+        return self.array()
+
+
+class AcousticPairKeys(MicrophoneKeys):
+    """Two microphone arrays alike, whose bearings cross: plots have places, with covariances.
+
+    Ranges are over the ground, unless the arrays have beams in elevation.
+    """
+
+    label = "acoustic pair"
+    geometry = SensorGeometry.MONOSTATIC
+
+    type: Literal["acoustic_pair"]
+    """Which model."""
+    second_array: Location
+    """Where the other array stands; places are seen from the first, at the sensor's place."""
+
+    def _baseline_m(self, site: Site) -> tuple[float, float, float]:
+        frame = frame_at(site, self.position_enu_m)
+        east_m, north_m, up_m = enu_from(frame, site, self.second_array)
+        return float(east_m), float(north_m), float(up_m)
+
+    def model(self, site: Site, /) -> AcousticPair:
+        """The model of both."""
+        return AcousticPair(
+            range_max_m=self.range_max_m, array=self.array(), baseline_enu_m=self._baseline_m(site)
+        )
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """What there is of one array, and a baseline that is too short or too long."""
+        apart_m = float(np.hypot(*self._baseline_m(site)[:2]))
+        found = super().warnings(site)
+        if apart_m > self.range_max_m:
+            found.append(
+                f"second_array is {apart_m:.0f} m away, and sounds carry {self.range_max_m:g} m: "
+                "the two hear little in common"
+            )
+        elif apart_m < SHORTEST_BASELINE * self.range_max_m:
+            found.append(
+                f"second_array is {apart_m:.3g} m away, less than a twentieth of "
+                f"{self.range_max_m:g} m: bearings hardly cross, and distances are guesses"
             )
         return found

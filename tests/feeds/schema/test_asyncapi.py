@@ -86,6 +86,16 @@ SENSORS: list[dict[str, Any]] = [
     },
     {"id": "camera", "type": "camera", "preset": "droneopt", "pan_deg": 45.0, "tilt_deg": 20.0},
     {"id": "acoustic", "type": "acoustic", "preset": "widealert", "scan": staring()},
+    {
+        "id": "acoustic_pair",
+        "type": "acoustic_pair",
+        "scan": staring(),
+        "noise_db": 0.0,
+        "sensitivity_db": 0.0,
+        "range_max_m": 500.0,
+        "azimuth_beamwidth_deg": 20.0,
+        "second_array": {"east_m": 60.0, "north_m": 0.0, "above_site_m": 0.0},
+    },
     {"id": "rf", "type": "rf", "preset": "dedrone-rf-360", "scan": staring()},
     {
         "id": "range_gate",

@@ -1,0 +1,32 @@
+"""Where places by several stations fail: rows of docs/stability.md."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+from stability_case import Case, relative
+
+from plotfeed.models.sensors.acoustic_pair import crossing
+
+
+def parallel_bearings() -> Case:
+    first_deg, second_deg, apart_m = 30.0, 30.0 - 1e-9, 1e-9
+    first, second = (mp.radians(mp.mpf(bearing)) for bearing in (first_deg, second_deg))
+    exact = mp.mpf(apart_m) * mp.cos(second) / mp.sin(first - second)
+    a, b = np.radians([first_deg, second_deg])
+    plain = apart_m * np.cos(b) / (np.sin(a) * np.cos(b) - np.cos(a) * np.sin(b))
+    one = np.ones(1)
+    bearings = np.array([first_deg]), np.array([second_deg])
+    ours = crossing(*bearings, (apart_m, 0.0, 0.0), one, one).range_m[0]
+    return Case(
+        where="crossing of bearings 10⁻⁹ degrees apart",
+        plain_form="over sin a cos b − cos a sin b",
+        plain=relative(plain, exact),
+        cure="over the sine of their difference",
+        ours=relative(ours, exact),
+        test="models/sensors/test_acoustic_pair.py::"
+        "test_bearings_a_billionth_of_a_degree_apart_keep_their_digits",
+    )
+
+
+JOINT = (parallel_bearings,)
