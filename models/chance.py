@@ -39,6 +39,7 @@ class Purpose(IntEnum):
     IMPAIRMENT = 4
     SCAN_TIMES = 5
     DRIFT = 6
+    FORMATION = 7
 
 
 class Chance:

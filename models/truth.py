@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from heapq import heapify, heappop
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -17,9 +16,8 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.known_signatures import KnownSignatures
-from plotfeed.models.known_track import KnownTrack, Segment
+from plotfeed.models.known_track import KnownTrack, Segment, TrackChain
 from plotfeed.models.live_samples import (
-    FOREVER_NS,
     MAX_FIT_SAMPLES,
     LiveSamples,
     Stretches,
@@ -68,7 +66,7 @@ class Trajectories:
             history_ns=round(history_s * NS),
             max_speed_m_s=max_speed_m_s,
         )
-        self._tracks: dict[int, KnownTrack] = {}
+        self._tracks: dict[int, TrackChain] = {}
         """By row, of drones that are not live."""
         self._at_hand = StretchesAtHand(self._looked_up)
         self._signatures = KnownSignatures()
@@ -141,7 +139,7 @@ class Trajectories:
         sigma_m: Floats,
         signature: Signature,
         starts: Sequence[int] = (),
-    ) -> None:
+    ) -> KnownTrack:
         """All samples (n,) of a drone that has none yet, as `add_samples`; none is forgotten."""
         position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
         to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
@@ -156,7 +154,8 @@ class Trajectories:
         track = KnownTrack(self.stale_after_ns, self.stale_after_ns, starts=frozenset(starts))
         for sample in zip(t_utc_ns.tolist(), position_ecef_m, velocity_ecef_m_s, strict=True):
             track.append(*sample)
-        self._fly(drone, track, signature)
+        self.add_track(drone, track, signature)
+        return track
 
     def forget(self, drones: Iterable[str]) -> None:
         """Forget drones of which samples were added; others may have their rows.
@@ -194,20 +193,30 @@ class Trajectories:
         repeat: bool = False,
     ) -> None:
         """A scripted path: constant velocity between knots (k, 3), gone after the last one."""
-        track = KnownTrack(FOREVER_NS, 0)
-        positions = as_floats(position_ecef_m)
-        for (t0, p0), (t1, p1) in pairwise(zip(t_utc_ns, positions, strict=True)):
-            velocity = (p1 - p0) / ((t1 - t0) / NS)
-            track.append(t0, p0, velocity)
-            track.append(t1, p1, velocity)
-        if repeat:
-            track.period_ns = t_utc_ns[-1] - t_utc_ns[0]
-        self._fly(drone, track, signature)
+        track = KnownTrack.straight(t_utc_ns, as_floats(position_ecef_m), repeat=repeat)
+        self.add_track(drone, track, signature)
+
+    def add_track(self, drone: str, track: KnownTrack, signature: Signature) -> None:
+        """All of a drone that has no samples yet."""
+        rows = self._rows([drone])
+        self._tracks[rows[0]] = TrackChain(track)
+        self._changed(np.array(rows), Signatures.of_one(signature))
+
+    def divert(self, drone: str, from_utc_ns: int, track: KnownTrack) -> None:
+        """Have a drone of a known path leave it then for another."""
+        row = self._index[drone]
+        self._tracks[row].then(from_utc_ns, track)
+        self._at_hand.drop(np.array([row]))
+        self.version += 1
+
+    def segment_at(self, drone: str, t_utc_ns: int) -> Segment:
+        """The stretch of a known path that holds a time."""
+        return self._tracks[self._index[drone]].segment_at(t_utc_ns)
 
     def put_off(self, by_ns: int) -> None:
         """Have all known paths begin so much later; nobody has asked where drones are yet."""
         for track in self._tracks.values():
-            track.t_utc_ns = [t_utc_ns + by_ns for t_utc_ns in track.t_utc_ns]
+            track.put_off(by_ns)
 
     @property
     def signatures(self) -> Signatures:
@@ -272,12 +281,6 @@ class Trajectories:
         self.names.append(drone)
         self._signatures.add_row()
         return len(self.names) - 1
-
-    def _fly(self, drone: str, track: KnownTrack, signature: Signature) -> None:
-        """Let a drone fly that track."""
-        rows = self._rows([drone])
-        self._tracks[rows[0]] = track
-        self._changed(np.array(rows), Signatures.of_one(signature))
 
     def _make_room(self, rows: int) -> None:
         self._at_hand.make_room(rows)

@@ -233,15 +233,25 @@ def _joined(head: bytes, messages: Iterable[pb.Look | pb.PlotTruth]) -> tuple[by
 
 
 def ledger(
-    sensor: str, scan: int, sector: int, *, truth: bytes, sent: bytes, link: str = ""
+    sensor: str,
+    scan: int,
+    sector: int,
+    *,
+    truth: bytes,
+    sent: bytes,
+    link: str = "",
+    claims: bytes = b"",
 ) -> bytes:
-    """A serialised Ledger of its looks and plots, its messages, and its link's keys in JSON."""
+    """A serialised Ledger of its looks and plots, its messages, and its link's keys in JSON.
+
+    `claims` are what drones said of themselves, as octets of the entry.
+    """
     head = _sensor(sensor)
     if scan:
         head += _SCAN + varint(scan)
     if sector:
         head += _SECTOR + varint(sector)
-    return b"".join((head, truth, sent, _link(link)))
+    return b"".join((head, truth, sent, _link(link), claims))
 
 
 @lru_cache(maxsize=4096)

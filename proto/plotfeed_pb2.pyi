@@ -210,7 +210,7 @@ class Track(_message.Message):
     def __init__(self, id: _Optional[str] = ..., number: _Optional[int] = ..., time_utc_ns: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., velocity_east_m_s: _Optional[float] = ..., velocity_north_m_s: _Optional[float] = ..., climb_m_s: _Optional[float] = ..., age_s: _Optional[float] = ..., coasted: _Optional[bool] = ..., first: _Optional[bool] = ..., last: _Optional[bool] = ..., sigma_east_m: _Optional[float] = ..., sigma_north_m: _Optional[float] = ..., sigma_up_m: _Optional[float] = ..., sigma_velocity_east_m_s: _Optional[float] = ..., sigma_velocity_north_m_s: _Optional[float] = ..., sigma_climb_m_s: _Optional[float] = ...) -> None: ...
 
 class Ledger(_message.Message):
-    __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link")
+    __slots__ = ("sensor", "scan", "sector", "looks", "plots", "messages", "link", "claims")
     SENSOR_FIELD_NUMBER: _ClassVar[int]
     SCAN_FIELD_NUMBER: _ClassVar[int]
     SECTOR_FIELD_NUMBER: _ClassVar[int]
@@ -218,6 +218,7 @@ class Ledger(_message.Message):
     PLOTS_FIELD_NUMBER: _ClassVar[int]
     MESSAGES_FIELD_NUMBER: _ClassVar[int]
     LINK_FIELD_NUMBER: _ClassVar[int]
+    CLAIMS_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     scan: int
     sector: int
@@ -225,7 +226,32 @@ class Ledger(_message.Message):
     plots: _containers.RepeatedCompositeFieldContainer[PlotTruth]
     messages: _containers.RepeatedCompositeFieldContainer[Sent]
     link: str
-    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ..., link: _Optional[str] = ...) -> None: ...
+    claims: _containers.RepeatedCompositeFieldContainer[Claim]
+    def __init__(self, sensor: _Optional[str] = ..., scan: _Optional[int] = ..., sector: _Optional[int] = ..., looks: _Optional[_Iterable[_Union[Look, _Mapping]]] = ..., plots: _Optional[_Iterable[_Union[PlotTruth, _Mapping]]] = ..., messages: _Optional[_Iterable[_Union[Sent, _Mapping]]] = ..., link: _Optional[str] = ..., claims: _Optional[_Iterable[_Union[Claim, _Mapping]]] = ...) -> None: ...
+
+class Claim(_message.Message):
+    __slots__ = ("drone", "time_utc_ns", "latitude_deg", "longitude_deg", "height_m", "error_east_m", "error_north_m", "error_up_m", "faults", "contingency")
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    ERROR_EAST_M_FIELD_NUMBER: _ClassVar[int]
+    ERROR_NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    ERROR_UP_M_FIELD_NUMBER: _ClassVar[int]
+    FAULTS_FIELD_NUMBER: _ClassVar[int]
+    CONTINGENCY_FIELD_NUMBER: _ClassVar[int]
+    drone: str
+    time_utc_ns: int
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    error_east_m: float
+    error_north_m: float
+    error_up_m: float
+    faults: _containers.RepeatedScalarFieldContainer[str]
+    contingency: str
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., error_east_m: _Optional[float] = ..., error_north_m: _Optional[float] = ..., error_up_m: _Optional[float] = ..., faults: _Optional[_Iterable[str]] = ..., contingency: _Optional[str] = ...) -> None: ...
 
 class Look(_message.Message):
     __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel", "emitted_utc_ns")

@@ -19,8 +19,9 @@ from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
+from plotfeed.feeds.sensing.drone_routes import signature_of
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, signature_of, trajectories_of
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.feeds.sensing.world import World
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, SensorModel, Targets
@@ -109,7 +110,7 @@ def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
-        "drones": len(scene.drone),
+        "drones": len(scene.fleet.drones),
         "sensors": [_report_of(scene, world, s, target) for s in scene.sensor],
     }
 
@@ -124,7 +125,7 @@ def curves(scene: Scene, rcs_m2: float | None, points: int = 400) -> dict[str, A
 def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
     """The scene's first drone, on the line from where it starts to the site."""
     settings = scene.telemetry
-    drone = next(iter(scene.drone), None)
+    drone = next(iter(scene.fleet.drones), None)
     azimuth_deg, above_site_m = 0.0, DEFAULT_HEIGHT_M
     if drone is not None and drone.path:
         place = geodetic(scene.scene.site, drone.path[0])

@@ -54,7 +54,15 @@ class LedgerWriter:
             found.append(
                 Message(
                     topic=self._topic,
-                    payload=ledger(sensor, scan, index, truth=truth, sent=messages, link=link),
+                    payload=ledger(
+                        sensor,
+                        scan,
+                        index,
+                        truth=truth,
+                        sent=messages,
+                        link=link,
+                        claims=report.claims,
+                    ),
                     content_type=CONTENT_TYPE,
                     due_utc_ns=end_ns,
                     properties=properties,

@@ -73,22 +73,37 @@ class SectorReport:
         messages: list[Message],
         sighting: Sighting,
         row: int,
+        *,
+        claims: bytes = b"",
     ) -> None:
-        """The sector in that row of `sighting`, whose messages are due when it ends."""
+        """The sector in that row of `sighting`, whose messages are due when it ends.
+
+        `claims` are what drones said of themselves, as octets of the ledger's entry.
+        """
         self.sensor = sensor
         self.counts = counts
         self.messages = messages
         self.sighting = sighting
         self.row = row
+        self.claims = claims
 
     @classmethod
     def of(
-        cls, sensor: str, sector: Sector, looks: Looks, plots: Plots, messages: list[Message]
+        cls,
+        sensor: str,
+        sector: Sector,
+        looks: Looks,
+        plots: Plots,
+        messages: list[Message],
+        *,
+        claims: bytes = b"",
     ) -> SectorReport:
         """A report of a sector by itself."""
         offsets = [np.array([0, len(rows)], np.int64) for rows in (looks, plots)]
         sighting = Sighting(Sectors.of([sector]), looks, offsets[0], plots, offsets[1])
-        return next(sighting.reports([sensor], [messages]))
+        report = next(sighting.reports([sensor], [messages]))
+        report.claims = claims
+        return report
 
     @cached_property
     def sector(self) -> Sector:

@@ -1,4 +1,4 @@
-"""Sensors otherwise than their scene says, by a scripted event or by a command on control."""
+"""Sensors and drones otherwise than their scene says, by a scripted event or by a command."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from plotfeed.feeds.scene.claim_keys import ClaimFault
 from plotfeed.feeds.scene.fields import SceneTable
+from plotfeed.feeds.scene.mission_keys import Contingency
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.scan_keys import Event
@@ -118,21 +120,37 @@ class ClockCommand(SceneTable):
 
 
 class Command(SceneTable):
-    """One message: of one sensor, or of the session's clock."""
+    """One message: of one sensor, of one drone that the scene flies, or of the session's clock."""
 
     sensor: str | None = None
     set: dict[str, Any] | None = None
     """Keys of the sensor as in the scene; null takes one back to its default."""
     reset: bool = False
-    """The sensor is again as its scene says."""
+    """The sensor is again as its scene says; or the drone says again what its scene wants."""
+    drone: str | None = None
+    contingency: Contingency | None = None
+    """What happens to the drone now, as in the scene but without at_s."""
+    claim: ClaimFault | None = None
+    """How the drone says otherwise where it is, as in the scene but without from_s and to_s."""
     clock: ClockCommand | None = None
 
     @model_validator(mode="after")
     def _says_one_thing(self) -> Command:
-        if (self.sensor is None) == (self.clock is None):
-            raise ValueError("expected either sensor or clock")
+        if [self.sensor, self.drone, self.clock].count(None) != 2:
+            raise ValueError("expected one of sensor, drone and clock")
+        of_drone = [self.contingency, self.claim]
         if self.sensor is not None and (self.set is None) != self.reset:
             raise ValueError('with a sensor, expected either "set" or "reset"')
+        if self.drone is None and of_drone != [None, None]:
+            raise ValueError("contingency and claim are of a drone")
+        if self.drone is not None and (
+            self.set is not None or of_drone.count(None) + (not self.reset) != 2
+        ):
+            raise ValueError('with a drone, expected one of "contingency", "claim" and "reset"')
+        if self.contingency is not None and self.contingency.at_s is not None:
+            raise ValueError("contingency.at_s: it happens at once")
+        if self.claim is not None and not {None} >= {self.claim.from_s, self.claim.to_s}:
+            raise ValueError("claim: from_s and to_s: it holds from now on, until reset")
         if self.clock is not None and not self.clock.model_fields_set:
             raise ValueError("clock: expected paused, speed or step_s")
         return self

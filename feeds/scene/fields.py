@@ -119,15 +119,21 @@ def frame_at(site: Site, position_enu_m: Enu) -> LocalFrame:
     return LocalFrame(*(float(x) for x in site_frame(site).to_geodetic(np.array(position_enu_m))))
 
 
-def geodetic(site: Site, place: Location) -> Floats:
-    """Latitude, longitude and height above the ellipsoid of a place; (3,)."""
+def geodetic(site: Site, place: Location, offset_enu_m: Enu = (0.0, 0.0, 0.0)) -> Floats:
+    """Latitude, longitude and height above the ellipsoid of a place, moved by so much; (3,)."""
+    east_m, north_m, up_m = offset_enu_m
     if place.latitude_deg is not None:
-        return np.array([place.latitude_deg, place.longitude_deg, place.height_m])
-    east_m, north_m, above_m = place.east_m, place.north_m, place.above_site_m
-    latitude_deg, longitude_deg, _ = site_frame(site).to_geodetic(
+        at = np.array([place.latitude_deg, place.longitude_deg, place.height_m])
+        frame, height_m = LocalFrame(*at.tolist()), at[2]
+        if not (east_m or north_m):
+            return np.array([at[0], at[1], height_m + up_m])
+    else:
+        frame, height_m = site_frame(site), site.height_m + (place.above_site_m or 0.0)
+        east_m, north_m = east_m + (place.east_m or 0.0), north_m + (place.north_m or 0.0)
+    latitude_deg, longitude_deg, _ = frame.to_geodetic(
         np.array([east_m, north_m, 0.0], dtype=np.float64)
     )
-    return np.array([latitude_deg, longitude_deg, site.height_m + (above_m or 0.0)])
+    return np.array([latitude_deg, longitude_deg, height_m + up_m])
 
 
 def enu_from(frame: LocalFrame, site: Site, place: Location) -> Floats:

@@ -1,4 +1,4 @@
-"""Where in a scene file a problem is: the line of a key, and the id of the sensor or drone."""
+"""Where in a scene file a problem is: a key's line, and the id of the sensor, drone or swarm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TEXT = (
 )
 _KEY = re.compile(rf"\s*({_TEXT}|[A-Za-z0-9_-]+)\s*", re.DOTALL)
 _VALUE = re.compile(rf"{_TEXT}|[^,\]}}\n#]+", re.DOTALL)
-_OWNER = re.compile(r"(sensor|drone)\[(\d+)\]")
+_OWNER = re.compile(r"(sensor|drone|swarm)\[(\d+)\]")
 
 
 class Problem(NamedTuple):

@@ -15,7 +15,8 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
-from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone
+from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
+from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm
 from plotfeed.feeds.scene.fields import (
     Name,
     Positive,
@@ -36,9 +37,11 @@ from plotfeed.proto.errors import PlotfeedError
 MAX_SCENE_OCTETS = 4 << 20
 MAX_FALSE_ALARMS = 100_000
 """In a scan, on average: each of them is drawn, encoded and sent."""
-TOPICS_OF_SESSION = frozenset({"telemetry", "truth", "errors", "control", "session", COOPERATIVE})
+TOPICS_OF_SESSION = frozenset(
+    {"telemetry", "truth", "errors", "control", "session", COOPERATIVE, CLAIMED}
+)
 """Levels after the prefix that no sensor can have as its id."""
-OWNERS = ("sensor", "drone")
+OWNERS = ("sensor", "drone", "swarm")
 """Lists of a scene whose entries have ids."""
 MAX_PROBLEMS = 20
 """Told of a scene that has many."""
@@ -122,6 +125,7 @@ class Scene(SceneTable):
         Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
     ]
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
+    swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
     cooperative: CooperativeKeys | None = None
     terrain: TerrainKeys | None = None
     """The ground and buildings; without it, nothing stands in the way."""
@@ -141,28 +145,19 @@ class Scene(SceneTable):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
-        for kind, names in (
-            ("sensor", [s.id for s in self.sensor]),
-            ("drone", [d.id for d in self.drone]),
-        ):
-            known: set[str] = set()
-            for n, name in enumerate(names):
-                if name in known:
-                    raise ValueError(f"{kind}[{n}].id: the id {name!r} is used twice")
-                known.add(name)
+        known: set[str] = set()
         for n, sensor in enumerate(self.sensor):
+            if sensor.id in known:
+                raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is used twice")
+            known.add(sensor.id)
             if sensor.id in TOPICS_OF_SESSION:
                 raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session")
         check_sources(self.sensor)
         return self
 
     @model_validator(mode="after")
-    def _drones_can_cooperate(self) -> Self:
-        if self.cooperative is not None:
-            flown = [drone.id for drone in self.drone]
-            problem = self.cooperative.problem(flown)
-            if problem is not None:
-                raise ValueError(f"{COOPERATIVE}: {problem}")
+    def _drones_can_fly(self) -> Self:
+        self.fleet.check()
         return self
 
     @model_validator(mode="after")
@@ -191,6 +186,11 @@ class Scene(SceneTable):
                 if name not in known:
                     raise ValueError(f"udp[{n}].sensors: no sensor has the id {name!r}")
         return self
+
+    @property
+    def fleet(self) -> Fleet:
+        """All that the scene flies itself, and what of it says where it is."""
+        return Fleet(self.drone, self.swarm, self.cooperative, self.scene.seed)
 
     @property
     def folder(self) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.user_properties import type_of
 from plotfeed.feeds.scene.changes import Command
-from plotfeed.feeds.scene.drones import COOPERATIVE
+from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.proto.content_types import JSON, PROTOBUF, asterix_content_type
@@ -213,8 +213,23 @@ def _of_session() -> Iterator[Flow]:
         "what a cooperative drone says of itself",
         address=f"{{prefix}}/{COOPERATIVE}/asterix/129",
         attributes=("drone",),
-        needs="the scene has [cooperative]",
+        needs="[cooperative] has asterix-129 in its report",
     )
+    for name, content_type in (
+        ("claimedJson", JSON),
+        ("claimedProtobuf", f"{PROTOBUF}; messageType={OURS}.Telemetry"),
+    ):
+        yield Flow(
+            name=name,
+            address=f"{{prefix}}/{CLAIMED}/{{drone}}",
+            content_type=content_type,
+            summary="What a cooperative drone says of itself, as telemetry.",
+            message=f"{OURS}.Telemetry",
+            attributes=("drone",),
+            kind="plotfeed.claimed",
+            needs=f"[cooperative] has {name.removeprefix('claimed').lower()} in its report",
+            required=REQUIRED,
+        )
 
 
 def _object(**types: str) -> dict[str, Any]:

@@ -1,34 +1,52 @@
-"""The drones that a scene flies by itself, by waypoints or a recording, and what they report."""
+"""The drones that a scene flies by itself: put on their way, and off it by what comes between."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from itertools import pairwise
+from bisect import bisect_right
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.scene.drones import COOPERATIVE, CooperativeKeys, Drone, FlightFile
-from plotfeed.feeds.scene.fields import Site, geodetic
+from plotfeed.feeds.scene.drones import Drone
+from plotfeed.feeds.scene.mission_keys import (
+    Contingency,
+    FlyAway,
+    GeofenceKeys,
+    Hold,
+    LostLink,
+    LowBattery,
+    Resume,
+    Stray,
+)
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum, PositionReport
-from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
-from plotfeed.models.state import Emitter, Floats, Signature
+from plotfeed.feeds.sensing.drone_routes import (
+    DroneRoute,
+    SceneSpace,
+    fly_recorded,
+    planned,
+    signature_of,
+)
+from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
+from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
+from plotfeed.models.known_track import MAX_TRACKS, Segment
+from plotfeed.models.live_samples import FOREVER_NS
+from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.asterix.cat129 import TargetEncoder129
-from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
-MAX_LEG_M = 500.0
-"""A straight line this long leaves the curve of constant height by 5 mm."""
-
-
-HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
-"""Radius that holds half of a circular normal distribution, in standard deviations."""
+FENCE_LOOKS = 33
+"""At so many places of each stretch it is asked whether they are within a geofence."""
+NS_IN_US = 1000
+STILL_M_S = 0.1
+"""Slower, a drone heads nowhere."""
+WITHIN: dict[str, Contingency] = {
+    "return": LostLink(kind="lost-link", hold_s=0.0),
+    "land": LowBattery(kind="low-battery"),
+    "hold": Hold(kind="hold"),
+}
+"""What a drone does that has left its geofence."""
 
 
 def trajectories_of(scene: Scene) -> Trajectories:
@@ -37,194 +55,263 @@ def trajectories_of(scene: Scene) -> Trajectories:
     return Trajectories(stale_after_s=settings.stale_after_s, max_speed_m_s=settings.max_speed_m_s)
 
 
-def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
+def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> SceneDrones:
     """Put the scene's own drones on their way; raises `PlotfeedError` for a flight without use."""
-    for drone in scene.drone:
-        begin_ns = start_utc_ns + round(drone.start_s * NS)
-        if drone.flight is not None:
-            _fly(trajectories, scene, drone, drone.flight, begin_ns)
-            continue
-        times_s, positions = knots(scene.scene.site, drone)
-        if begin_ns + times_s[-1] * NS > LATEST_UTC_NS:
-            raise PlotfeedError(f"drone {drone.id!r}: path: it ends after the year 2262")
-        trajectories.add_path(
-            drone.id,
-            [begin_ns + round(t * NS) for t in times_s],
-            positions,
-            signature=signature_of(scene, drone),
-            repeat=drone.repeat,
-        )
+    return SceneDrones(scene, trajectories, start_utc_ns)
 
 
-def _fly(
-    trajectories: Trajectories, scene: Scene, drone: Drone, flight: FlightFile, begin_ns: int
-) -> None:
-    """Put a recorded flight on its way."""
-    reports, heights_m, starts = _recorded(scene, flight, begin_ns)
-    accuracies = [(r.horizontal_accuracy_m, r.vertical_accuracy_m) for r in reports]
-    trajectories.add_flight(
-        drone.id,
-        np.array([report.t_utc_ns for report in reports], np.int64),
-        latitude_deg=np.array([report.latitude_deg for report in reports]),
-        longitude_deg=np.array([report.longitude_deg for report in reports]),
-        height_m=heights_m,
-        velocity_enu_m_s=np.array([r.velocity_enu_m_s or [np.nan] * 3 for r in reports]),
-        sigma_m=np.array(
-            [max((a for a in pair if a is not None), default=np.nan) for pair in accuracies]
-        ),
-        signature=signature_of(scene, drone),
-        starts=starts,
-    )
+class SceneDrones:
+    """The drones of a scene in their flights, and what happens to them."""
 
-
-def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
-    """Times from the start of a path, and ECEF positions (k, 3), on the curved Earth."""
-    places = [geodetic(site, waypoint) for waypoint in drone.path]
-    speeds = [w.speed_m_s or drone.speed_m_s or 0.0 for w in drone.path]
-    if drone.repeat:
-        places.append(places[0])
-        speeds.append(drone.speed_m_s or speeds[-1])
-    legs = [list(_along(a, b)) for a, b in pairwise(places)]
-    positions = geodetic_to_ecef(*np.array([places[0], *(p for leg in legs for p in leg)]).T)
-    lengths_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    leg_speeds_m_s = np.repeat(speeds[1:], [len(leg) for leg in legs])
-    times_s = np.cumsum(np.maximum(lengths_m / leg_speeds_m_s, 1e-6))
-    return [0.0, *times_s.tolist()], positions
-
-
-def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
-    """The places between two, short legs apart, without the first; the short way in longitude.
-
-    Interpolated in latitude, longitude and height: over the legs that drones fly this is straight.
-    """
-    change = end - start
-    change[1] = (change[1] + 180.0) % 360.0 - 180.0
-    distance_m = float(np.linalg.norm(geodetic_to_ecef(*end) - geodetic_to_ecef(*start)))
-    legs = max(1, int(np.ceil(distance_m / MAX_LEG_M)))
-    for share in np.linspace(0, 1, legs + 1)[1:]:
-        yield start + share * change
-
-
-def _recorded(
-    scene: Scene, recorded: FlightFile, begin_ns: int
-) -> tuple[list[PositionReport], Floats, Sequence[int]]:
-    """The reports of a flight that begins then, and their heights above the ellipsoid.
-
-    And to which of them no flight leads from before.
-    """
-    from plotfeed.feeds.telemetry.flights import read, smoothed
-    from plotfeed.feeds.telemetry.flights.flight import FlightOptions
-
-    options = FlightOptions(
-        columns=recorded.columns,
-        altitude_reference=recorded.altitude_reference,
-        gps_order=recorded.gps_order,
-        utc_offset_h=recorded.utc_offset_h,
-        start_utc_ns=begin_ns,
-        max_speed_m_s=scene.telemetry.max_speed_m_s,
-    )
-    flight = smoothed(read(scene.file(recorded.file), options))
-    takeoff_height_m = recorded.takeoff_height_m
-    if takeoff_height_m is None:
-        takeoff_height_m = scene.telemetry.takeoff_height_m
-    sea_level = SeaLevel.of(scene, stated_m=recorded.geoid_undulation_m)
-    datum = AltitudeDatum(takeoff_height_m, sea_level)
-    references = [report.altitude_reference for report in flight.reports]
-    for reference in dict.fromkeys(references):
-        datum.check(reference)
-    heights_m = datum.heights_m(
-        [report.latitude_deg for report in flight.reports],
-        [report.longitude_deg for report in flight.reports],
-        [report.altitude_m for report in flight.reports],
-        references,
-    )
-    shift_ns = begin_ns - flight.reports[0].t_utc_ns
-    shifted = [replace(report, t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
-    return shifted, heights_m, flight.starts
-
-
-def signature_of(scene: Scene, drone: Drone) -> Signature:
-    """What there is of a drone to sense, by the scene where the drone states nothing."""
-    settings = scene.telemetry
-    return Signature(
-        rcs_m2=settings.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2,
-        sound_power_db=(
-            settings.sound_power_db if drone.sound_power_db is None else drone.sound_power_db
-        ),
-        emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters),
-        size_m=settings.size_m if drone.size_m is None else drone.size_m,
-        target_class=drone.target_class,
-        model=drone.model,
-    )
-
-
-class CooperativeDrones:
-    """What the cooperative drones say at the k-th period since 1970."""
-
-    def __init__(self, scene: Scene, settings: CooperativeKeys, trajectories: Trajectories) -> None:
-        self.period_ns = round(settings.period_s * NS)
-        self._accuracy_m = settings.accuracy_m
-        self._sea_level = SeaLevel.of(scene)
+    def __init__(self, scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
+        """Put all on their way, and let happen what the scene wants; raises `PlotfeedError`."""
         self._trajectories = trajectories
-        names = settings.those_of([drone.id for drone in scene.drone])
-        self._chances = {
-            trajectories.names.index(name): Chance(scene.scene.seed, f"{COOPERATIVE}/{name}")
-            for name in dict.fromkeys(names)
+        space = SceneSpace(scene.scene.site)
+        self._flying = {
+            drone.id: _FlyingDrone(scene, drone, space, trajectories, start_utc_ns)
+            for drone in scene.fleet.drones
         }
-        self._drones = np.array(sorted(self._chances), np.int64)
-        self._encoder = TargetEncoder129(settings.sac, settings.sic, country=settings.country)
-        self._root = f"{scene.mqtt.prefix}/{COOPERATIVE}"
-        self._qos = scene.mqtt.qos
 
-    def messages(self, number: int) -> list[Message]:
-        """One a drone that is there, due when it says it is."""
-        t_utc_ns = number * self.period_ns
-        state = self._trajectories.state_at(t_utc_ns, self._drones)
-        if not len(state):
-            return []
-        names = [self._trajectories.names[drone] for drone in state.drone]
-        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(state.position_ecef_m)
-        velocity_m_s = np.zeros((len(state), 3))
-        for i, drone in enumerate(state.drone):
-            frame = LocalFrame(latitude_deg[i], longitude_deg[i], height_m[i])
-            error_m = self._error_m(int(drone), number)
-            said = frame.to_geodetic(error_m)
-            latitude_deg[i], longitude_deg[i], height_m[i] = (float(x) for x in said)
-            velocity_m_s[i] = frame.rotate_from_ecef(state.velocity_ecef_m_s[i])
-        blocks = self._encoder.blocks(
-            names,
-            state.t_utc_ns,
-            latitude_deg,
-            longitude_deg,
-            altitude_m=height_m - self._sea_level.undulation_m(latitude_deg, longitude_deg),
-            accuracy_m=self._radius_m(len(state)),
-            velocity_m_s=velocity_m_s,
-        )
-        return [
-            self._message(number, name, block) for name, block in zip(names, blocks, strict=True)
+    @property
+    def names(self) -> list[str]:
+        """Ids of all."""
+        return list(self._flying)
+
+    def put_off(self, by_ns: int) -> None:
+        """Have everything so much later; nobody has asked where drones are yet."""
+        self._trajectories.put_off(by_ns)
+        for flying in self._flying.values():
+            flying.put_off(by_ns)
+
+    def happen(self, drone: str, contingency: Contingency, at_utc_ns: int) -> None:
+        """Let something happen to a drone then; raises `PlotfeedError` where it cannot."""
+        self._flying[drone].happen(contingency, at_utc_ns)
+
+    def doing(self, drone: str, t_utc_ns: int) -> str:
+        """What had last happened to a drone by then, until it is on its way again, or empty."""
+        return self._flying[drone].doing(t_utc_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class _Conduct:
+    """How a drone flies from a time on."""
+
+    from_ns: int
+    base_ns: int
+    """When 0 of its route is or would have been."""
+    fence: GeofenceKeys | None
+    """The geofence that it obeys."""
+    doing: str = ""
+    """What has happened to it."""
+    left_ns: int = 0
+    """Of its route, when it left it."""
+    back_ns: int = -FOREVER_NS
+    """When it is on its route again."""
+
+
+class _FlyingDrone:
+    """One drone: the way that it was to fly, and what it does instead, by time."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        drone: Drone,
+        space: SceneSpace,
+        trajectories: Trajectories,
+        start_ns: int,
+    ) -> None:
+        self._drone, self._space, self._trajectories = drone, space, trajectories
+        begin_ns = start_ns + round(drone.start_s * NS)
+        self._conduct = [_Conduct(begin_ns, begin_ns, drone.geofence)]
+        if drone.flight is not None:
+            self._route = DroneRoute(
+                fly_recorded(trajectories, scene, drone, drone.flight, begin_ns)
+            )
+        else:
+            self._route = planned(space, drone)
+            if begin_ns + self._route.track.t_utc_ns[-1] > LATEST_UTC_NS:
+                raise PlotfeedError(f"drone {drone.id!r}: path: it ends after the year 2262")
+            track = self._route.track.later(begin_ns)
+            trajectories.add_track(drone.id, track, signature_of(scene, drone))
+        self._script = [(start_ns + round((c.at_s or 0.0) * NS), c) for c in drone.contingency]
+        self._mind_fence(begin_ns)
+        for n, (at_ns, happening) in enumerate(self._script):
+            try:
+                self._leave(happening, at_ns)
+            except PlotfeedError as error:
+                raise PlotfeedError(f"{error} (contingency[{n}])") from None
+
+    def put_off(self, by_ns: int) -> None:
+        """Have everything so much later."""
+        self._script = [(at_ns + by_ns, happening) for at_ns, happening in self._script]
+        self._conduct = [
+            replace(
+                conduct,
+                from_ns=conduct.from_ns + by_ns,
+                base_ns=conduct.base_ns + by_ns,
+                back_ns=conduct.back_ns + (by_ns if abs(conduct.back_ns) < FOREVER_NS else 0),
+            )
+            for conduct in self._conduct
         ]
 
-    def _error_m(self, drone: int, number: int) -> Floats:
-        if not self._accuracy_m:
-            return np.zeros(3)
-        rng = self._chances[drone].rng(Purpose.COOPERATION, number)
-        return self._accuracy_m * rng.standard_normal(3)
+    def doing(self, t_ns: int) -> str:
+        """What had last happened to it by then, until it is on its way again."""
+        conduct = self._conduct_at(t_ns)
+        return conduct.doing if t_ns < conduct.back_ns else ""
 
-    def _radius_m(self, n: int) -> Floats | None:
-        """Accuracy as the drones state it: the radius that holds half of their positions."""
-        if not self._accuracy_m:
-            return None
-        return np.full(n, self._accuracy_m * HALF_OF_POSITIONS)
+    def happen(self, happening: Contingency, at_ns: int) -> None:
+        """Let something happen that its scene did not foresee, and then what it did."""
+        self._leave(happening, at_ns)
+        for later_ns, foreseen in self._script:
+            if later_ns > at_ns:
+                with suppress(PlotfeedError):  # it may be gone by then, or on its way
+                    self._leave(foreseen, later_ns)
 
-    def _message(self, number: int, drone: str, block: bytes) -> Message:
-        t_utc_ns = number * self.period_ns
-        return Message(
-            topic=f"{self._root}/asterix/129",
-            payload=block,
-            content_type=asterix_content_type(129),
-            due_utc_ns=t_utc_ns,
-            qos=self._qos,
-            properties=attributes(
-                self._root, "asterix/129", f"{number}-{drone}", t_utc_ns, drone=drone
-            ),
+    def _conduct_at(self, t_ns: int) -> _Conduct:
+        return self._conduct[max(bisect_right(self._conduct, t_ns, key=_from_ns) - 1, 0)]
+
+    def _leave(self, happening: Contingency, at_ns: int, doing: str = "") -> None:
+        """Leave its way then, or whatever it does instead."""
+        name, before = self._drone.id, self._conduct_at(at_ns)
+        segment = self._trajectories.segment_at(name, at_ns)
+        if not segment.alive:
+            raise PlotfeedError(f"drone {name!r}: {happening.kind}: it is not there then")
+        is_on_route = at_ns >= before.back_ns
+        if is_on_route and isinstance(happening, Resume):
+            raise PlotfeedError(f"drone {name!r}: resume: it is on its way")
+        now = replace(
+            before,
+            from_ns=at_ns,
+            doing=doing or happening.kind,
+            left_ns=at_ns - before.base_ns if is_on_route else before.left_ns,
+            back_ns=FOREVER_NS,
         )
+        if doing or isinstance(happening, FlyAway):
+            now = replace(now, fence=None)
+        position_m, velocity_m_s = segment.between(at_ns, segment.end_ns).coefficients[:2]
+        frame = self._space.frame
+        plan = FlightPlan(
+            self._drone.limits.model,
+            level_from_ecef(frame, position_m),
+            level_velocity(frame, position_m, velocity_m_s),
+        )
+        self._plan(plan, happening)
+        if isinstance(happening, Stray | Resume):
+            back_ns = self._route.rejoined(now.left_ns)
+            plan.fly_to(self._on_route_m(back_ns), _speed_of(happening))
+            end_ns = at_ns + round(plan.end_s * NS)
+            now = replace(now, back_ns=end_ns, base_ns=end_ns - back_ns)
+        self._trajectories.divert(name, at_ns, self._space.track(plan, at_ns))
+        if now.back_ns < FOREVER_NS:
+            self._trajectories.divert(name, now.back_ns, self._route.track.later(now.base_ns))
+        while self._conduct and self._conduct[-1].from_ns >= at_ns:
+            del self._conduct[-1]
+        self._conduct = [*self._conduct[1 - MAX_TRACKS :], now]
+        self._mind_fence(at_ns)
+
+    def _plan(self, plan: FlightPlan, happening: Contingency) -> None:
+        """What the drone does of itself."""
+        match happening:
+            case LostLink():
+                plan.hover(happening.hold_s)
+                home_m = self._home_m()
+                height_m = plan.place_m[2]
+                if happening.return_height_m is not None:
+                    height_m = max(height_m, home_m[2] + happening.return_height_m)
+                plan.fly_to([*plan.place_m[:2], height_m])
+                plan.fly_to([*home_m[:2], height_m], happening.speed_m_s)
+                plan.fly_to([*home_m[:2], min(home_m[2], height_m)])
+            case FlyAway():
+                course = self._course_rad(plan, happening)
+                speed_m_s = happening.speed_m_s or self._drone.limits.speed_m_s
+                level = speed_m_s * np.array([np.sin(course), np.cos(course)])
+                plan.drift([*level, happening.climb_m_s], happening.for_s)
+            case Stray():
+                place_m = self._space.level_m(happening, self._drone.offset_enu_m)
+                plan.fly_to(place_m, happening.speed_m_s)
+                plan.hover(happening.hold_s)
+            case LowBattery():
+                self._land(plan)
+            case Hold():
+                plan.hover(happening.for_s)
+                self._land(plan)
+
+    def _land(self, plan: FlightPlan) -> None:
+        plan.stop()
+        plan.fly_to([*plan.place_m[:2], min(plan.place_m[2], self._home_m()[2])])
+
+    @staticmethod
+    def _course_rad(plan: FlightPlan, happening: FlyAway) -> float:
+        if happening.course_deg is not None:
+            return float(np.radians(happening.course_deg))
+        east, north, _ = plan.knots().velocity_m_s[-1]
+        return float(np.arctan2(east, north)) if np.hypot(east, north) > STILL_M_S else 0.0
+
+    def _home_m(self) -> Floats:
+        """The place where a drone lands when it comes home, as one of its scene."""
+        if self._drone.home is not None:
+            return self._space.level_m(self._drone.home, self._drone.offset_enu_m)
+        first_m = level_from_ecef(self._space.frame, self._route.track.position_ecef_m[0])
+        return np.array([*first_m[:2], min(first_m[2], 0.0)])
+
+    def _on_route_m(self, t_ns: int) -> Floats:
+        """Where its route is after so long; at its end, the last place."""
+        segment = self._route.track.segment_at(t_ns)
+        if not segment.alive:
+            segment = self._route.track.segment_at(t_ns - 1)
+        return level_from_ecef(self._space.frame, segment.position_m(t_ns))
+
+    def _mind_fence(self, from_ns: int) -> None:
+        """Let it do from then on what it does when it has left its geofence, if it does."""
+        conduct = self._conduct_at(from_ns)
+        if conduct.fence is None:
+            return
+        t_ns, until_ns = from_ns, FOREVER_NS
+        if self._route.track.period_ns:
+            until_ns = max(from_ns, conduct.base_ns, conduct.back_ns) + self._route.track.period_ns
+        while t_ns < until_ns:
+            segment = self._trajectories.segment_at(self._drone.id, t_ns)
+            if segment.end_ns == FOREVER_NS and not segment.alive:
+                return
+            if segment.alive:
+                crossed_ns = self._crossing_ns(segment.between(t_ns, until_ns), conduct.fence)
+                if crossed_ns is not None:
+                    self._leave(WITHIN[conduct.fence.does], crossed_ns, "geofence")
+                    return
+            t_ns = segment.end_ns
+
+    def _crossing_ns(self, segment: Segment, fence: GeofenceKeys) -> int | None:
+        """The time of leaving the fence in that stretch, to the microsecond; None if there is none.
+
+        Looked for at places along it: a straight way does not leave a cylinder twice.
+        """
+        # Counted from its start, so that it is the same whenever the session begins.
+        after_ns = np.linspace(0, segment.end_ns - segment.start_ns, FENCE_LOOKS)
+        times_ns = segment.start_ns + after_ns.astype(np.int64)
+        within = self._is_within(segment, times_ns, fence)
+        leaves = np.flatnonzero(within[:-1] & ~within[1:])
+        if not len(leaves):
+            return None
+        inside_ns, outside_ns = (int(times_ns[leaves[0] + i]) for i in (0, 1))
+        while outside_ns - inside_ns > NS_IN_US:
+            middle_ns = (inside_ns + outside_ns) // 2
+            if self._is_within(segment, np.array([middle_ns]), fence)[0]:
+                inside_ns = middle_ns
+            else:
+                outside_ns = middle_ns
+        return outside_ns
+
+    def _is_within(self, segment: Segment, times_ns: Ints, fence: GeofenceKeys) -> Bools:
+        away_m = level_from_ecef(self._space.frame, segment.position_m(times_ns)) - self._home_m()
+        within: Bools = np.hypot(away_m[:, 0], away_m[:, 1]) <= fence.radius_m
+        if fence.above_home_m is not None:
+            within &= away_m[:, 2] <= fence.above_home_m
+        return within
+
+
+def _from_ns(conduct: _Conduct) -> int:
+    return conduct.from_ns
+
+
+def _speed_of(happening: Stray | Resume) -> float | None:
+    return happening.speed_m_s if isinstance(happening, Stray) else None

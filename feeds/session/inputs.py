@@ -47,8 +47,9 @@ class SessionInputs:
         trajectories: Trajectories,
         sensor_tasks: Mapping[str, SensorTask],
         publish: Callable[[Message], None],
+        obey_of_drone: Callable[[Command, int], dict[str, Any]],
     ) -> None:
-        """Refusals are published by `publish`."""
+        """Refusals are published by `publish`; `obey_of_drone` does what commands of drones ask."""
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._telemetry = TelemetryReceiver(
@@ -63,7 +64,7 @@ class SessionInputs:
         self._clock = context.clock
         self._totals = context.totals
         self._received = [o.received for o in context.observers if cares(o, "received")]
-        self._sensor_tasks = sensor_tasks
+        self._sensor_tasks, self._obey_of_drone = sensor_tasks, obey_of_drone
         self._publish = publish
         self._refused_before: dict[tuple[str, str], tuple[Refused, int]] = {}
 
@@ -200,6 +201,8 @@ class SessionInputs:
     def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
         if command.clock is not None:
             in_force = self._control_clock(command.clock)
+        elif command.drone is not None:
+            in_force = self._obey_of_drone(command, at_utc_ns)
         else:
             task = self._sensor_tasks.get(command.sensor or "")
             if task is None:

@@ -14,7 +14,7 @@ from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of, in_time
 from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.drones import COOPERATIVE
+from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene

@@ -16,11 +16,11 @@ from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import instants_ns, merged
-from plotfeed.feeds.scene.drones import COOPERATIVE
+from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import CooperativeDrones
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.telemetry.receiver import to_json
@@ -227,6 +227,7 @@ class CooperativeTask:
 
     def start(self, start_utc_ns: int) -> None:
         """Begin with the first period that ends after that time."""
+        self._drones.start(start_utc_ns)
         self._number = start_utc_ns // self._drones.period_ns + 1
 
     @property
@@ -242,9 +243,12 @@ class CooperativeTask:
         period_ns = self._drones.period_ns
         self._number = max(self._number, now_ns // period_ns)
         while (due_ns := self.next_due_ns) < t_utc_ns:
-            messages = self._drones.messages(self._number)
+            messages, truths = self._drones.said(self._number)
             sector = Sector(self._number, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
-            report = SectorReport.of(COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages)
+            claims = pb.Ledger(claims=truths).SerializeToString()
+            report = SectorReport.of(
+                COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages, claims=claims
+            )
             keep_ledger = self._context.keep_ledger
             keep = None if keep_ledger is None else partial(keep_ledger, report, self._link)
             yield due_ns, (self.outbox, messages, keep)

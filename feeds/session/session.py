@@ -15,8 +15,10 @@ from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import CooperativeDrones, launch, trajectories_of
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.session.drone_control import DroneControl
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.listening import sources_of
 from plotfeed.feeds.session.loop import SessionLoop
@@ -127,7 +129,7 @@ class Session:
         self._ledger = LedgerWriter(scene.mqtt.prefix)
         self._kept: list[Kept] = []
         """Sectors whose entries are to be made next."""
-        launch(scene, self.trajectories, self.start_ns)
+        self._drones = launch(scene, self.trajectories, self.start_ns)
         context = SessionContext(
             scene=scene,
             clock=clock,
@@ -137,7 +139,18 @@ class Session:
             describer=SensorDescriber(scene),
             keep_ledger=self._keep_ledger if ledger_is_wanted else None,
         )
-        self._inputs = SessionInputs(context, self.trajectories, self.sensor_tasks, self._publish)
+        cooperative: CooperativeDrones | None = None
+        if scene.cooperative is not None:
+            cooperative = CooperativeDrones(
+                scene, scene.cooperative, self.trajectories, self._drones
+            )
+        self._inputs = SessionInputs(
+            context,
+            self.trajectories,
+            self.sensor_tasks,
+            self._publish,
+            DroneControl(self._drones, cooperative).obey,
+        )
         self._loop = SessionLoop(
             clock,
             context.schedule,
@@ -156,11 +169,10 @@ class Session:
             outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
             self.sensor_tasks[sensor.id] = SensorTask(sensors, i, outbox, context, announcer)
         self._cooperative: CooperativeTask | None = None
-        if scene.cooperative is not None:
-            drones = CooperativeDrones(scene, scene.cooperative, self.trajectories)
+        if scene.cooperative is not None and cooperative is not None:
             link = scene.cooperative.link
             outbox = self._outputs.of_cooperative_drones(link)
-            self._cooperative = CooperativeTask(drones, outbox, context, link)
+            self._cooperative = CooperativeTask(cooperative, outbox, context, link)
         self._ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
         self._loop.on_input = self._ticks.input_waits
         self._sources = sources_of(scene, clock, self._loop.queue_input, self._inputs.refuse_later)
@@ -210,7 +222,7 @@ class Session:
                         return  # nothing has begun
                     on_ready()
                     start_ns = self.clock.start()
-                    self.trajectories.put_off(start_ns - self.start_ns)
+                    self._drones.put_off(start_ns - self.start_ns)
                     self.start_ns = start_ns
                     await _first_of(self._work(duration_s), stop)
                     await self._flush(stop)

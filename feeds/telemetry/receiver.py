@@ -90,7 +90,7 @@ class TelemetryReceiver:
         self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._size_m = settings.size_m
-        self._scripted = frozenset(d.id for d in scene.drone)
+        self._scripted = frozenset(d.id for d in scene.fleet.drones)
         self._trajectories = trajectories
         self._welcome, self._part_with = welcome, part_with
         self._published_in_second = (0, 0)

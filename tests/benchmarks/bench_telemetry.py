@@ -71,7 +71,7 @@ def inputs_of(scene: Scene) -> tuple[SessionInputs, Trajectories]:
         keep_ledger=lambda *_: None,
         describer=SensorDescriber(scene),
     )
-    return SessionInputs(context, trajectories, {}, lambda _: None), trajectories
+    return SessionInputs(context, trajectories, {}, lambda _: None, lambda *_: {}), trajectories
 
 
 Ticks = list[list[tuple[str, bytes]]]

@@ -254,8 +254,9 @@ def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
 
     Telemetry may bring other emissions, which a node that has not registered them cannot name.
     """
-    kinds = (emitter.kind for drone in scene.drone for emitter in drone.emitters)
-    models = (drone.model for drone in scene.drone)
+    drones = scene.fleet.drones
+    kinds = (emitter.kind for drone in drones for emitter in drone.emitters)
+    models = (drone.model for drone in drones)
     named = [*(kinds if sensor.tells_kinds else ()), *(models if sensor.tells_models else ())]
     return tuple(dict.fromkeys([*sensor.classes, *filter(None, named)]))
 

@@ -27,7 +27,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.scene.fields import site_frame
-from plotfeed.feeds.sensing.scene_drones import knots
+from plotfeed.feeds.sensing.drone_routes import knots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader

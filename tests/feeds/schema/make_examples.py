@@ -40,6 +40,7 @@ def main() -> None:
     report = json.dumps(described.TELEMETRY).encode()
     payloads |= {
         "telemetryProtobuf": [_telemetry()],
+        "claimedProtobuf": [_telemetry()],
         "telemetryJson": [report],
         "telemetryAsterix129": payloads["asterix129"],
         "control": [json.dumps(COMMAND).encode()],

@@ -86,7 +86,9 @@ class Intake(Observer):
             keep_ledger=lambda *_: None,
             describer=SensorDescriber(scene),
         )
-        self.inputs = SessionInputs(context, self.trajectories, {}, self.errors.append)
+        self.inputs = SessionInputs(
+            context, self.trajectories, {}, self.errors.append, lambda *_: {}
+        )
 
     def received(
         self, topic: str, payload: bytes, _content_type: str | None, t_utc_ns: int

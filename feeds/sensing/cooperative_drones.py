@@ -1,0 +1,228 @@
+"""What drones of a scene say of themselves, rightly or not, and what of it is true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.claim_keys import COOPERATIVE, ClaimFault, CooperativeKeys
+from plotfeed.feeds.scene.fields import Site, geodetic
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.sensing.claim_messages import ClaimMessages, DroneClaim
+from plotfeed.feeds.sensing.scene_drones import SceneDrones
+from plotfeed.feeds.telemetry.position_report import LIMITS
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.state import Floats
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+
+WALK, DROP_OUT = 1, 2
+"""Streams of draws beside those of the positions' errors."""
+
+
+@dataclass(slots=True)
+class _Speaker:
+    """A drone that says where it is."""
+
+    name: str
+    row: int
+    chance: Chance
+    first_ns: int = 0
+    """When it sets out."""
+    faults: list[tuple[int, int | None, ClaimFault]] = field(default_factory=list)
+    """When each begins and ends, UTC, by its scene."""
+    controlled: tuple[int, int | None, ClaimFault] | None = None
+    walked: tuple[int, int, Floats] | None = None
+    """When a walk began, the number of its last step, and how far it is."""
+
+    def fault_at(self, t_utc_ns: int) -> tuple[int, ClaimFault] | None:
+        """What makes it speak otherwise then, and since when."""
+        controlled = () if self.controlled is None else (self.controlled,)
+        for begin_ns, end_ns, fault in (*controlled, *reversed(self.faults)):
+            if begin_ns <= t_utc_ns and (end_ns is None or t_utc_ns < end_ns):
+                return begin_ns, fault
+        return None
+
+
+class CooperativeDrones:
+    """What the cooperative drones say at the k-th period since 1970."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: CooperativeKeys,
+        trajectories: Trajectories,
+        drones: SceneDrones,
+    ) -> None:
+        self.period_ns = round(settings.period_s * NS)
+        self._settings = settings
+        self._trajectories, self._drones = trajectories, drones
+        self._site: Site = scene.scene.site
+        seed, index = scene.scene.seed, trajectories.names.index
+        self._faults = {d.id: d.claim for d in scene.fleet.drones}
+        speakers = [
+            _Speaker(name, index(name), Chance(seed, f"{COOPERATIVE}/{name}"))
+            for name in dict.fromkeys(scene.fleet.cooperative_names)
+        ]
+        self._speakers = {each.name: each for each in sorted(speakers, key=lambda s: s.row)}
+        self._encoded = ClaimMessages(scene, settings)
+
+    def start(self, start_utc_ns: int) -> None:
+        """Faults of the scene count from that time."""
+        first_ns = self._trajectories.spans_ns[:, 0].tolist()
+        for name, speaker in self._speakers.items():
+            speaker.first_ns = first_ns[speaker.row]
+            speaker.faults = [
+                (
+                    start_utc_ns + round((fault.from_s or 0.0) * NS),
+                    None if fault.to_s is None else start_utc_ns + round(fault.to_s * NS),
+                    fault,
+                )
+                for fault in self._faults[name]
+            ]
+
+    def __contains__(self, drone: object) -> bool:
+        return drone in self._speakers
+
+    def control(self, drone: str, fault: ClaimFault | None, at_utc_ns: int) -> None:
+        """Have a drone speak so from then on; as its scene wants it, with None."""
+        self._speakers[drone].controlled = None if fault is None else (at_utc_ns, None, fault)
+
+    def said(self, number: int) -> tuple[list[Message], list[pb.Claim]]:
+        """Messages that are due then, and what is true of what is said or not said."""
+        claims, truths = [], []
+        for claim, truth in self._claims(number * self.period_ns, number):
+            truths.append(truth)
+            if claim is not None:
+                claims.append(claim)
+        return self._encoded.messages(number, number * self.period_ns, claims), truths
+
+    def _claims(self, t_utc_ns: int, number: int) -> Iterator[tuple[DroneClaim | None, pb.Claim]]:
+        """What each says at a time, None for nothing, and what is true of that."""
+        for speaker in self._speakers.values():
+            begun = speaker.fault_at(t_utc_ns)
+            begin_ns, fault = begun or (t_utc_ns, None)
+            at_ns = t_utc_ns - (0 if fault is None else round(fault.delay_s * NS))
+            true = self._state(speaker.row, at_ns)
+            if true is None:
+                continue
+            told, truth = true, self._truth(speaker, true, () if fault is None else fault.names)
+            if fault is not None:
+                is_dropped = fault.drop_out and _draw(speaker, number) < fault.drop_out
+                if is_dropped or at_ns < begin_ns:  # or still on its way
+                    yield None, truth
+                    continue
+                told = self._faulty(speaker, true, fault, begin_ns)
+            yield self._erring(speaker, told, number, truth), truth
+
+    def _state(self, row: int, t_utc_ns: int) -> DroneClaim | None:
+        """Where a drone truly is, and how it flies; None if it is not there."""
+        state = self._trajectories.state_at(t_utc_ns, np.array([row]))
+        if not len(state):
+            return None
+        at = (float(x[0]) for x in ecef_to_geodetic(state.position_ecef_m))
+        latitude_deg, longitude_deg, height_m = at
+        frame = LocalFrame(latitude_deg, longitude_deg, height_m)
+        velocity = frame.rotate_from_ecef(state.velocity_ecef_m_s[0])
+        name = self._trajectories.names[row]
+        return DroneClaim(name, t_utc_ns, latitude_deg, longitude_deg, height_m, velocity)
+
+    def _truth(self, speaker: _Speaker, true: DroneClaim, faults: Sequence[str]) -> pb.Claim:
+        return pb.Claim(
+            drone=speaker.name,
+            time_utc_ns=true.t_utc_ns,
+            latitude_deg=true.latitude_deg,
+            longitude_deg=true.longitude_deg,
+            height_m=true.height_m,
+            faults=faults,
+            contingency=self._drones.doing(speaker.name, true.t_utc_ns),
+        )
+
+    def _faulty(
+        self, speaker: _Speaker, true: DroneClaim, fault: ClaimFault, begin_ns: int
+    ) -> DroneClaim:
+        """The claim of a drone that takes what is wrong for true."""
+        told, since_s = true, (true.t_utc_ns - begin_ns) / NS
+        error_m = np.array(fault.bias_enu_m)
+        velocity = true.velocity_enu_m_s
+        if fault.freeze:
+            told = self._state(speaker.row, max(begin_ns, speaker.first_ns)) or true
+            velocity = told.velocity_enu_m_s
+        if fault.spoof is not None:
+            place = geodetic_to_ecef(*geodetic(self._site, fault.spoof))
+            way_m = _frame(true).from_ecef(place)
+            length_m = float(np.linalg.norm(way_m))
+            drag_m_s = fault.spoof.drag_m_s
+            gone_m = length_m if drag_m_s is None else min(length_m, drag_m_s * since_s)
+            if drag_m_s is None or gone_m == length_m:
+                velocity = np.zeros(3)
+            else:
+                velocity = velocity + drag_m_s * way_m / length_m
+            error_m = error_m + way_m * (gone_m / length_m if length_m else 0.0)
+        if fault.walk_m:
+            error_m = error_m + fault.walk_m * self._walk(speaker, begin_ns, true.t_utc_ns)
+        return _moved(told, error_m, t_utc_ns=true.t_utc_ns, velocity=velocity)
+
+    def _walk(self, speaker: _Speaker, begin_ns: int, t_utc_ns: int) -> Floats:
+        """A random walk of 1 m after a second, step by step of the period; (3,)."""
+        first, last = begin_ns // self.period_ns + 1, t_utc_ns // self.period_ns
+        walked = speaker.walked
+        if walked is None or walked[0] != begin_ns or walked[1] > last:
+            walked = begin_ns, first - 1, np.zeros(3)
+        done, at_m = walked[1], walked[2]
+        for number in range(done + 1, last + 1):
+            before_ns = max(begin_ns, (number - 1) * self.period_ns)
+            step_s = (number * self.period_ns - before_ns) / NS
+            rng = speaker.chance.rng(Purpose.COOPERATION, number, WALK)
+            at_m = at_m + step_s**0.5 * rng.standard_normal(3)
+        speaker.walked = begin_ns, max(last, done), at_m
+        return at_m
+
+    def _erring(
+        self, speaker: _Speaker, told: DroneClaim, number: int, truth: pb.Claim
+    ) -> DroneClaim:
+        """The claim with the error that every report has; the truth is told how far it is off."""
+        if self._settings.accuracy_m:
+            rng = speaker.chance.rng(Purpose.COOPERATION, number)
+            told = _moved(told, self._settings.accuracy_m * rng.standard_normal(3))
+        least_m, greatest_m = LIMITS["altitude_m"]
+        if not least_m <= told.height_m <= greatest_m:
+            told = replace(told, height_m=min(max(told.height_m, least_m), greatest_m))
+        true = LocalFrame(truth.latitude_deg, truth.longitude_deg, truth.height_m)
+        place = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, told.height_m)
+        east_m, north_m, up_m = true.from_ecef(place).tolist()
+        truth.error_east_m, truth.error_north_m, truth.error_up_m = east_m, north_m, up_m
+        return told
+
+
+def _draw(speaker: _Speaker, number: int) -> float:
+    """A number from 0 to 1 that decides whether a report is dropped."""
+    return float(speaker.chance.rng(Purpose.COOPERATION, number, DROP_OUT).random())
+
+
+def _frame(claim: DroneClaim) -> LocalFrame:
+    return LocalFrame(claim.latitude_deg, claim.longitude_deg, claim.height_m)
+
+
+def _moved(
+    claim: DroneClaim,
+    by_enu_m: Floats,
+    *,
+    t_utc_ns: int | None = None,
+    velocity: Floats | None = None,
+) -> DroneClaim:
+    """The claim of a place so far off, or of another time or velocity."""
+    latitude_deg, longitude_deg, height_m = (float(x) for x in _frame(claim).to_geodetic(by_enu_m))
+    return replace(
+        claim,
+        t_utc_ns=claim.t_utc_ns if t_utc_ns is None else t_utc_ns,
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=claim.velocity_enu_m_s if velocity is None else velocity,
+    )

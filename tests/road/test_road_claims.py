@@ -1,0 +1,293 @@
+"""What drones say of themselves beside where they are: faults, the ledger, commands, a re-run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.road import NS, SITE, START_NS, Road, flown, fly, radar, scene, waypoint
+from support.significance import assert_standard_normal, assert_sum, assert_uncorrelated
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
+from plotfeed.feeds.recording.session_again import RecordedTelemetry
+from plotfeed.feeds.scene.scene import Scene, SceneError
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.telemetry.decode_reports import decode
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.state import Floats
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.decode_129 import read_129
+
+DATUM = {"geoid_undulation_m": 51.0}
+QUIET = radar(scan={"kind": "staring", "period_s": 30.0}, report=["plots"])
+CONTROL = "plotfeed/control"
+FAR = {"east_m": 9000.0, "north_m": -4000.0, "above_site_m": 300.0}
+
+
+def claiming(
+    *faults: dict[str, Any], cooperative: dict[str, Any] | None = None, **more: Any
+) -> Scene:
+    drone = flown("a", waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0), claim=faults)
+    said = {"report": ["json"]} | (cooperative or {})
+    return scene([QUIET], [drone | more], seed=41, telemetry=DATUM, cooperative=said)
+
+
+def claimed(road: Road, drone: str = "a") -> dict[int, PositionReport]:
+    """What it said, by when it was due, seconds from the start."""
+    topic = f"plotfeed/claimed/{drone}"
+    return {
+        (m.due_utc_ns - START_NS) // NS: decode(m.payload, m.content_type)
+        for m in road.messages
+        if m.topic == topic
+    }
+
+
+def truths(road: Road) -> dict[int, pb.Claim]:
+    """What the ledger says of the same."""
+    return {
+        entry.scan - START_NS // NS: claim
+        for entry in road.ledgers
+        if entry.sensor == "cooperative"
+        for claim in entry.claims
+    }
+
+
+def error_m(claim: pb.Claim) -> list[float]:
+    return [claim.error_east_m, claim.error_north_m, claim.error_up_m]
+
+
+def enu_m(report: PositionReport | pb.Claim) -> Floats:
+    height_m = report.altitude_m if isinstance(report, PositionReport) else report.height_m
+    return SITE.from_ecef(geodetic_to_ecef(report.latitude_deg, report.longitude_deg, height_m))
+
+
+@pytest.mark.parametrize("form", ["json", "protobuf"])
+def test_what_is_claimed_is_telemetry_and_true_without_a_fault(form: str) -> None:
+    road = fly(claiming(cooperative={"report": ["asterix-129", form]}), 6.0)
+    said, true = claimed(road), truths(road)
+    assert sorted(said) == sorted(true) == [1, 2, 3, 4, 5, 6]
+    for second, report in said.items():
+        assert report.t_utc_ns == START_NS + second * NS
+        assert enu_m(report) == pytest.approx(enu_m(true[second]), abs=1e-6)
+        assert error_m(true[second]) == pytest.approx([0.0] * 3, abs=1e-6)
+    assert len(road.payloads("cooperative/asterix/129")) == 6
+    steps = np.diff([enu_m(report) for report in said.values()], axis=0)
+    assert said[3].velocity_enu_m_s == pytest.approx(steps[2], abs=0.05)
+
+
+def test_nobody_claims_anything_unless_the_scene_says_so() -> None:
+    made = claiming(cooperative={"report": ["asterix-129"]})
+    assert not [m for m in fly(made, 5.0).messages if "claimed" in m.topic]
+
+
+def test_sensors_see_the_drone_where_it_is_whatever_it_says() -> None:
+    seen = [radar(report=["plots"])]
+    path = [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)]
+    spoof = {"from_s": 0.0, "spoof": FAR}
+    makes = [
+        scene(seen, [flown("a", *path, claim=claim)], seed=42, cooperative={}, telemetry=DATUM)
+        for claim in ([], [spoof])
+    ]
+    first, second = (fly(made, 10.0).payloads("radar/plots") for made in makes)
+    assert first == second
+
+
+def test_a_bias_and_a_spoof_are_told_and_the_ledger_knows_how_much() -> None:
+    faults = [
+        {"from_s": 2.0, "to_s": 4.0, "bias_enu_m": [30.0, -20.0, 10.0]},
+        {"from_s": 5.0, "to_s": 8.0, "spoof": FAR | {"drag_m_s": 15.0}},
+        {"from_s": 9.0, "spoof": FAR},
+    ]
+    road = fly(claiming(*faults), 12.0)
+    said, true = claimed(road), truths(road)
+    for second in (2, 3):
+        assert error_m(true[second]) == pytest.approx([30.0, -20.0, 10.0], abs=0.01)
+    for second in (1, 4, 8):
+        assert error_m(true[second]) == pytest.approx([0.0] * 3, abs=1e-6)
+        assert not true[second].faults
+    for second in (5, 6, 7):
+        assert np.linalg.norm(error_m(true[second])) == pytest.approx(15.0 * (second - 5), abs=0.01)
+        assert list(true[second].faults) == ["spoof"]
+    assert enu_m(said[10])[:2] == pytest.approx([9000.0, -4000.0], abs=1.0)
+    assert said[10].velocity_enu_m_s == pytest.approx((0.0, 0.0, 0.0))
+    assert error_m(true[10])[0] == pytest.approx(9000.0 - enu_m(true[10])[0], abs=5.0)
+
+
+def test_what_is_frozen_stays_and_what_is_late_tells_of_before() -> None:
+    faults = [
+        {"from_s": 2.0, "to_s": 5.0, "freeze": True},
+        {"from_s": 7.0, "to_s": 12.0, "delay_s": 2.0},
+    ]
+    road = fly(claiming(*faults), 14.0)
+    said, true = claimed(road), truths(road)
+    places = [enu_m(said[second]) for second in (2, 3, 4)]
+    assert np.ptp(places, axis=0).max() < 1e-6
+    assert said[4].t_utc_ns == START_NS + 4 * NS
+    assert np.linalg.norm(error_m(true[4])) == pytest.approx(20.0, abs=0.05)
+    assert not {7, 8} & said.keys()  # what it would say is still on its way
+    for second in (9, 10, 11):
+        assert said[second].t_utc_ns == START_NS + (second - 2) * NS
+        assert np.linalg.norm(error_m(true[second])) == pytest.approx(0.0, abs=1e-6)
+    assert said[12].t_utc_ns == START_NS + 12 * NS
+
+
+def test_a_frozen_drone_is_frozen_where_it_began_and_not_before() -> None:
+    road = fly(claiming({"from_s": 0.0, "freeze": True}, start_s=3.0), 8.0)
+    assert sorted(claimed(road)) == [3, 4, 5, 6, 7, 8]
+    assert np.ptp([enu_m(r) for r in claimed(road).values()], axis=0).max() < 1e-6
+
+
+def test_reports_drop_out_as_often_as_asked_each_by_itself() -> None:
+    made = claiming(
+        {"from_s": 0.0, "drop_out": 0.3}, cooperative={"period_s": 0.1, "report": ["protobuf"]}
+    )
+    road = fly(made, 200.0)
+    entries = [entry for entry in road.ledgers if entry.sensor == "cooperative"]
+    is_said = np.array([claim.HasField("error_east_m") for e in entries for claim in e.claims])
+    assert len(is_said) == 2000
+    assert is_said.sum() == len(road.payloads("claimed/a"))
+    assert_sum(is_said.sum(), 1400.0, 2000 * 0.3 * 0.7, "reports")
+    assert_uncorrelated(is_said[1:].astype(float), is_said[:-1].astype(float), "neighbours")
+
+
+def test_a_walk_spreads_as_the_square_root_of_time() -> None:
+    """By the differences of many drones' errors."""
+    swarm = {
+        "id": "s", "number": 60, "formation": {"kind": "grid", "spacing_m": 10.0},
+        "path": [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)], "speed_m_s": 10.0,
+        "claim": [{"from_s": 0.5, "walk_m": 2.0}],
+    }  # fmt: skip
+    made = scene(
+        [QUIET], seed=43, telemetry=DATUM, swarm=[swarm], cooperative={"report": ["protobuf"]}
+    )
+    road = fly(made, 16.0)
+    entries = [e for e in road.ledgers if e.sensor == "cooperative"]
+    errors_m = np.array([[error_m(c) for c in e.claims] for e in entries])  # (16, 60, 3)
+    assert_standard_normal(errors_m[0].ravel() / (2.0 * 0.5**0.5), "the half second before")
+    steps = np.diff(errors_m, axis=0)
+    assert_standard_normal(steps[:, :, :2].ravel() / 2.0, "steps of 1 s")
+    assert_standard_normal(errors_m[-1].ravel() / (2.0 * 15.5**0.5), "after 15.5 s")
+
+
+class Commands(Observer):
+    """Hands in commands as of times of a simulated clock, as whoever is connected might."""
+
+    def __init__(self, *commands: tuple[float, dict[str, Any]]) -> None:
+        self._commands = list(commands)
+
+    def begun(self, session: RunningSession) -> None:
+        self._session = session
+
+    def next_input_ns(self) -> int | None:
+        return START_NS + round(self._commands[0][0] * NS) if self._commands else None
+
+    def before_due(self, due_utc_ns: int) -> None:
+        while (at_ns := self.next_input_ns()) is not None and at_ns < due_utc_ns:
+            _, command = self._commands.pop(0)
+            self._session.receive([(CONTROL, json.dumps(command).encode(), None)], at_ns)
+
+
+COMMANDS = (
+    (2.305, {"drone": "a", "claim": {"bias_enu_m": [50.0, 0.0, 0.0], "walk_m": 1.0}}),
+    (4.111, {"drone": "a", "contingency": {"kind": "fly-away", "speed_m_s": 18.0}}),
+    (7.005, {"drone": "a", "reset": True}),
+    (8.005, {"drone": "nobody", "reset": True}),
+    (9.005, {"drone": "a", "contingency": {"kind": "hold"}}),
+    (9.505, {"drone": "a", "contingency": {"kind": "hold", "for_s": 5.0, "at_s": 3.0}}),
+)
+
+
+async def flown_with(made: Scene, *observers: Observer) -> Road:
+    messages: list[Message] = []
+    await run(
+        made,
+        clock=InstantClock(START_NS),
+        broker="none",
+        duration_s=14.0,
+        tap=lambda message, _t: messages.append(message),
+        observers=observers,
+    )
+    return Road(messages)
+
+
+@pytest.mark.asyncio
+async def test_commands_act_at_once_are_recorded_and_run_again_to_the_bit(tmp_path: Path) -> None:
+    made = scene(
+        [radar(report=["plots"])],
+        [flown("a", waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0))],
+        seed=44,
+        telemetry=DATUM,
+        cooperative={"report": ["json"], "accuracy_m": 1.0},
+    )
+    path = tmp_path / "record.mcap"
+    with Recorder(path, waits=True) as recorder:
+        observers = [SessionRecorder(recorder, ledger_is_sent=True), Commands(*COMMANDS)]
+        first = await flown_with(made, *observers)
+    true = truths(first)
+    assert [list(true[s].faults) for s in (2, 3, 7, 8)] == [
+        [],
+        ["bias", "walk"],
+        ["bias", "walk"],
+        [],
+    ]
+    assert [true[s].contingency for s in (4, 5, 9, 10)] == ["", "fly-away", "fly-away", "hold"]
+    places = np.array([enu_m(true[s]) for s in (6, 8, 12, 13)])
+    assert np.linalg.norm(places[1] - places[0]) == pytest.approx(36.0, abs=0.5)
+    assert np.linalg.norm(places[3] - places[2]) < 6.0  # it brakes from 18 m/s in 4.5 s
+    errors = [json.loads(payload)["detail"] for payload in first.payloads("errors")]
+    assert "the scene flies no 'nobody'; expected one of a" in errors[0]
+    assert "it happens at once" in errors[1]
+    again = await flown_with(made, RecordedTelemetry(path))
+    kept = [
+        sorted((m.topic, m.payload) for m in road.messages if not m.topic.endswith("/session"))
+        for road in (first, again)
+    ]
+    assert kept[0] == kept[1]
+    assert len(first.payloads("radar/plots")) == 14
+
+
+@pytest.mark.asyncio
+async def test_a_command_to_one_that_says_nothing_is_refused() -> None:
+    path = [waypoint(300.0, 5.0, 3000.0), waypoint(80.0, 5.0, 3000.0)]
+    made = scene([QUIET], [flown("a", *path)], seed=45, telemetry=DATUM)
+    road = await flown_with(made, Commands((1.0, {"drone": "a", "claim": {"freeze": True}})))
+    (refusal,) = road.payloads("errors")
+    assert "drone 'a' says nothing: it is not [cooperative]" in json.loads(refusal)["detail"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ({"from_s": 1.0}, r"claim\[0\] of 'a': drop_out, delay_s, bias"),
+        ({"freeze": True}, r"claim\[0\].from_s of 'a': missing"),
+        ({"from_s": 4.0, "to_s": 3.0, "freeze": True}, r"claim\[0\].to_s of 'a': must be above"),
+        ({"from_s": 4.0, "freeze": True, "spoof": FAR}, "what is frozen cannot be spoofed"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused_with_its_key(
+    fault: dict[str, Any], expected: str
+) -> None:
+    with pytest.raises(SceneError, match=expected):
+        claiming(fault)
+
+
+def test_faults_of_one_that_does_not_report_itself_are_refused() -> None:
+    with pytest.raises(SceneError, match=r"drone\[0\].claim of 'a': the drone says nothing"):
+        scene([QUIET], [flown("a", FAR, FAR, claim=[{"from_s": 1.0, "freeze": True}])], seed=1)
+    with pytest.raises(SceneError, match="report: each format once"):
+        claiming(cooperative={"report": ["json", "protobuf"]})
+
+
+def test_the_greatest_errors_still_make_messages_of_every_format() -> None:
+    fault = {"from_s": 0.0, "bias_enu_m": [1e6, -1e6, 1e6], "spoof": FAR | {"drag_m_s": 500.0}}
+    road = fly(claiming(fault, cooperative={"report": ["asterix-129", "json"]}), 3.0)
+    assert claimed(road)[3].altitude_m == 100_000.0
+    assert len(road.payloads("cooperative/asterix/129")) == 3
+    assert read_129(road.payloads("cooperative/asterix/129")[0])[0].identity == "a"
