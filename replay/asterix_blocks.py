@@ -16,8 +16,10 @@ from plotfeed.proto.asterix.codec.layout import (
     Fixed,
     Item,
     Repetitive,
+    Undecoded,
     is_time_of_day,
 )
+from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.content_types import ASTERIX, asterix_content_type
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import DAY_NS
@@ -116,29 +118,19 @@ TIME, EXTENDED, UNKNOWN_LENGTH = -1, 0, -2
 TIME_OCTETS = 3
 LSB_NS = 7_812_500  # 1/128 s
 
-FOREIGN: Mapping[int, tuple[int, ...]] = {
-    2: (2, 1, 1, TIME),
-    10: (2, 1, EXTENDED, TIME),
-    19: (2, 1, TIME),
-    20: (2, EXTENDED, TIME),
-    21: (2, EXTENDED, 2, 1, TIME, 6, 8, TIME, 2, 2, 3, TIME),
-    23: (2, 1, 1, TIME),
-    65: (2, 1, 1, TIME),
-}
-"""Of categories without a layout here: octets of each item, up to the last that is a time of day.
-
-EXTENDED ones end with the first octet whose last bit is clear.
-"""
-
 
 @cache
 def item_octets(category: int) -> tuple[int, ...]:
-    """Octets of each item of a category's user application profile; none if nothing is known."""
-    layout = CATEGORIES.get(category)
-    return FOREIGN.get(category, ()) if layout is None else tuple(map(_octets_of, layout.uap))
+    """Octets of each item of a category's user application profile; none if nothing is known.
+
+    EXTENDED ones end with the first octet whose last bit is clear.
+    """
+    layout = CATEGORIES.get(category) or OTHER_CATEGORIES.get(category)
+    return () if layout is None else tuple(map(_octets_of, layout.uap))
 
 
 def _octets_of(item: Item | None) -> int:
+    item = item.of if isinstance(item, Undecoded) else item
     if isinstance(item, Fixed):
         return TIME if is_time_of_day(item) else item.group.octets
     groups = item.groups if isinstance(item, Extended) else ()
@@ -163,17 +155,8 @@ def time_of_day_ns(block: bytes) -> int | None:
     return None
 
 
-SOURCE_FIRST = frozenset((*CATEGORIES, *FOREIGN, 1, 4, 8, 9, 11, 17, 18, 32, 240, 247))
-"""Categories whose first item is that of SAC and SIC."""
-
-
-def source_of_block(block: bytes) -> tuple[int, int] | None:
-    """SAC and SIC of a whole data block's first record, where it has them."""
-    flags = _flags(block)
-    at = HEADER_OCTETS + len(flags)
-    if block[0] not in SOURCE_FIRST or not flags or not flags[0] & 0x80 or at + 2 > len(block):
-        return None
-    return block[at], block[at + 1]
+KNOWN_CATEGORIES = frozenset((*CATEGORIES, *OTHER_CATEGORIES))
+"""Categories of which it is known where their records end."""
 
 
 def _flags(block: bytes) -> bytes:

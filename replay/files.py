@@ -11,7 +11,7 @@ from typing import BinaryIO, Protocol
 
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.replay.asterix_blocks import SOURCE_FIRST, categories
+from plotfeed.replay.asterix_blocks import KNOWN_CATEGORIES, categories
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.gzip_file import open_unpacked, unpacked_octets
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
@@ -78,7 +78,7 @@ def _is_raw(head: bytes) -> bool:
 
 def _is_weak(head: bytes) -> bool:
     """Whether what looks like raw ASTERIX are lengths that fit, of categories that nobody has."""
-    return not SOURCE_FIRST.issuperset(categories(head))
+    return not KNOWN_CATEGORIES.issuperset(categories(head))
 
 
 def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:

@@ -12,17 +12,17 @@ from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record
 from plotfeed.proto.asterix.codec.layout import (
-    HEADER_OCTETS,
     Category,
     Compound,
     Explicit,
     Extended,
     Item,
     Quantity,
+    Undecoded,
     is_time_of_day,
 )
-from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard, tables
-from plotfeed.replay.asterix_blocks import source_of_block, time_of_day_ns
+from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
+from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard
 
 HEXADECIMAL = {
     "I048/220": 6,
@@ -38,6 +38,8 @@ HEXADECIMAL = {
 EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
 """Of categories that not all senders write alike."""
 EXTRA = "pip install 'plotfeed[asterix]'"
+NOT_DECODED = f"octets are not decoded; for names and values: {EXTRA}"
+"""Said of records that are cut alone."""
 NO_TIME = " " * 12
 INDENT = "  "
 UNNAMED = Meaning("")
@@ -60,9 +62,11 @@ def categories_of(editions: Iterable[str], *, verbose: bool = False) -> Categori
 def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
     """Time of day, then every item but the source's own name for the category."""
     if not record.items:
-        return _undecoded(record)
-    items = _expanded(record)
-    when = _time(items, categories[record.category])
+        return _unknown(record)
+    items, category = _expanded(record), categories[record.category]
+    when = _time(items, category)
+    if category is OTHER_CATEGORIES.get(record.category):
+        return f"CAT{record.category:03d}  {when}  {_cut_items(items)}  ({NOT_DECODED})"
     parts = "  ".join(
         [f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()]
     )
@@ -83,12 +87,14 @@ def record_json(record: Record) -> dict[str, Any]:
 def record_tree(record: Record, categories: Categories) -> str:
     """Lines of every item and part: what it is called, its value, unit, and what that says."""
     if not record.items:
-        return _undecoded(record)
+        return _unknown(record)
     category, theirs = categories[record.category], standard(record.category)
     is_theirs = theirs is not None and category is theirs.category
     meanings = theirs.meanings if theirs and is_theirs else _own_meanings(category)
     edition = f", edition {theirs.edition}" if theirs and is_theirs else ""
     head = f"CAT{record.category:03d}  record of {len(record.octets)} octets{edition}"
+    if category is OTHER_CATEGORIES.get(record.category):
+        head = f"{head}; {NOT_DECODED}"
     found = _expanded(record).items()
     lines = (line for name, value in found for line in _branch(name, value, name, meanings, INDENT))
     return "\n".join([head, *lines])
@@ -137,7 +143,7 @@ def _units(item: Item, path: str) -> Iterator[tuple[str, Meaning]]:
             for sub in subfields:
                 if sub is not None:
                     yield from _units(sub, f"{path}/{sub.name}")
-        case Explicit():
+        case Explicit() | Undecoded():
             pass
         case _:
             groups = item.groups if isinstance(item, Extended) else (item.group,)
@@ -157,15 +163,18 @@ def _expanded(record: Record) -> dict[str, Any]:
     return items
 
 
-def _undecoded(record: Record) -> str:
-    """A block whose category has no layout: its first record's source and time, and why no more."""
-    block = bytes([record.category, 0, 0]) + record.octets
-    time_ns, source = time_of_day_ns(block), source_of_block(block)
-    when = NO_TIME if time_ns is None else _clock(time_ns / 1e9)
-    told = "" if source is None else f"010 SAC={source[0]} SIC={source[1]}  "
-    why = "no layout of it is known" if tables() else f"for the rest: {EXTRA}"
-    octets = len(block) - HEADER_OCTETS
-    return f"CAT{record.category:03d}  {when}  {told}{octets} octets ({why}): {record.octets.hex()}"
+def _unknown(record: Record) -> str:
+    """A block of a category of which nothing is known, not even where its records end."""
+    what = f"a block of {len(record.octets)} octets, of which no layout is known"
+    return f"CAT{record.category:03d}  {NO_TIME}  {what}: {record.octets.hex()}"
+
+
+def _cut_items(items: Mapping[str, Any]) -> str:
+    """Items of which only the ends are known: their octets, but for sources and times."""
+    return "  ".join(
+        f"{name.partition('/')[2]} {f'0x{value.hex()}' if type(value) is bytes else short(value)}"
+        for name, value in items.items()
+    )
 
 
 def _time(items: dict[str, Any], category: Category) -> str:

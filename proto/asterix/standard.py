@@ -31,8 +31,10 @@ from plotfeed.proto.asterix.codec.layout import (
     Raw,
     Repetitive,
     Spare,
+    Undecoded,
 )
 from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, reader_of
+from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 
 _ALPHABETS = {"StringAscii": ASCII, "StringICAO": CALLSIGN, "StringOctal": OCTAL}
 Subfield = Fixed | Extended | Repetitive | None
@@ -78,7 +80,10 @@ class Standard:
 
 
 class StandardCategories(Mapping[int, Category]):
-    """Layouts of ours, and of libasterix for every other category, where it is installed."""
+    """Layouts of ours, and of libasterix for every other category.
+
+    Where that is not installed, they are those of `other_categories`, which cut alone.
+    """
 
     def __init__(self, ours: Mapping[int, Category]) -> None:
         self._ours = ours
@@ -87,9 +92,7 @@ class StandardCategories(Mapping[int, Category]):
         found = self._ours.get(number)
         if found is None:
             theirs = standard(number)
-            if theirs is None:
-                raise KeyError(number)
-            return theirs.category
+            return OTHER_CATEGORIES[number] if theirs is None else theirs.category
         return found
 
     def __iter__(self) -> Iterator[int]:
@@ -175,7 +178,7 @@ class _Maker:
     def _subfields(self, listed: list[Any], path: str) -> Iterator[Subfield]:
         for each in listed:
             found = None if each is None else self._item(each, f"{path}/")
-            if isinstance(found, Compound | Explicit):
+            if isinstance(found, Compound | Explicit | Undecoded):
                 raise NotImplementedError(f"{path} has compound parts, which no edition has had")
             yield found
 

@@ -22,8 +22,9 @@ from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.utc import DAY_NS, NS
-from plotfeed.replay.asterix_blocks import FOREIGN, TIME, item_octets, time_of_day_ns
+from plotfeed.replay.asterix_blocks import TIME, item_octets, time_of_day_ns
 from plotfeed.replay.asterix_files import RawReader, RawWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 
@@ -85,7 +86,7 @@ def test_without_a_date_no_time_is_before_1970() -> None:
 
 
 def test_categories_without_a_layout_are_those_that_stand_apart() -> None:
-    assert not FOREIGN.keys() & CATEGORIES.keys()
+    assert not OTHER_CATEGORIES.keys() & CATEGORIES.keys()
 
 
 @pytest.mark.parametrize("number", sorted(CATEGORIES))

@@ -26,6 +26,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Named,
     Quantity,
     Repetitive,
+    Undecoded,
 )
 from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, Plans, Reader
 from plotfeed.proto.errors import DecodeError
@@ -226,6 +227,10 @@ class _Cursor:
                 return self.explicit(name)
             case Compound(name, subfields):
                 return {sub.name: self.item(sub) for sub in self.present(subfields, name)}
+            case Undecoded(_, of):
+                start = self.at
+                self.item(of)
+                return self.body[start : self.at]
 
     def extended(self, item: Extended) -> Value:
         values: dict[str, Value] = {}

@@ -190,7 +190,15 @@ class Compound:
     subfields: tuple[Fixed | Extended | Repetitive | None, ...]
 
 
-Item = Fixed | Extended | Repetitive | Explicit | Compound
+@dataclass(frozen=True, slots=True)
+class Undecoded:
+    """An item of which no more is known than where it ends: its value is its octets."""
+
+    name: str
+    of: Fixed | Extended | Repetitive | Compound
+
+
+Item = Fixed | Extended | Repetitive | Explicit | Compound | Undecoded
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Raw,
     Repetitive,
     Spare,
+    Undecoded,
 )
 
 FURTHER = "FURTHER"
@@ -104,6 +105,8 @@ def reader_of(item: Item) -> Reader:
             return _explicit
         case Compound(_, subfields):
             return Plans(subfields).read
+        case Undecoded(_, of):
+            return _octets(reader_of(of))
 
 
 def _explicit(body: bytes, at: int) -> tuple[bytes, int]:
@@ -112,6 +115,16 @@ def _explicit(body: bytes, at: int) -> tuple[bytes, int]:
     if not octets or end > len(body):
         raise IndexError(end)
     return body[at + 1 : end], end
+
+
+def _octets(one: Reader) -> Reader:
+    def read(body: bytes, at: int) -> tuple[bytes, int]:
+        _, end = one(body, at)
+        if end > len(body):
+            raise IndexError(end)
+        return body[at:end], end
+
+    return read
 
 
 def _counted(one: Reader, octets: int) -> Reader:

@@ -21,6 +21,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Group,
     Item,
     Repetitive,
+    Undecoded,
     is_time_of_day,
 )
 from plotfeed.proto.errors import DecodeError
@@ -160,6 +161,8 @@ def _after(item: Item, body: bytes, at: int, planned: list[int]) -> int:
                     planned.extend(_elements(subfield, body, at))
                 at = _after(subfield, body, at, planned)
             return at
+        case Undecoded(_, of):
+            return _after(of, body, at, planned)
 
 
 def _after_extended(item: Extended, body: bytes, at: int) -> int:

@@ -14,6 +14,7 @@ from support.recordings import block
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.recording.record_text import categories_of
 from plotfeed.proto.asterix import standard
+from plotfeed.replay.asterix_blocks import record_counts
 
 COMPARE = Path(__file__).parents[2] / "support" / "standard_records.py"
 NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
@@ -108,21 +109,72 @@ def test_the_reserved_expansion_field_has_its_parts(tmp_path: Path) -> None:
 @pytest.fixture
 def nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(standard, "tables", lambda: None)
-    monkeypatch.setattr("plotfeed.feeds.recording.record_text.tables", lambda: None)
     monkeypatch.setattr("plotfeed.feeds.recording.record_text.standard", lambda _: None)
     standard.standard.cache_clear()
 
 
+NORTH_002 = ("f4", "190d", "02", "40", "0c8000", "1f00")
+CROSSING_002 = ("f0", "190d", "01", "20", "0c8040")
+
+
 @pytest.mark.usefixtures("nothing_installed")
-def test_without_libasterix_a_block_says_whose_it_is_and_what_decodes_it() -> None:
-    data = block(2, "f4", "190d", "02", "40", "0c8000", "1f00")
-    (line,) = message_lines(
+def test_without_libasterix_a_block_is_cut_into_records_with_sources_and_times() -> None:
+    data = block(2, *NORTH_002, *CROSSING_002)
+    north, crossing = message_lines(
         "r/asterix/002", data, None, as_json=False, categories=categories_of(())
     )
-    assert line == (
-        "r/asterix/002  CAT002  01:46:40.000  010 SAC=25 SIC=13  10 octets "
-        "(for the rest: pip install 'plotfeed[asterix]'): f4190d02400c80001f00"
+    assert north == (
+        "r/asterix/002  CAT002  01:46:40.000  010 SAC=25 SIC=13  000 0x02  020 0x40  050 0x1f00  "
+        "(octets are not decoded; for names and values: pip install 'plotfeed[asterix]')"
     )
+    assert "CAT002  01:46:40.500  010 SAC=25 SIC=13  000 0x01  020 0x20  (" in crossing
+    told = message_lines("r/asterix/002", data, None, as_json=True, categories=categories_of(()))
+    first, _ = (json.loads(line)["message"]["items"] for line in told)
+    source = {"SAC": 25, "SIC": 13}
+    assert first["I002/010"] == source
+    assert first["I002/030"] == 6400.0
+    assert first["I002/020"] == "40"
+
+
+@pytest.mark.usefixtures("nothing_installed")
+@pytest.mark.parametrize("number", sorted(NAMED))
+def test_without_libasterix_every_category_says_whose_its_records_are(number: int) -> None:
+    data = block(number, "80", "190d", "80", "190e")
+    categories = categories_of(())
+    assert record_counts(data, categories) == {number: 2}
+    lines = list(message_lines("r/asterix", data, None, as_json=False, categories=categories))
+    assert [
+        f"010 SAC=25 SIC={sic}  (octets are not" in line
+        for sic, line in zip((13, 14), lines, strict=True)
+    ] == [True, True]
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_without_libasterix_tracks_of_001_are_told_from_plots() -> None:
+    data = block(1, *PLOT_001, *TRACK_001)
+    plot, track = message_lines(
+        "r/asterix", data, None, as_json=False, categories=categories_of(())
+    )
+    assert "010 SAC=25 SIC=13  020 0x20  040 0x01000200  070 0x0fff  (" in plot
+    assert "010 SAC=25 SIC=13  020 0xa0  161 0x0102  040 0x02000400  (" in track
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_a_tree_of_a_record_that_is_cut_alone_says_so() -> None:
+    (tree,) = message_lines(
+        "r", block(2, *NORTH_002), "application/x-asterix", as_json=False,
+        categories=categories_of(()), verbose=True,
+    )  # fmt: skip
+    assert tree.splitlines()[0].endswith(
+        "octets are not decoded; for names and values: pip install 'plotfeed[asterix]'"
+    )
+    assert "  I002/050: 2 octets 1f00" in tree.splitlines()
+
+
+def test_of_a_category_of_nobody_a_block_says_that_nothing_is_known() -> None:
+    data = block(99, "f4", "190d")
+    (line,) = message_lines("r/asterix", data, None, as_json=False, categories=categories_of(()))
+    assert line.endswith("a block of 3 octets, of which no layout is known: f4190d")
 
 
 @pytest.mark.usefixtures("nothing_installed")
