@@ -10,8 +10,15 @@ from typing import Any
 
 from pages import table
 
-from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, why
-from plotfeed.feeds.scene.presets.preset import names, preset
+from plotfeed.feeds.cli.show_sensors import (
+    details,
+    shown_reach,
+    shown_value,
+    system_summary,
+    why,
+)
+from plotfeed.feeds.scene.presets.preset import names, preset, system_names
+from plotfeed.feeds.scene.presets.system import system
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 
 BROADCAST_HEAD = """
@@ -71,10 +78,35 @@ Written by `python docs/commands/write_presets.py`.
 """
 
 
+SYSTEMS_HEAD = """
+## Systems of several sensors
+
+A table `[[system]]` brings the sensors of a commercial system, each by its preset and named after
+the system:
+
+```toml
+[[system]]
+id = "gate"
+preset = "dronesentry"          # gate-radar, gate-rf, gate-audio and gate-camera
+position_enu_m = [120.0, -40.0, 6.0]
+facing_deg = 90.0               # what looks one way looks east
+without = ["audio"]
+every = { report = ["asterix-015", "plots", "sapient"] }
+
+[system.radar]                  # in place of what its preset says
+pfa = 1e-6
+```
+
+A member's `preset` may be another one, such as `ranger-r8ss-3d` for the radar of `dronetracker`.
+What is wrong with a sensor of a system is told by the system: `system[0].radar.pfa of 'gate'`.
+"""
+
+
 def page() -> str:
     """All of it."""
     found = [details(preset(name)) for name in names()]
     lines = [HEAD, *_overview(found), *(line for each in found for line in _section(each))]
+    lines += [SYSTEMS_HEAD, *_systems()]
     lines += [BROADCAST_HEAD, *_broadcasts()]
     return "\n".join(lines) + "\n"
 
@@ -119,6 +151,18 @@ def _section(each: dict[str, Any]) -> list[str]:
     if each["left_out"]:
         lines += ["", "Stated and not modelled:", "", *(f"- {text}" for text in each["left_out"])]
     return lines
+
+
+def _systems() -> list[str]:
+    found = [system_summary(system(name)) for name in system_names()]
+    rows = [
+        (f"`{each['name']}`", f"{each['maker']} {each['title']}", f"`id-{name}`",
+         f"[{of['preset']}](#{of['preset']})", of["note"])
+        for each in found for name, of in each["sensors"].items()
+    ]  # fmt: skip
+    lines = table(("system", "product", "sensor", "preset", "why"), rows)
+    lines += ["", "Stated and not modelled:", ""]
+    return [*lines, *(f"- {e['title']}: {', '.join(e['left_out']).lower()}" for e in found)]
 
 
 def _broadcasts() -> list[str]:

@@ -258,7 +258,7 @@ def chart(scene: Path, **options: Any) -> int:
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
 def sensors(name: str | None, *, as_json: bool) -> int:
-    """List the commercial sensors that a scene can name as a preset, or all keys of one.
+    """List the commercial sensors and systems that a scene can name as presets, or one of them.
 
     NAME is that of one, such as echodyne: its keys are printed, each with where it comes from.
     """

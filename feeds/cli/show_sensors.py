@@ -1,4 +1,4 @@
-"""What `plotfeed sensors` prints: all presets, or one with the origin of each of its keys."""
+"""What `plotfeed sensors` prints: all presets and systems, or one with where it comes from."""
 
 from __future__ import annotations
 
@@ -8,18 +8,24 @@ from typing import Any
 
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.console.printed import aligned, say
-from plotfeed.feeds.scene.presets.preset import Preset, names, preset
+from plotfeed.feeds.scene.presets.preset import Preset, names, preset, system_names
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
+from plotfeed.feeds.scene.presets.system import SystemPreset, system
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
 
 
 def print_presets(name: str | None, *, as_json: bool) -> None:
-    """Print one preset, or a line on each."""
+    """Print one preset or system, or a line on each."""
+    found: Any
     if name is None:
-        found: Any = [summary(preset(each)) for each in names()]
-        lines = _list_lines(found)
+        systems = [system_summary(system(each)) for each in system_names()]
+        found = [*(summary(preset(each)) for each in names()), *systems]
+        lines = _list_lines(found[: -len(systems)], systems)
+    elif name in system_names():
+        found = system_summary(system(name))
+        lines = _system_lines(found)
     else:
         found = details(preset(name))
         lines = detail_lines(found)
@@ -36,6 +42,22 @@ def summary(shown: Preset) -> dict[str, Any]:
         "source": shown.source,
         "target": str(shown.target),
         "range_at_pd_80_percent_m": reach_m(shown, shown.target),
+    }
+
+
+def system_summary(shown: SystemPreset) -> dict[str, Any]:
+    """A system: the sensors that it brings, each with the preset that stands for it, and why."""
+    return {
+        "name": shown.name,
+        "title": shown.title,
+        "maker": shown.maker,
+        "type": "system",
+        "source": shown.source,
+        "sensors": {
+            name: {"preset": member.preset, "note": member.note}
+            for name, member in shown.members.items()
+        },
+        "left_out": list(shown.left_out),
     }
 
 
@@ -93,7 +115,20 @@ def _test_target(target: PresetTarget) -> TestTarget:
     )
 
 
-def _list_lines(found: list[dict[str, Any]]) -> list[str]:
+def _system_lines(found: dict[str, Any]) -> list[str]:
+    rows = [(f"id-{name}", of["preset"], of["note"]) for name, of in found["sensors"].items()]
+    lines = [
+        f"{found['name']}: {found['maker']} {found['title']}, a [[system]], {found['source']}",
+        DISCLAIMER,
+        "",
+        *aligned([("sensor", "preset", "why"), *rows], "<<<"),
+    ]
+    if found["left_out"]:
+        lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
+    return lines
+
+
+def _list_lines(found: list[dict[str, Any]], systems: list[dict[str, Any]]) -> list[str]:
     rows = [
         (
             each["name"],
@@ -104,8 +139,18 @@ def _list_lines(found: list[dict[str, Any]]) -> list[str]:
         )
         for each in found
     ]
+    brought = [
+        (
+            each["name"],
+            ", ".join(of["preset"] for of in each["sensors"].values()),
+            f"{each['maker']} {each['title']} ({each['source']})",
+        )
+        for each in systems
+    ]
     return [
         *aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows], "<<<<"),
+        "",
+        *aligned([("system", "sensors", "product"), *brought], "<<<"),
         "",
         DISCLAIMER,
         "",

@@ -1,4 +1,4 @@
-"""Where in a scene file a problem is: a key's line, and the id of the sensor, drone or swarm."""
+"""Where in a scene file a problem is: the line of a key, and the id of whose key it is."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TEXT = (
 )
 _KEY = re.compile(rf"\s*({_TEXT}|[A-Za-z0-9_-]+)\s*", re.DOTALL)
 _VALUE = re.compile(rf"{_TEXT}|[^,\]}}\n#]+", re.DOTALL)
-_OWNER = re.compile(r"(sensor|drone|swarm)\[(\d+)\]")
+_OWNER = re.compile(r"(sensor|system|drone|swarm)\[(\d+)\]")
 
 
 class Problem(NamedTuple):
@@ -28,7 +28,7 @@ class Problem(NamedTuple):
     key: str
     """Empty for what is wrong with the whole."""
     of: str | None
-    """The id of the sensor or drone whose key it is, if it has one."""
+    """The id of the sensor, system or drone whose key it is, if it has one."""
     what: str
 
     def __str__(self) -> str:
@@ -69,7 +69,7 @@ def _line(key: str, lines: dict[str, int]) -> int | None:
 
 
 def _owner(key: str, tree: Any) -> str | None:
-    """The sensor or drone whose key it is, if it has a name."""
+    """The sensor, system or drone whose key it is, if it has a name."""
     found = _OWNER.match(key)
     if found is None or not isinstance(tree, dict):
         return None

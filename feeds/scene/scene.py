@@ -11,7 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, GetJsonSchemaHandler, PrivateAttr, ValidationError, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
@@ -26,6 +28,7 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.output_keys import Mqtt, Outgoing, PageKeys, SapientKeys, UdpDestination
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
+from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_systems
 from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
@@ -124,6 +127,8 @@ class Scene(SceneTable):
         tuple[Sensor, ...],
         Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
     ]
+    system: Annotated[tuple[SystemKeys, ...], Field(strict=False)] = ()
+    """Their sensors are among `sensor` once a scene is loaded."""
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
     swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
     cooperative: CooperativeKeys | None = None
@@ -135,6 +140,17 @@ class Scene(SceneTable):
     _files: Mapping[str, Path] | None = PrivateAttr(default=None)
     _outgoing: Outgoing | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """JSON schema of a scene's file, in which systems may stand for all sensors."""
+        schema = handler(core_schema)
+        found = handler.resolve_ref_schema(schema)
+        found["required"] = [key for key in found["required"] if key != "sensor"]
+        found["anyOf"] = [{"required": ["sensor"]}, {"required": ["system"]}]
+        return schema
 
     @model_validator(mode="before")
     @classmethod
@@ -306,6 +322,8 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
 
     `text` is what TOML was given, if it was a file; raises `SceneError`.
     """
+    written = tree
+    tree, of_systems, whose = with_systems(tree)
     tree, problems = with_presets(tree)
     misused = {key.partition(".")[0] for key, _ in problems}
     try:
@@ -314,7 +332,8 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
         # A sensor without its preset lacks keys that nobody wanted to write.
         others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
         problems += islice(others, MAX_PROBLEMS)
+    problems = of_systems + [(renamed_key(key, whose), what) for key, what in problems]
     if problems:
-        raise SceneError(path, problems, tree, text)
+        raise SceneError(path, problems, written, text)
     scene._path, scene._text = path, text
     return scene

@@ -36,10 +36,18 @@ class UnknownPresetError(PresetError):
     """A name that no preset has."""
 
     def __init__(self, name: str) -> None:
-        begun = [known for known in names() if name and f"-{name.lower()}" in f"-{known}"]
-        close = begun or difflib.get_close_matches(name.lower(), names(), 1, 0.5)
-        hint = f"did you mean {close[0]}?" if close else "`plotfeed sensors` lists them"
+        if name in system_names():
+            super().__init__("preset", f"{name} is a system of several sensors: write [[system]]")
+            return
+        hint = closest(name, names())
         super().__init__("preset", f"no such preset as {name[:MAX_SHOWN]!r}; {hint}")
+
+
+def closest(name: str, known: list[str]) -> str:
+    """A hint at the one that may have been meant."""
+    begun = [each for each in known if name and f"-{name.lower()}" in f"-{each}"]
+    close = begun or difflib.get_close_matches(name.lower(), known, 1, 0.5)
+    return f"did you mean {close[0]}?" if close else "`plotfeed sensors` lists them"
 
 
 class Given(CatalogueTable):
@@ -121,11 +129,20 @@ class Preset(CatalogueTable):
 
 @cache
 def names() -> list[str]:
-    """The names of all presets, in alphabetical order."""
-    folder = files("plotfeed.feeds.scene.presets")
+    """The names of all presets of one sensor, in alphabetical order."""
+    return _tables_in("plotfeed.feeds.scene.presets")
+
+
+@cache
+def system_names() -> list[str]:
+    """The names of all presets of several sensors, in alphabetical order."""
+    return _tables_in("plotfeed.feeds.scene.presets.systems")
+
+
+def _tables_in(package: str) -> list[str]:
     return sorted(
         entry.name.removesuffix(".toml")
-        for entry in folder.iterdir()
+        for entry in files(package).iterdir()
         if entry.name.endswith(".toml")
     )
 

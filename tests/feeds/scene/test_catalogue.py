@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from plotfeed.feeds.cli.show_sensors import reach_m
-from plotfeed.feeds.scene.presets.preset import SCENE_ONLY, Preset, names, preset
+from plotfeed.feeds.scene.presets.preset import SCENE_ONLY, Preset, names, preset, system_names
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, predicted
+from plotfeed.feeds.scene.presets.system import system
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.propagation import C_M_S
 
@@ -85,6 +86,35 @@ def test_the_systems_of_the_tables_are_there() -> None:
         | dict.fromkeys(MICROPHONES, "acoustic")
         | dict.fromkeys(CAMERAS, "camera")
     )
+
+
+TABLES = {
+    1: ["art-midrange-3d"],
+    2: ["indra-arms"],
+    3: ["spexer-2000-3d-mkii", "spexer-2000-3d-mkiii"],
+    4: ["echodyne"],
+    5: ["ranger-r8ss-3d"],
+    6: ["doruk"],
+    7: ["dedrone-rf-160", "dedrone-rf-360"],
+    8: ["dronetracker-audio"],
+    9: ["axis-q6215-le"],
+    10: ["triton-pt"],
+    11: ["indra-arms-optronic"],
+    12: ["spynel-c1000", "spynel-s2000", "spynel-x3500"],
+    13: ["radarzero", "rfone", "widealert", "droneopt"],
+}
+IN_ITS_TEXT = ["aeroscope-portable", "aeroscope-stationary", "dronesentry-x"]
+SYSTEMS = ["arms", "dronesentry", "dronetracker", "xpeller"]
+
+
+def test_every_system_of_the_papers_tables_is_a_preset() -> None:
+    of_tables = [name for found in TABLES.values() for name in found]
+    assert sorted([*of_tables, *IN_ITS_TEXT]) == names()
+    for number, found in TABLES.items():
+        assert all(str(number) in preset(name).source for name in found)
+    assert system_names() == SYSTEMS
+    brought = {m.preset for name in SYSTEMS for m in system(name).members.values()}
+    assert brought <= set(names())
 
 
 @each

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from plotfeed.feeds.cli.main import cli
-from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset
+from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset, system_names
 from plotfeed.feeds.scene.presets.rules import PresetRule, PresetTarget, derive
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
 from plotfeed.feeds.schema import text_of
@@ -188,8 +188,8 @@ def test_the_list_names_them_all_and_says_what_they_are() -> None:
 
 def test_the_list_as_json() -> None:
     found = strict_json(run("--json"))
-    assert [each["name"] for each in found] == names()
-    for each in found:
+    assert [each["name"] for each in found] == [*names(), *system_names()]
+    for each in found[: len(names())]:
         quoted_m = preset(each["name"]).target.range_m
         assert each["range_at_pd_80_percent_m"] == pytest.approx(quoted_m, rel=0.002)
         assert {"title", "maker", "type", "source", "target"} <= set(each)
