@@ -37,6 +37,14 @@ class BrowserClient:
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         self._octets = b""
         self._stream = b""
+        try:
+            self._connect(host, origin, filters)
+        except BaseException:
+            self._socket.close()
+            raise
+
+    def _connect(self, host: str, origin: str, filters: tuple[str, ...]) -> None:
+        port = self._socket.getpeername()[1]
         self._greet(f"{host}:{port}", origin)
         self._send(0x10, _text("MQTT") + bytes([4, 2]) + b"\0\x3c" + _text(f"page-{os.getpid()}"))
         assert self._packet() == (0x20, b"\0\0")
