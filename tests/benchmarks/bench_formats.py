@@ -97,7 +97,7 @@ def table() -> None:
             columns = (*zip(*runs, strict=True),)
             cells = [*map(spread, columns)]
             yardsticks = [yardstick_us() for _ in range(RUNS)]
-            cells.append(spread(ratios(yardsticks, columns[-1]), ".0f"))
+            cells.append(spread(ratios(yardsticks, columns[-1]), ".1f"))
             print(f"| {kind} | {report} | {count} | {' | '.join(cells)} |", flush=True)
 
 

@@ -140,7 +140,7 @@ def show_costs(scene: Scene) -> None:
         each = [spread(costs, ".1f") for costs in zip(*(costs for costs, _ in runs), strict=True)]
         sums = [sum(costs) for costs, _ in runs]
         each.append(spread((1e6 / us for us in sums), ",.0f"))
-        each.append(spread(ratios([yardstick for _, yardstick in runs], sums), ",.0f"))
+        each.append(spread(ratios([yardstick for _, yardstick in runs], sums), ".1f"))
         print(f"| {drones:,} | {rate_hz:g} Hz | {words} | {' | '.join(each)} |", flush=True)
 
 
