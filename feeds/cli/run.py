@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import signal
 import sys
 from collections import Counter
@@ -200,14 +201,21 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
     """Sessions as the page's viewers want them, at the page's usual port or any that is free."""
-    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError
+    from plotfeed.feeds.page.page_access import (
+        DEFAULT_PORT,
+        PageAddress,
+        PageError,
+        fixed_token,
+    )
     from plotfeed.feeds.page.run_with_page import run_with_page
 
     def another_clock(other: Scene) -> Clock:
         return _clock(other.scene.start_utc_ns, settings.speed)
 
+    token = fixed_token(os.environ)
+
     async def run_at(address: PageAddress) -> SessionCounters:
-        return await run_with_page(address, another_clock=another_clock, **session)
+        return await run_with_page(address, another_clock=another_clock, token=token, **session)
 
     if settings.page is not None:
         return await run_at(PageAddress.parse(settings.page))
@@ -238,13 +246,16 @@ async def _run(
     keep_freed()
     asyncio.get_running_loop().set_exception_handler(partial(_stray_error, stop))
     status: asyncio.Task[None] | None = None
+    counted = SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
-        nonlocal status
-        leave_alone_what_is_there()  # nothing is due yet
-        if not quiet:
+        nonlocal status, counted
+        counted = totals  # a page begins one session after the other
+        if status is None:
+            leave_alone_what_is_there()  # nothing is due yet
+        if status is None and not quiet:
             _introduce(scene, urls, note)
-            status = asyncio.create_task(show_status(lambda: _line(totals)), name="status")
+            status = asyncio.create_task(show_status(lambda: _line(counted)), name="status")
 
     with stopped_by_signals(stop.set) as signals, undisturbed(GARBAGE_OF_SESSION):
         totals = await run_session(stop=stop, on_ready=ready)

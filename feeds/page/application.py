@@ -92,7 +92,7 @@ class Guard:
         """Keep the token in a cookie, and out of the address."""
         answer = RedirectResponse("/", 303)
         answer.set_cookie(
-            self._access.cookie, token, max_age=COOKIE_S, httponly=True, samesite="strict"
+            self._access.cookie, token, max_age=COOKIE_S, httponly=True, samesite="lax"
         )
         return answer
 
@@ -214,8 +214,14 @@ class Application:
     async def _receive(self, websocket: WebSocket, viewer: Viewer) -> None:
         """Take what a viewer says, one thing after the other."""
         while True:
-            text = await websocket.receive_text()
-            answer = await self._answer(text, viewer)
+            message = await websocket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text is None:
+                answer: dict[str, object] = {"number": None, **refused("expected text, not octets")}
+            else:
+                answer = await self._answer(text, viewer)
             async with asyncio.timeout(STALLED_S):
                 await websocket.send_text(json.dumps(answer, default=str))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Mapping
@@ -16,6 +17,8 @@ from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORT = 8590
 TOKEN_OCTETS = 18
+TOKEN_VARIABLE = "PLOTFEED_PAGE_TOKEN"  # noqa: S105 - its name  # nosec B105
+FIXED_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,19 @@ class PageAddress:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
+
+
+def fixed_token(environment: Mapping[str, str]) -> str | None:
+    """The token that the environment fixes, so that a link outlasts a restart; None if none.
+
+    Raises `PlotfeedError`, without the token, where it is too short or would not fit in a link.
+    """
+    token = environment.get(TOKEN_VARIABLE)
+    if token is not None and not FIXED_TOKEN.fullmatch(token):
+        raise PlotfeedError(
+            f"{TOKEN_VARIABLE}: expected 16 to 128 letters, digits, - and _, not what it holds"
+        )
+    return token
 
 
 class PageAccess:

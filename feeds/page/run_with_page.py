@@ -164,23 +164,24 @@ async def run_with_page(
     stop: asyncio.Event,
     observers: Sequence[Observer],
     on_ready: Callable[[dict[str, str], SessionCounters], None],
+    token: str | None = None,
 ) -> SessionCounters:
     """Sessions and replays, as the page's viewers want it; the totals of the last session.
 
+    `on_ready` is told of each session. Without a token, one is drawn where the page needs one.
     Raises `PlotfeedError`. The brokers and the page outlast a session.
     """
     view = View()
     switch = SessionSwitch(scene, view, Path.cwd())
     observer = PageObserver(view, switch)
-    server = PageServer(address, view, observer, lambda: _shown_utc_ns(switch, observer))
+    server = PageServer(
+        address, view, observer, lambda: _shown_utc_ns(switch, observer), token=token
+    )
     stopping = asyncio.create_task(_pass_on(stop, switch.ending), name="page-stop")
-    told, totals = False, SessionCounters()
+    totals = SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
-        nonlocal told
-        if not told:
-            on_ready({**urls, "page": server.url}, totals)
-        told = True
+        on_ready({**urls, "page": server.url}, totals)
 
     try:
         async with (

@@ -55,6 +55,8 @@ class LinkRecord:
 
     def __init__(self) -> None:
         self._asked_ms: Floats = np.zeros(0)
+        self.usual_delay_ns = 0
+        """The median of what the link asks for: a message that it loses would have come by then."""
         self.begin()
 
     def begin(
@@ -78,6 +80,7 @@ class LinkRecord:
             self._asked_ms = (
                 np.quantile(sample, np.linspace(0, 1, QUANTILES)) if len(sample) else np.zeros(0)
             )
+            self.usual_delay_ns = round(1e6 * np.median(sample)) if len(sample) else 0
         self._latency_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._messages = self._lost = self._bursts = self._duplicates = 0
         self._lost_numbers: deque[int] = deque()

@@ -242,6 +242,7 @@ class Viewer:
         self.watched: tuple[str, ...] = ()
         self._snapshot = snapshot
         self._needs_all = True
+        self._missed = 0
         self._queue = BoundedQueue[bytes](MAX_QUEUED, limit_octets=MAX_QUEUED_OCTETS, octets_of=len)
         self._filled = asyncio.Event()
         self._filled.set()
@@ -249,8 +250,10 @@ class Viewer:
     def offer(self, update: Update) -> None:
         """The next update, for when there is time to send it."""
         if self._needs_all:
+            self._missed += self._missed > 0
             return
         if not self._queue.put(self._octets_of(update)):
+            self._missed += len(self._queue) + 1
             self.start_again()
         self._filled.set()
 
@@ -276,6 +279,9 @@ class Viewer:
         if self._needs_all:
             self._needs_all = False
             octets = self._octets_of(self._snapshot())
+            if self._missed:
+                octets += news(json.dumps({"missed_updates": self._missed}).encode())
+                self._missed = 0
         else:
             octets = self._queue.take()
         if not self._queue and not self._needs_all:

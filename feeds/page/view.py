@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from heapq import heappop, heappush
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +57,17 @@ class Reported(Protocol):
     @property
     def plots(self) -> Plots:
         """Plots in the order of time."""
+
+
+class Loss(NamedTuple):
+    """A message that was lost; it counts when it would have come, beside those that did."""
+
+    told_utc_ns: int
+    sensor: int
+    number: int
+    due_utc_ns: int
+    by_chain: bool
+    """The link's model of loss took it, not an outage or a queue."""
 
 
 class View:
@@ -117,9 +129,14 @@ class View:
         link, first_utc_ns = self._links[number], None
         for message in sent:
             if not message.delivered:
-                self._rates.lost()
-                by_chain = message.fate == pb.LOST
-                link.lost(message.number, message.due_utc_ns, by_chain=by_chain)
+                loss = Loss(
+                    message.due_utc_ns + link.usual_delay_ns,
+                    number,
+                    message.number,
+                    message.due_utc_ns,
+                    message.fate == pb.LOST,
+                )
+                heappush(self._losses, loss)
                 continue
             at_utc_ns = message.sent_utc_ns
             self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
@@ -204,6 +221,7 @@ class View:
     def update(self, now_utc_ns: int, monotonic_s: float) -> Update:
         """What has changed since the last one."""
         self._number += 1
+        self._count_losses(now_utc_ns)
         seconds = self._rates.over(monotonic_s)
         if seconds:
             self._tell("totals", self._totals)
@@ -244,12 +262,20 @@ class View:
         self._plots = PlotStore(placements)
         self._rates = Rates(len(sensors))
         self._links = [LinkRecord() for _ in sensors]
+        self._losses: list[Loss] = []
         self._merges = [False] * len(sensors)
         self._looks = [new_looks(range_m) for range_m in placements.range_max_m.tolist()]
         self._drones = Drones(placements.site)
         self._tracks = ShownTracks(placements.site)
         self._totals = {}
         self._is_new = True
+
+    def _count_losses(self, now_utc_ns: int) -> None:
+        """Those that would have been heard of by now, had they been deliveries."""
+        while self._losses and self._losses[0].told_utc_ns <= now_utc_ns:
+            loss = heappop(self._losses)
+            self._rates.lost()
+            self._links[loss.sensor].lost(loss.number, loss.due_utc_ns, by_chain=loss.by_chain)
 
     def _tell(self, key: str, value: Any) -> None:
         self._news[key] = value

@@ -82,6 +82,24 @@ export class Chart {
     context.setLineDash([]);
   }
 
+  /** Marks above the top where points are further up, the highest with its value. */
+  cutOff(points, colour, words) {
+    const { context } = this, above = points.filter(([, y]) => y > this.#top), y = this.y(this.#top);
+    context.fillStyle = colour;
+    for (const [x] of above) {
+      context.beginPath();
+      for (const [dx, dy] of [[0, -1], [3, 4], [-3, 4]]) context.lineTo(this.x(x) + dx, y + dy);
+      context.fill();
+    }
+    if (!above.length) return;
+    const [x, most] = above.reduce((a, b) => (b[1] > a[1] ? b : a)), left = this.x(x) > this.width / 2;
+    context.font = colours.font;
+    context.textAlign = left ? "right" : "left";
+    context.textBaseline = "middle";
+    context.fillText(words(most), this.x(x) + (left ? -6 : 6), y + 6);
+    context.textBaseline = "alphabetic";
+  }
+
   /** Between two curves, each as points of equal x. */
   band(lower, upper, colour) {
     const { context } = this;

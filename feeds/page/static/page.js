@@ -21,6 +21,8 @@ const sensors = new Sensors(picture, display.hidden, { ask, onChoose: look, onHi
 const session = new Session(picture, ask);
 const strips = new Strips();
 let generation = null;
+const UPDATES_PER_S = 10;
+const BEHIND_MS = 5000;
 
 function takeFrame(buffer) {
   const frame = reader.read(buffer), plot = display.selected?.kind === "plot" ? picture.plots.told(display.selected.at) : null;
@@ -34,6 +36,7 @@ function takeFrame(buffer) {
     display.glowMs = 1000 * Number(byId("glow").value);
     display.newScene();
   }
+  if (changed.has("missed_updates")) showBehind(picture.news.missed_updates);
   if (all || changed.has("session") || changed.has("scene")) session.show();
   if (all || changed.has("settings") || changed.has("session")) sensors.showSettings();
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
@@ -49,8 +52,16 @@ function look() {
   feed.look({ truth: display.truth, watch: sensors.chosen ? [sensors.chosen] : [] });
 }
 
-function showConnection(state, words) {
-  const box = byId("connection");
+let behind = "", behindUntil = 0;
+
+/** Said for some seconds: this browser took updates too slowly, and some were left out. */
+function showBehind(missed) {
+  behind = `Connected; ${(missed / UPDATES_PER_S).toFixed(1)} s of updates were too fast for here`;
+  behindUntil = performance.now() + BEHIND_MS;
+}
+
+function showConnection(state, told) {
+  const box = byId("connection"), words = state === "open" && performance.now() < behindUntil ? behind : told;
   if (box.dataset.state === state && box.textContent === words) return;
   box.dataset.state = state;
   box.textContent = words;

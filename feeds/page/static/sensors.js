@@ -6,6 +6,7 @@ import { askedLoss } from "./strips.js";
 const byId = (id) => document.getElementById(id);
 const DEGRADED_PFA = 10; // times
 const DEGRADED_LOSS_DB = 6;
+const EXAMPLES = { pfa: "1e-6", latency: "250", jitter: "20", loss: "5", burst: "3" };
 const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPrecision(digits)));
 
 export class Sensors {
@@ -19,7 +20,11 @@ export class Sensors {
   constructor(picture, hidden, { ask, onChoose, onHide }) {
     Object.assign(this, { picture, hidden, ask, onChoose, onHide });
     const form = byId("sensor-form");
-    form.addEventListener("input", (event) => { if (event.target.type !== "radio") this.#dirty.add(event.target.id); });
+    form.addEventListener("input", (event) => {
+      if (event.target.type === "radio") return;
+      this.#dirty.add(event.target.id);
+      this.#say("");
+    });
     form.addEventListener("focusin", (event) => { this.#entered = event.target.id; });
     form.addEventListener("focusout", () => { this.#entered = null; this.showSettings(); });
     form.addEventListener("change", (event) => { if (event.target.name === "state") this.#setState(event.target.value); });
@@ -124,6 +129,13 @@ export class Sensors {
   #apply() {
     const set = {}, link = {}, dirty = this.#dirty;
     const number = (id) => (byId(id).value.trim() === "" ? null : Number(byId(id).value));
+    const garbled = [...dirty].find((id) => byId(id).validity.badInput || Number.isNaN(number(id)));
+    if (garbled) {
+      const field = byId(garbled), word = document.querySelector(`label[for=${garbled}]`).textContent;
+      this.#say(`${word}: a number such as ${EXAMPLES[garbled]} is expected${field.value ? `, not ${JSON.stringify(field.value)}` : ""}.`, true);
+      field.focus();
+      return;
+    }
     if (dirty.has("pfa")) set.pfa = number("pfa");
     if (dirty.has("latency")) link.latency_ms = number("latency");
     if (dirty.has("jitter")) link.jitter_ms = number("jitter");
@@ -139,6 +151,7 @@ export class Sensors {
 
   async #send(command, filled = new Map()) {
     this.#asking++;
+    this.#say("Asking…");
     const answer = await this.ask(command);
     this.#asking--;
     if (answer.in_force) this.picture.news.settings = { ...this.picture.news.settings, [command.sensor]: answer.in_force };

@@ -7,6 +7,7 @@ const TOTALS = [
   ["flooded", "Flooded"], ["late", "Late"], ["conflated", "Conflated"], ["intake_behind_s", "Behind, s"],
 ];
 const SKIP_S = 10;
+const SURE_MS = 10_000;
 const whole = new Intl.NumberFormat("en");
 const clockText = (seconds) => `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(1).padStart(4, "0")}`;
 
@@ -19,10 +20,10 @@ export class Session {
     this.ask = ask;
     this.#hear("pause", () => ({ clock: { paused: !this.#state.clock?.paused } }));
     this.#hear("step", () => ({ clock: { step_s: 1 } }));
-    this.#hear("restart", () => ({ session: { restart: true } }));
+    this.#hearEnd("restart", () => ({ session: { restart: true } }));
     this.#hear("record", () => ({ record: this.#state.record?.on ? { stop: true } : { start: true } }));
-    this.#hear("load-scene", () => ({ session: { scene: byId("scene").value } }));
-    this.#hear("load-recording", () => ({ replay: { load: byId("recording").value } }));
+    this.#hearEnd("load-scene", () => ({ session: { scene: byId("scene").value } }));
+    this.#hearEnd("load-recording", () => ({ replay: { load: byId("recording").value } }));
     this.#hear("replay-pause", () => ({ replay: { paused: !this.#state.replay?.paused } }));
     this.#hear("replay-back", () => ({ replay: { skip_s: -SKIP_S } }));
     this.#hear("replay-ahead", () => ({ replay: { skip_s: SKIP_S } }));
@@ -44,6 +45,21 @@ export class Session {
 
   #hear(id, command) {
     byId(id).addEventListener("click", () => this.#send(command()));
+  }
+
+  /** What ends the session, and with it a recording that runs: said first, and done when it is pressed again. */
+  #hearEnd(id, command) {
+    let saidAt = -Infinity;
+    byId(id).addEventListener("click", () => {
+      if (this.#state.record?.on && performance.now() - saidAt > SURE_MS) {
+        saidAt = performance.now();
+        byId("session-answer").textContent = `This ends the recording to ${this.#state.record.file}: press ${byId(id).textContent} again.`;
+        byId("session-answer").removeAttribute("data-failed");
+        return;
+      }
+      saidAt = -Infinity;
+      this.#send(command());
+    });
   }
 
   /** Moved along a recording: asked for at most ten times a second, and at the end. */

@@ -7,9 +7,21 @@ import { nice } from "./ground.js";
 const OFF = "; NOT as asked";
 const HISTORY_S = 120;
 const LEAST_LOOKS = 3; // in a bin of range
+const FAR_OUT = 3; // times what 95 % of the seconds stay below
+const LEAST_SECONDS = 10;
 const say = (id, words) => { document.getElementById(id).textContent = words; };
 const sum = (numbers) => numbers.reduce((a, b) => a + b, 0);
 const short = (value) => (Math.abs(value) >= 1000 ? `${+(value / 1000).toPrecision(3)}k` : `${+value.toPrecision(3)}`);
+
+/** Decimals of a mean whose spread is that: two digits of the spread, three decimals at most. */
+const digitsBeside = (sigma) => (sigma > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(sigma)), 0), 3) : 1);
+
+/** The top of an axis: seconds that stand far out of the others are cut off there, and marked. */
+function topOf(values) {
+  const sorted = values.filter(Number.isFinite).sort((a, b) => a - b), usual = sorted[Math.floor(0.95 * (sorted.length - 1))] ?? 0;
+  const most = sorted.at(-1) ?? 0;
+  return most > FAR_OUT * usual && sorted.length >= LEAST_SECONDS ? FAR_OUT * usual : most;
+}
 
 export class Strips {
   #plots = new Chart("plots-strip");
@@ -53,8 +65,8 @@ export class Strips {
     const steps = asked.flatMap((share, i) => [[low + i * width, share], [low + (i + 1) * width, share]]);
     this.#latency.line(steps, colours.ink);
     if (!delivered.length) this.#latency.say("no message yet");
-    const asks = link?.asked_mean_ms == null ? "" : `asked ${short(link.asked_mean_ms)}, `;
-    say("latency-text", link?.mean_ms == null ? "–" : `${asks}is ${short(link.mean_ms)} ± ${short(link.sigma_ms)}`);
+    const digits = digitsBeside(link?.sigma_ms ?? 1), asks = link?.asked_mean_ms == null ? "" : `asked ${link.asked_mean_ms.toFixed(digits)}, `;
+    say("latency-text", link?.mean_ms == null ? "–" : `${asks}is ${link.mean_ms.toFixed(digits)} ± ${link.sigma_ms.toFixed(digits)} ms`);
   }
 
   #drawLoss(seconds, link, settings) {
@@ -64,7 +76,7 @@ export class Strips {
     if (asked.share) this.#loss.line([[-HISTORY_S, 100 * asked.share], [0, 100 * asked.share]], colours.ink, { dashed: true, width: 1 });
     this.#loss.line(points(share), colours.bad);
     if (!link?.messages) { say("loss-text", "–"); return; }
-    const asks = asked.share == null ? "" : `asked ${short(100 * asked.share)}, `;
+    const asks = asked.share == null ? "" : `asked ${short(100 * asked.share)}%, `;
     const burst = link.mean_burst ? `; burst ${asked.burst ? `${short(asked.burst)}, ` : ""}${link.mean_burst.toFixed(1)}` : "";
     say("loss-text", `${asks}is ${((100 * link.lost) / link.messages).toFixed(1)}%${burst}${link.loss_off ? OFF : ""}`);
   }
@@ -84,8 +96,9 @@ export class Strips {
   }
 
   #drawLateness(seconds) {
-    const points = this.#history(this.#late, seconds, [], nice(Math.max(...seconds.map((s) => s.late_p99_us / 1000), 0.1) * 1.05));
+    const points = this.#history(this.#late, seconds, [], nice(Math.max(topOf(seconds.map((s) => s.late_p99_us / 1000)), 0.1) * 1.05));
     this.#late.line(points((s) => s.late_p99_us / 1000), colours.warn);
+    this.#late.cutOff(points((s) => s.late_p99_us / 1000), colours.warn, (ms) => `${short(ms)} ms`);
     this.#late.line(points((s) => s.late_p50_us / 1000), colours.good);
     const last = seconds.at(-1);
     say("late-text", last ? `p50 ${(last.late_p50_us / 1000).toFixed(2)}, p99 ${(last.late_p99_us / 1000).toFixed(2)} ms` : "–");

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from support.chromium import until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
@@ -178,6 +179,37 @@ def test_what_is_refused_says_why(page: Page) -> None:
     page.get_by_role("button", name="Apply").click()
     page.locator("#answer[data-failed]").get_by_text("pfa").wait_for()
     assert page.get_by_label("Pfa", exact=True).input_value() == "2"  # to be mended
+
+
+@pytest.mark.parametrize(("field", "text"), [("Pfa", "1e-x"), ("Pfa", "many"), ("Latency", "1e")])
+def test_garbage_in_a_field_changes_nothing_and_says_what_was_expected(
+    page: Page, stage: MadeUpSession, field: str, text: str
+) -> None:
+    page.get_by_label("Pfa", exact=True).fill("1e-5")
+    page.get_by_role("button", name="Apply").click()
+    page.locator("#answer").get_by_text("In force.").wait_for()
+    stage.commands.clear()
+    page.get_by_label(field, exact=True).press_sequentially("")
+    page.get_by_label(field, exact=True).select_text()
+    page.keyboard.type(text)
+    page.get_by_role("button", name="Apply").click()
+    page.locator("#answer").get_by_text(f"{field}: a number such as").wait_for()
+    assert page.locator("#answer").get_attribute("data-failed") is not None
+    assert page.locator("#pfa-now").text_content() == "1e-5"
+    assert not stage.commands
+
+
+def test_a_restart_during_a_recording_says_first_that_it_ends(
+    page: Page, stage: MadeUpSession
+) -> None:
+    page.get_by_role("button", name="Record", exact=True).click()
+    page.get_by_role("button", name="Stop 0").wait_for()
+    stage.commands.clear()
+    page.get_by_role("button", name="Restart").click()
+    page.get_by_text("This ends the recording to").wait_for()
+    assert not stage.commands
+    page.get_by_role("button", name="Restart").click()
+    wait_for_command(page, stage, {"session": {"restart": True}})
 
 
 def test_the_page_says_what_a_clock_does_not_allow(page: Page, served: Served) -> None:

@@ -4,7 +4,13 @@ import socket
 
 import pytest
 
-from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAccess, PageAddress
+from plotfeed.feeds.page.page_access import (
+    DEFAULT_PORT,
+    TOKEN_VARIABLE,
+    PageAccess,
+    PageAddress,
+    fixed_token,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 LOCAL = PageAddress("127.0.0.1", 8000)
@@ -91,3 +97,12 @@ def test_only_the_page_itself_is_of_our_origin() -> None:
         assert not access.origin_is_ours(host | {"origin": origin})
     assert not access.origin_is_ours(host)
     assert not access.origin_is_ours({"origin": "http://localhost:8000"})
+
+
+def test_a_token_of_the_environment_is_taken_and_a_poor_one_refused_without_showing_it() -> None:
+    assert fixed_token({}) is None
+    assert fixed_token({TOKEN_VARIABLE: "field-day_2026-11"}) == "field-day_2026-11"
+    for poor in ("", "short", "sixteen&letters!", "x" * 129):
+        with pytest.raises(PlotfeedError, match="expected 16 to 128 letters") as error:
+            fixed_token({TOKEN_VARIABLE: poor})
+        assert not poor or poor not in str(error.value)

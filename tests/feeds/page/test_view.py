@@ -244,6 +244,10 @@ def test_links_are_judged_since_their_settings_changed() -> None:
     view.settled(report(plots(1)), [sent(number=i) for i in range(5)])
     view.settled(report(plots(1)), [lost(number=n) for n in (7, 6, 9)])
     view.settled(report(plots(1)), [sent(number=0, copy=1)])
+    later_ns = SECTOR.end_ns + 250_000_000
+    view.update(later_ns - 1, 0.0)
+    assert details(view, "radar")["link"]["messages"] == 5  # what is lost has not been missed yet
+    view.update(later_ns, 0.0)
     link = details(view, "radar")["link"]
     assert (link["messages"], link["lost"], link["duplicates"]) == (8, 3, 1)
     assert link["mean_burst"] == 1.5
@@ -257,8 +261,8 @@ def test_links_are_judged_since_their_settings_changed() -> None:
 def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None:
     view = view_of_radar()
     view.settled(report(plots(3)), [sent(link_due_utc_ns=SECTOR.end_ns + 249_900_000), lost()])
-    assert "seconds" not in read_frame(view.update(road.START_NS, 0.5).public).news
-    (second,) = read_frame(view.update(road.START_NS, 1.0).public).news["seconds"]
+    assert "seconds" not in read_frame(view.update(SECTOR.end_ns, 0.5).public).news
+    (second,) = read_frame(view.update(SECTOR.end_ns, 1.0).public).news["seconds"]
     assert second == {
         "plots": [3],
         "messages": 1,
@@ -266,7 +270,7 @@ def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None
         "late_p50_us": 100.0,
         "late_p99_us": 100.0,
     }
-    assert "seconds" not in read_frame(view.update(road.START_NS, 1.9).public).news
+    assert "seconds" not in read_frame(view.update(SECTOR.end_ns, 1.9).public).news
 
 
 def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
@@ -316,3 +320,27 @@ def test_the_site_may_be_anywhere() -> None:
         view.settled(report(plots(4)), [sent()])
         frame = read_frame(view.update(road.START_NS, 0.0).public)
         assert np.isfinite(frame.column(SectionKind.PLOTS, "east_m")).all()
+
+
+def test_after_a_change_of_latency_losses_count_beside_the_deliveries_of_their_time() -> None:
+    """One message in four is lost, a tenth of a second apart; from the 20th on they take 2 s."""
+    view, shares, tenth_ns = view_of_radar(), [], NS // 10
+    dues_ns = [SECTOR.end_ns + i * tenth_ns for i in range(60)]
+    told: dict[int, list[pb.Sent]] = {}
+    for i, due_ns in enumerate(dues_ns):
+        number, later = {"number": i, "due_utc_ns": due_ns}, 0 if i < 20 else 20
+        if i % 4 == 0:
+            told.setdefault(i, []).append(lost(**number))  # known at once
+        else:
+            told.setdefault(i + later, []).append(
+                sent(**number, sent_utc_ns=due_ns + later * tenth_ns)
+            )
+    for i in range(80):
+        if i == 20:
+            view.settings("radar", {}, asked_latency_ms=[2000.0], since_utc_ns=dues_ns[20])
+        view.settled(report(plots(1)), told.get(i, []))
+        news = read_frame(view.update(SECTOR.end_ns + i * tenth_ns, (i + 1) / 10).public).news
+        counts = [(s["lost"], s["messages"]) for s in news.get("seconds", [])]
+        shares += [lost_ / (lost_ + came) for lost_, came in counts if lost_ + came]
+    assert len(shares) >= 5
+    assert max(shares) <= 0.4
