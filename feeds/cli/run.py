@@ -201,12 +201,7 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
     """Sessions as the page's viewers want them, at the page's usual port or any that is free."""
-    from plotfeed.feeds.page.page_access import (
-        DEFAULT_PORT,
-        PageAddress,
-        PageError,
-        fixed_token,
-    )
+    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_token
     from plotfeed.feeds.page.run_with_page import run_with_page
 
     def another_clock(other: Scene) -> Clock:
