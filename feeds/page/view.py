@@ -271,7 +271,7 @@ class View:
         self._is_new = True
 
     def _count_losses(self, now_utc_ns: int) -> None:
-        """Those that would have been heard of by now, had they been deliveries."""
+        """Count the losses that would have been heard of by now, had they been deliveries."""
         while self._losses and self._losses[0].told_utc_ns <= now_utc_ns:
             loss = heappop(self._losses)
             self._rates.lost()
