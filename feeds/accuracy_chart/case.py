@@ -22,7 +22,8 @@ from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
+from plotfeed.models.sensors.rf import RfDirectionFinder
+from plotfeed.models.sensors.rf_receiver import emissions_of
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats, Ints, Signatures
 

@@ -17,7 +17,8 @@ from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.acoustic import REFERENCE_DISTANCE_M, MicrophoneArray
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
+from plotfeed.models.sensors.rf import RfDirectionFinder
+from plotfeed.models.sensors.rf_receiver import emissions_of
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats
 

@@ -28,6 +28,8 @@ from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncode
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
+NO_CLASS = 0
+"""In I015/300, of what the sensor does not name."""
 OBSERVATIONS_A_SCAN = 4096
 """Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
 GEOMETRIES = {
@@ -77,13 +79,13 @@ class Asterix015(AsterixFormat):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        geometries = list(dict.fromkeys(sensor.geometry for sensor in sensors.values()))
-        self._geometry = np.zeros(len(numbers_of(sensors)), np.int64)
+        manners = list(dict.fromkeys(map(_manner, sensors.values())))
+        self._manner = np.zeros(len(numbers_of(sensors)), np.int64)
         for i, sensor in sensors.items():
-            self._geometry[i] = geometries.index(sensor.geometry)
+            self._manner[i] = manners.index(_manner(sensor))
         self._plots = [
-            _plots_of(scene, {i: s for i, s in sensors.items() if s.geometry is geometry})
-            for geometry in geometries
+            _plots_of(scene, {i: s for i, s in sensors.items() if _manner(s) == manner})
+            for manner in manners
         ]
         self._status = Status025(scene, sensors)
         self._systems = _systems(scene, sensors)
@@ -91,7 +93,7 @@ class Asterix015(AsterixFormat):
     def blocks(self, seen: Seen) -> list[Blocks]:
         """Blocks of category 015, then those of 016 and 025 where they are due."""
         sectors = seen.sectors
-        found = seen.in_groups(self._geometry[sectors.sensor], self._of_plots)
+        found = seen.in_groups(self._manner[sectors.sensor], self._of_plots)
         due = periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0
         for of, encoder in self._systems if due.any() else ():
             numbers = of[sectors.sensor]
@@ -102,22 +104,29 @@ class Asterix015(AsterixFormat):
         self._status.add_to(found, sectors)
         return found
 
-    def _of_plots(self, geometry: int, seen: Seen) -> list[Blocks]:
-        """Blocks of category 015 of sensors of one geometry."""
-        numbers, encoder = self._plots[geometry]
+    def _of_plots(self, manner: int, seen: Seen) -> list[Blocks]:
+        """Blocks of category 015 of sensors of one geometry that call classes alike."""
+        numbers, encoder = self._plots[manner]
         parts = seen.parts(numbers[seen.sectors.sensor])
         first = seen.sectors.scan * OBSERVATIONS_A_SCAN
         every = encoder.blocks_by(seen.plots, parts, first)
         return [[(15, block) for block in blocks] for blocks in every]
 
 
+def _manner(sensor: Sensor) -> tuple[SensorGeometry, tuple[tuple[str, int], ...]]:
+    """What sensors have in common whose plots are encoded together."""
+    return sensor.geometry, tuple(sensor.class_codes.items())
+
+
 def _plots_of(scene: Scene, sensors: Sensors) -> tuple[Ints, PlotEncoder015]:
-    """The numbers of sensors of one geometry, by their index, and the encoder of their plots."""
+    """The numbers of sensors of one manner, by their index, and the encoder of their plots."""
     every = list(sensors.values())
+    codes = every[0].class_codes
     return numbers_of(sensors), PlotEncoder015(
         [sensor.sac for sensor in every],
         [sensor.sic for sensor in every],
         geometry=GEOMETRIES[every[0].geometry],
+        classes={"": NO_CLASS, **codes} if codes else None,
         scanning=[Scanning.FORWARD if s.scan.rotates else Scanning.STATIC for s in every],
         max_octets=[max_block_octets(scene, sensor) for sensor in every],
     )

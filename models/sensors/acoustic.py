@@ -23,6 +23,7 @@ from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Predictio
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion
     from plotfeed.models.effects.microphone_layout import MicrophoneLayout
 
 MAX_ELEVATION_DEG = 90.0
@@ -55,8 +56,9 @@ class MicrophoneArray(CellSensor):
     elevation_floor_deg: float
     kind: str
     layout: MicrophoneLayout | None = None
+    classifier: Confusion | None = None
 
-    alike: ClassVar[frozenset[str]] = frozenset({"layout", "surroundings"})
+    alike: ClassVar[frozenset[str]] = frozenset({"layout", "classifier", "surroundings"})
 
     @property
     def errs_as_stated(self) -> bool:
@@ -206,11 +208,16 @@ class MicrophoneArray(CellSensor):
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             azimuth_deg + errors[0], elevation_deg + np.nan_to_num(errors[1])
         )
+        claims: dict[str, NDArray[Any]] = {}
+        if self.classifier is not None:
+            true_class = targets.signatures.target_class_of(hits.drone)
+            claims = self.classifier.columns(true_class, rng)
         return self._plots(
             hits.snr,
             t_utc_ns=hits.t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
+            **claims,
             **hits.whose(),
             **targets.true_geometry(hits, rows),
         )
@@ -223,11 +230,16 @@ class MicrophoneArray(CellSensor):
         """
         n = len(azimuth_deg)
         snr_db = self.sensitivity_db + rng.standard_exponential(n) / self.slope_per_db
+        elevation_deg = rng.uniform(0.0, MAX_ELEVATION_DEG, n)
+        claims: dict[str, NDArray[Any]] = {}
+        if self.classifier is not None:
+            claims = self.classifier.columns_of_nothing(n, rng)
         return self._plots(
             10 ** (snr_db / 10),
             t_utc_ns=t_utc_ns,
             azimuth_deg=azimuth_deg,
-            elevation_deg=rng.uniform(0.0, MAX_ELEVATION_DEG, n),
+            elevation_deg=elevation_deg,
+            **claims,
         )
 
     def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:
@@ -241,6 +253,5 @@ class MicrophoneArray(CellSensor):
             snr=snr,
             sigma_azimuth_deg=sigma_azimuth_deg,
             sigma_elevation_deg=sigma_elevation_deg,
-            kind=np.full(len(snr), self.kind, np.object_),
-            **columns,
+            **{"kind": np.full(len(snr), self.kind, np.object_)} | columns,
         )

@@ -8,6 +8,7 @@ there are crossings where there is none.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -117,14 +118,20 @@ class AcousticPair(JointSensor):
             true_position_enu_m=place_m,
         )
 
+    @cached_property
+    def _arrays(self) -> tuple[MicrophoneArray, MicrophoneArray]:
+        """Both, of which the first stands where the surroundings are known."""
+        return replace(self.array, surroundings=self.surroundings), self.array
+
     def observe_scan(
         self, targets: Targets, sector: Sector, rng: np.random.Generator
     ) -> tuple[Looks, Plots]:
         """Looks that count for both arrays, and where all of their bearings cross."""
         looks, bearings = [], []
-        for each in (targets, self.heard_by_second(targets)):
-            seen, plots = self.array.observe(each, rng)
-            alarms = self.array.draw_false_alarms(sector, rng)
+        heard = targets, self.heard_by_second(targets)
+        for array, each in zip(self._arrays, heard, strict=True):
+            seen, plots = array.observe(each, rng)
+            alarms = array.draw_false_alarms(sector, rng)
             looks.append(seen)
             bearings.append(_loudest(Plots.joined([plots, alarms])))
         _, of_first, of_second = np.intersect1d(
@@ -153,6 +160,9 @@ class AcousticPair(JointSensor):
             name: np.where(same, getattr(one, name), np.nan)
             for name in ("true_range_m", "true_azimuth_deg", "true_elevation_deg")
         }
+        for name in ("kind", "kind_probability"):
+            if one.measures(name):
+                columns[name] = getattr(one, name)
         plots = Plots.of(
             t_utc_ns=one.t_utc_ns,
             range_m=met.range_m,
@@ -163,7 +173,6 @@ class AcousticPair(JointSensor):
             covariance_east_m2=met.east_m2,
             covariance_north_m2=met.north_m2,
             covariance_east_north_m2=met.east_north_m2,
-            kind=one.kind,
             drone=np.where(same, one.drone, FALSE_ALARM),
             **columns,
         )
@@ -190,7 +199,8 @@ class AcousticPair(JointSensor):
     def predict(self, targets: Targets) -> Prediction:
         """Both hear it, by closed forms; errors to first order, of a drone that stays there."""
         other = self.heard_by_second(targets)
-        mine, theirs = self.array.predict(targets), self.array.predict(other)
+        first, second = self._arrays
+        mine, theirs = first.predict(targets), second.predict(other)
         met = crossing(
             enu_to_aer(targets.position_enu_m)[0],
             enu_to_aer(other.position_enu_m)[0],

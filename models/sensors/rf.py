@@ -7,143 +7,48 @@ interferometer. Every emitter of a drone is looked at, detected and reported by 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models import accuracy, detection
 from plotfeed.models.chance import of_rows
 from plotfeed.models.emitters import Emissions, EmitterTable
-from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.sensor_model import (
-    NO_PLOTS,
-    CellSensor,
-    Prediction,
-    RadioSensor,
-    Targets,
-)
-from plotfeed.models.sensors.stacking import sensor_property
+from plotfeed.models.sensors.rf_receiver import RfReceiver, emissions_of
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endless
 
-
-def emissions_of(targets: Targets) -> Emissions:
-    """What targets emit, a row an emitter, in the order of the targets."""
-    return EmitterTable.of(targets.signatures.emitters).emissions(targets.drone)
+if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion
 
 
 @dataclass(frozen=True, kw_only=True)
-class RfDirectionFinder(RadioSensor, CellSensor):
-    """What the equations need.
+class RfDirectionFinder(RfReceiver):
+    """A receiver that tells where emissions come from and what they are.
 
-    `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
-    `instantaneous_bandwidth_hz` how much of the band is received at once. A `path_loss_exponent`
-    of 2 is free space. `azimuth_beams` are cells for false alarms: the cover over a beam. An
-    emission whose kind is among `decodes` gives its identity. Without `multipath` there is no
-    ground.
+    One whose kind is among `decodes` gives its identity. Without `elevation_baseline_m` there is no
+    elevation, and without a classifier none that errs.
     """
 
-    frequency_min_hz: float
-    frequency_max_hz: float
-    instantaneous_bandwidth_hz: float
-    channel_bandwidth_hz: float
-    integration_s: float
-    gain_rx_dbi: float
-    loss_db: float
-    noise_figure_db: float
-    path_loss_exponent: float
-    path_loss_reference_m: float
-    duty_cycle: float
-    bursts_per_dwell: int
-    azimuth_beams: float
     measures_azimuth: bool
     baseline_m: float
     azimuth_floor_deg: float
     classifies: bool
     decodes: frozenset[str]
+    elevation_baseline_m: float | None = None
+    elevation_floor_deg: float = 0.0
+    classifier: Confusion | None = None
 
     alike: ClassVar[frozenset[str]] = frozenset(
-        {"pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"}
+        {
+            *("pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"),
+            "classifier",
+        }
     )
-
-    @cached_property
-    def samples(self) -> int:
-        """How many independent ones the detector sums: bandwidth times time."""
-        return max(round(self.channel_bandwidth_hz * self.integration_s), 1)
-
-    @sensor_property
-    def noise_dbm(self) -> float:
-        """Noise power in one channel: -174 dBm in one hertz, and the noise figure."""
-        density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
-        return float(10 * np.log10(density_w_hz * self.channel_bandwidth_hz) + 30)
-
-    @cached_property
-    def resolution_cells(self) -> float:
-        """Channels that are received at once, each in every beam."""
-        channels = cells_across(self.instantaneous_bandwidth_hz, self.channel_bandwidth_hz)
-        return channels * self.azimuth_beams
-
-    @nan_without_warnings
-    def width_in_band_hz(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
-        """How much of emissions lies in the sensor's band; negative for those beside it."""
-        low_hz = np.maximum(frequency_hz - bandwidth_hz / 2, self.frequency_min_hz)
-        high_hz = np.minimum(frequency_hz + bandwidth_hz / 2, self.frequency_max_hz)
-        return high_hz - low_hz
-
-    @nan_without_warnings
-    def share_in_band(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
-        """The share of emissions' power that lies in the sensor's band; a carrier's is 0 or 1."""
-        width_hz = self.width_in_band_hz(frequency_hz, bandwidth_hz)
-        carrier = np.where(width_hz >= 0, 1.0, 0.0)
-        return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
-
-    def received_share(self, emissions: Emissions) -> Floats:
-        """The share of each emission's power that lies in the band, as it may be known already."""
-        if emissions.share is not None:
-            return emissions.share
-        return self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz)
-
-    @nan_without_warnings
-    def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
-        """Probability that a burst or more falls into the dwell, where it is tuned: 1 - (1-p)^n.
-
-        p is the duty cycle times the share of the hops in the band that are received at once.
-        """
-        width_hz = np.maximum(self.width_in_band_hz(frequency_hz, bandwidth_hz), 0.0)
-        tuned = np.minimum(self.instantaneous_bandwidth_hz / width_hz, 1.0)
-        log_missed = self.bursts_per_dwell * np.log1p(-self.duty_cycle * tuned)
-        return np.asarray(-np.expm1(log_missed))
-
-    @nan_without_warnings
-    def mean_snr(self, emissions: Emissions, range_m: Floats) -> Floats:
-        """Signal-to-noise ratio of one sample, linear, of emissions at those ranges; (n,)."""
-        loss_db = self.loss_db + propagation.path_loss_db(
-            range_m,
-            C_M_S / emissions.frequency_hz,
-            self.path_loss_exponent,
-            self.path_loss_reference_m,
-        )
-        received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
-        return self.received_share(emissions) * 10 ** ((received_dbm - self.noise_dbm) / 10)
-
-    def received_snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
-        """Ratios of emissions over the ground, if it is modelled; ranges are the targets'."""
-        source = emissions.target
-        snr = self.mean_snr(emissions, range_m[source])
-        if not self.is_in_free_space:
-            wavelength_m = C_M_S / emissions.frequency_hz
-            snr *= self.way_factor(targets.true_position_enu_m[source], wavelength_m)
-        return snr
-
-    def pd(self, emissions: Emissions, snr: Floats) -> Floats:
-        """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
-        intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
-        crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
-        return np.where(self.received_share(emissions) > 0, intercepted * crossed, 0.0)
 
     @nan_without_warnings
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
@@ -151,9 +56,29 @@ class RfDirectionFinder(RadioSensor, CellSensor):
 
         Noise of the phase between two channels over the electrical length of the baseline.
         """
+        cosine = self._sigma_cosine(frequency_hz, snr, self.baseline_m)
+        return accuracy.with_floor(np.degrees(cosine), self.azimuth_floor_deg)
+
+    @nan_without_warnings
+    def sigma_elevation_deg(
+        self, frequency_hz: Floats, snr: Floats, elevation_deg: Floats
+    ) -> Floats:
+        """Standard deviation of an elevation by antennas above each other; NaN if there are none.
+
+        Its sine is what they measure, so that it errs more the higher it is, up to a radian.
+        """
+        if self.elevation_baseline_m is None:
+            return np.full(len(snr), np.nan)
+        sine = self._sigma_cosine(frequency_hz, snr, self.elevation_baseline_m)
+        level = np.cos(np.radians(elevation_deg))
+        return accuracy.with_floor(
+            np.degrees(sine / np.hypot(level, sine)), self.elevation_floor_deg
+        )
+
+    def _sigma_cosine(self, frequency_hz: Floats, snr: Floats, baseline_m: float) -> Floats:
+        """Noise of the phase between two antennas over the electrical length between them."""
         phase_rad = 1 / np.sqrt(accuracy.paired_snr(snr) * self.samples)
-        radians = C_M_S / frequency_hz * phase_rad / (2 * np.pi * self.baseline_m)
-        return accuracy.with_floor(np.degrees(radians), self.azimuth_floor_deg)
+        return np.asarray(C_M_S / frequency_hz * phase_rad / (2 * np.pi * baseline_m))
 
     def effective_snr(self, snr: Floats) -> Floats:
         """The ratio by which azimuths err as much as those of all detections do, rms; (n,)."""
@@ -192,7 +117,22 @@ class RfDirectionFinder(RadioSensor, CellSensor):
             return looks, NO_PLOTS
         hits, emitted, rng = looks.rows(detected), emissions.rows(detected), of_rows(rng, detected)
         plots = mine.rows(detected)._measure(hits, emitted, targets, rng)
-        return looks, plots.but(**self._read(table, emitted))
+        told = self._read(table, emitted)
+        if self.classifier is not None:
+            told |= self._claimed(self.classifier, table.kinds(emitted), told["kind"], rng)
+        return looks, plots.but(**told)
+
+    @staticmethod
+    def _claimed(
+        classifier: Confusion, kinds: Texts, read: Texts, rng: np.random.Generator
+    ) -> dict[str, NDArray[Any]]:
+        """What the classifier says of emissions of those kinds, unless they were read."""
+        kind, probability = classifier.claimed(kinds, rng)
+        was_read = read != ""
+        return {
+            "kind": np.where(was_read, read, kind),
+            "kind_probability": np.where(was_read, 1.0, probability),
+        }
 
     def _read(self, table: EmitterTable, emissions: Emissions) -> dict[str, Texts]:
         """What plots of those emissions say of them beside their measurements."""
@@ -211,7 +151,12 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         if not self.measures_azimuth:
             return {}
         middle_hz = np.array([(self.frequency_min_hz + self.frequency_max_hz) / 2])
-        return {"sigma_azimuth_deg": float(self.sigma_azimuth_deg(middle_hz, np.array([snr]))[0])}
+        at = middle_hz, np.array([snr])
+        stated = {"sigma_azimuth_deg": float(self.sigma_azimuth_deg(*at)[0])}
+        if self.elevation_baseline_m is not None:
+            level = self.sigma_elevation_deg(*at, np.zeros(1))
+            stated["sigma_elevation_deg"] = float(level[0])
+        return stated
 
     def predict(self, targets: Targets) -> Prediction:
         """Pd of a report by any emitter, SNR of the strongest, rms azimuth error over all reports.
@@ -220,28 +165,36 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         """
         emissions = emissions_of(targets)
         source = emissions.target
-        snr = self.received_snr(emissions, targets, enu_to_aer(targets.position_enu_m)[2])
+        _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        snr = self.received_snr(emissions, targets, range_m)
         pd = np.nan_to_num(self.pd(emissions, snr)) * self.pd_factor
         miss = np.ones(len(targets))
         np.multiply.at(miss, source, 1 - pd)
         strongest = np.full(len(targets), np.nan)
         np.fmax.at(strongest, source, snr)
+        sigmas = [np.full(len(pd), np.nan)] * 2
+        if self.measures_azimuth:
+            of_hits = emissions.frequency_hz, self.effective_snr(snr)
+            sigmas = [
+                self.sigma_azimuth_deg(*of_hits),
+                self.sigma_elevation_deg(*of_hits, elevation_deg[source]),
+            ]
+        azimuth_deg, elevation_deg = (
+            self._rms_deg(emissions, sigma, pd, len(targets)) for sigma in sigmas
+        )
         return Prediction(
             snr=strongest,
             pd=1 - miss,
             sigma_range_m=np.full(len(targets), np.nan),
-            sigma_azimuth_deg=self._rms_azimuth_deg(emissions, snr, pd, len(targets)),
-            sigma_elevation_deg=np.full(len(targets), np.nan),
+            sigma_azimuth_deg=azimuth_deg,
+            sigma_elevation_deg=elevation_deg,
         )
 
     @nan_without_warnings
-    def _rms_azimuth_deg(
-        self, emissions: Emissions, snr: Floats, pd: Floats, n_targets: int
+    def _rms_deg(
+        self, emissions: Emissions, sigma_deg: Floats, pd: Floats, n_targets: int
     ) -> Floats:
         """Rms over the reports of each target, by the emitters' shares of them; (n_targets,)."""
-        if not self.measures_azimuth:
-            return np.full(n_targets, np.nan)
-        sigma_deg = self.sigma_azimuth_deg(emissions.frequency_hz, self.effective_snr(snr))
         reported = pd > 0
         rows, weights = emissions.target[reported], pd[reported]
         squares_deg2 = np.bincount(rows, weights * sigma_deg[reported] ** 2, n_targets)
@@ -257,10 +210,19 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         if self.degradation is not None:
             errors *= self.degradation.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
+        azimuth_deg = azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr)
+        elevation_deg = hits.elevation_deg
+        if self.elevation_baseline_m is not None:
+            sigma_deg = self.sigma_elevation_deg(emissions.frequency_hz, snr, elevation_deg)
+            lifted_deg = sigma_deg * self.error_factor * rng.standard_normal((len(hits),))
+            azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
+                azimuth_deg, elevation_deg + lifted_deg
+            )
         return self._plots(
             snr,
             emissions.frequency_hz,
-            azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr),
+            azimuth_deg,
+            elevation_deg,
             t_utc_ns=hits.t_utc_ns,
             channel=hits.channel,
             **hits.whose(),
@@ -268,11 +230,19 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         )
 
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
-        """Uniform over the band, of no kind."""
+        """Uniform over the band and, where that is measured, from horizon to zenith."""
         n = len(azimuth_deg)
         frequency_hz = rng.uniform(self.frequency_min_hz, self.frequency_max_hz, n)
         snr = self._draw_estimated_snr(np.zeros(n), rng)
-        return self._plots(snr, frequency_hz, azimuth_deg, t_utc_ns=t_utc_ns)
+        elevation_deg = np.zeros(n)
+        claims: dict[str, NDArray[Any]] = {}
+        if self.elevation_baseline_m is not None:
+            elevation_deg = rng.uniform(0.0, 90.0, n)
+        if self.classifier is not None:
+            claims = self.classifier.columns_of_nothing(n, rng)
+        return self._plots(
+            snr, frequency_hz, azimuth_deg, elevation_deg, t_utc_ns=t_utc_ns, **claims
+        )
 
     def _draw_estimated_snr(self, snr: Floats, rng: np.random.Generator) -> Floats:
         """The SNR that the energy of each detection shows."""
@@ -280,10 +250,19 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         return detection.estimated_snr(detected, self.samples)
 
     def _plots(
-        self, snr: Floats, frequency_hz: Floats, azimuth_deg: Floats, **columns: NDArray[Any]
+        self,
+        snr: Floats,
+        frequency_hz: Floats,
+        azimuth_deg: Floats,
+        elevation_deg: Floats,
+        **columns: NDArray[Any],
     ) -> Plots:
         """Plots with the received power, and with the direction if the sensor finds it."""
         if self.measures_azimuth:
             columns["azimuth_deg"] = wrap_360(azimuth_deg)
             columns["sigma_azimuth_deg"] = self.sigma_azimuth_deg(frequency_hz, snr)
+        if self.elevation_baseline_m is not None:
+            columns["elevation_deg"] = elevation_deg
+            sigma_deg = self.sigma_elevation_deg(frequency_hz, snr, elevation_deg)
+            columns["sigma_elevation_deg"] = sigma_deg
         return Plots.of(snr=snr, amplitude_dbm=self.noise_dbm + 10 * np.log10(snr), **columns)

@@ -18,6 +18,7 @@ from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import Parts, Reports, looked_up, measured
+from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 CAT015 = category(
@@ -78,6 +79,7 @@ FRN  item      octets  parts: bits, LSB and unit
 
 MEASUREMENT_PLOT = 1  # I015/000/MT
 ACTUAL, SIMULATED = 0, 3  # I015/020/TTAX
+MOST_PROBABLE_PCT = 100
 OBSERVATIONS = 1 << 24  # I015/400/ON counts so far, then from 0
 
 
@@ -136,7 +138,8 @@ class PlotEncoder015:
     standard leaves the sign of DV open: here a positive one recedes.
 
     `pairs` has the pair of each channel, by default the channel itself. `classes` has the class
-    of each kind of plot, by agreement with the receiver; without it no class is sent. Several
+    of each kind of plot, by agreement with the receiver; without it no class is sent. It is
+    `class_probability_pct` probable where plots do not say how probable theirs is. Several
     sensors have a SAC, SIC, manner of scanning and limit of octets each, in sequences.
     """
 
@@ -155,6 +158,12 @@ class PlotEncoder015:
     ) -> None:
         self._pairs = pairs
         self._classes = classes
+        if not 0 <= class_probability_pct <= MOST_PROBABLE_PCT:
+            raise EncodeError(
+                f"{class_probability_pct} is not from 0 to {MOST_PROBABLE_PCT}",
+                field="I015/300/0/PRB",
+            )
+        self._class_probability_pct = class_probability_pct
         self._multistatic = geometry is Geometry.MULTISTATIC
         ranges = dict(zip(("I015/625/R", "I015/625/SDR"), RANGES.get(geometry, ()), strict=False))
         self._optional = ranges | OPTIONAL
@@ -171,7 +180,6 @@ class PlotEncoder015:
                 "I015/020/MOMU": geometry,
                 "I015/020/TTAX": SIMULATED if simulated else ACTUAL,
                 "I015/020/SCD": scanning,
-                "I015/300/0/PRB": class_probability_pct,
             },
             lsb={"I015/145": TIME_LSB_NS},
             deviations=DEVIATIONS,
@@ -207,4 +215,12 @@ class PlotEncoder015:
         if self._classes is not None and any(plots.kind):
             path = "I015/300/0/CLS"
             columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
+            columns["I015/300/0/PRB"] = self._probabilities_pct(plots)
         return self._reports.blocks_by(columns, parts)
+
+    def _probabilities_pct(self, plots: Plots) -> Ints:
+        """Probabilities of classes, whole percent; 0 of what has no class."""
+        stated = plots.kind_probability
+        if stated is None:
+            return np.full(len(plots), self._class_probability_pct, np.int64)
+        return np.rint(100 * np.nan_to_num(stated)).astype(np.int64)

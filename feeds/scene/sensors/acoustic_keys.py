@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from plotfeed.feeds.scene.fields import (
     enu_from,
     frame_at,
 )
+from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
@@ -103,6 +105,8 @@ class MicrophoneKeys(AzimuthCoverKeys):
     """The same in elevation; both are added in quadrature."""
     kind: str = ""
     """What the array calls everything that it hears, such as drone; "" if it does not classify."""
+    classifier: ClassifierKeys | None = None
+    """In its place, what each `target_class` of a [[drone]] is called, rightly or wrongly."""
 
     @classmethod
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
@@ -111,6 +115,8 @@ class MicrophoneKeys(AzimuthCoverKeys):
 
     @model_validator(mode="after")
     def _lies_so(self) -> Self:
+        if self.classifier is not None and self.kind:
+            raise ValueError("classifier: leave it out, or leave out kind")
         if self.layout is None:
             return self
         if self.microphones < FEWEST_IN_A_LAYOUT:
@@ -123,8 +129,15 @@ class MicrophoneKeys(AzimuthCoverKeys):
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """The one name for everything, if there is one."""
+        """Names that it may say: the one for everything, or the classifier's."""
+        if self.classifier is not None:
+            return self.classifier.claims
         return (self.kind,) if self.kind else ()
+
+    @property
+    def class_codes(self) -> Mapping[str, int]:
+        """The classifier's."""
+        return {} if self.classifier is None else self.classifier.codes or {}
 
     def array(self) -> MicrophoneArray:
         """The model of one array; gain and absorption that are not given follow from others."""
@@ -136,6 +149,7 @@ class MicrophoneKeys(AzimuthCoverKeys):
             "absorption_db_per_m": self._absorption_db_per_m(),
             "array_gain_db": array_gain_db,
             "sound_speed_m_s": sound_speed_m_s,
+            "classifier": self.classifier and self.classifier.model(),
             "layout": self._layout(sound_speed_m_s / self.frequency_hz),
             "azimuth_cover": self.azimuth_cover,
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -18,6 +19,7 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
 from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
@@ -101,8 +103,14 @@ class RfKeys(AzimuthCoverKeys):
     """Between the antennas of the interferometer that finds the direction."""
     azimuth_floor_deg: NotNegative = RF_BEARING_DEG
     """The error that remains however strong the signal: multipath."""
+    elevation_baseline_m: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
+    """Between antennas above each other, which find the elevation; without it, none is found."""
+    elevation_floor_deg: NotNegative = RF_BEARING_DEG
+    """As azimuth_floor_deg, in elevation."""
     classifies: bool = False
     """Whether plots carry the kind of emission."""
+    classifier: ClassifierKeys | None = None
+    """In its place, what each kind of emission is called, rightly or wrongly."""
     decodes: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Kinds of emission that the sensor reads: their plots carry kind and identity."""
 
@@ -129,6 +137,10 @@ class RfKeys(AzimuthCoverKeys):
 
     @model_validator(mode="after")
     def _reports_what_it_finds(self) -> Self:
+        if self.classifier is not None and self.classifies:
+            raise ValueError("classifier: leave it out, or leave out classifies")
+        if self.elevation_baseline_m is not None and not self.measures_azimuth:
+            raise ValueError("elevation_baseline_m: leave it out, for measures_azimuth is off")
         if self.measures_azimuth and self.baseline_m is None:
             raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
         for name in self.report:
@@ -143,8 +155,14 @@ class RfKeys(AzimuthCoverKeys):
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Kinds of emission that it reads."""
-        return tuple(name for name in self.decodes if name)
+        """Kinds of emission that it reads, and what its classifier may say."""
+        claims = () if self.classifier is None else self.classifier.claims
+        return tuple(dict.fromkeys([*claims, *filter(None, self.decodes)]))
+
+    @property
+    def class_codes(self) -> Mapping[str, int]:
+        """The classifier's."""
+        return {} if self.classifier is None else self.classifier.codes or {}
 
     @property
     def tells_kinds(self) -> bool:
@@ -172,6 +190,7 @@ class RfKeys(AzimuthCoverKeys):
             "baseline_m": self.baseline_m or 1.0,
             "decodes": frozenset(self.decodes),
             "multipath": self.multipath and self.multipath.model(),
+            "classifier": self.classifier and self.classifier.model(),
         }
         return RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
 
@@ -183,6 +202,8 @@ class RfKeys(AzimuthCoverKeys):
         ]
         if self.measures_azimuth:
             found += odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, RF_BEARING_DEG)
+        if self.elevation_baseline_m is not None:
+            found += odd_floor("elevation_floor_deg", self.elevation_floor_deg, RF_BEARING_DEG)
         if self.integration_s > self.scan.period_s:
             found.append(
                 f"integration_s is {self.integration_s:g}, longer than a scan of "

@@ -8,6 +8,7 @@ class is defined.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
@@ -180,6 +181,11 @@ class SensorKeys(SceneTable):
     def classes(self) -> tuple[str, ...]:
         """Names of what the sensor finds, if it classifies."""
         return ()
+
+    @property
+    def class_codes(self) -> Mapping[str, int]:
+        """Numbers of its classes in I015/300, if it has agreed on any with a receiver."""
+        return {}
 
     @property
     def tells_kinds(self) -> bool:

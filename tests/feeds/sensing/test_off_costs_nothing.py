@@ -26,7 +26,8 @@ from plotfeed.models.truth import Trajectories
 QUESTIONS = re.compile(
     r"is_in_free_space|surroundings is|\bmultipath is|\bdoppler is|\bmerging is|_detailed\b"
     r"|readings is|\.errs\b|bias is|drift is|degradation is|echo_effects is|_with_effects"
-    r"|pd_factor|axes is not|layout is|measures_range_rate|velocity_enu_m_s=?|readings="
+    r"|pd_factor|axes is not|layout is|classifier is|elevation_baseline_m is|measures_range_rate"
+    r"|velocity_enu_m_s=?|readings="
     r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
 )
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
@@ -69,6 +70,7 @@ EVERYTHING = {
     "multipath": {"antenna_height_m": 5.0},
     "doppler": {"notch_m_s": 1e-6},
     "merging": {},
+    "classifier": {"claims": ["drone"], "confusion": {"drone": [1.0]}},
     "layout": {"shape": "circle", "spacing_m": 0.4},
     "antenna": {"receive": {"elevation": {"kind": "gaussian", "beamwidth_deg": 60.0}}},
     "straddling": {"range": "hann"},
@@ -137,6 +139,8 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     assert "readings" in stems
     if "doppler" in known:
         assert {"doppler", "merging", "detailed_detection"} <= stems
+    if "classifier" in known:
+        assert "classification" in stems
     if "layout" in known:
         assert "microphone_layout" in stems
     if "antenna" in known:

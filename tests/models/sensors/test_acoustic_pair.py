@@ -19,6 +19,7 @@ from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, NS, Signatures
 
 ARRAY = MicrophoneArray(
+    frequency_hz=1000.0,
     directivity_db=3.0,
     absorption_db_per_m=0.005,
     barrier_db=3.0,

@@ -1,0 +1,154 @@
+"""Classifiers and RF elevations through the whole road: claims and errors in what leaves.
+
+Each test of significance fails for one seed in 10,000 (`significance.FALSE_ALARM_RATE`); the seeds
+are those of the scenes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.road import START_NS, Road, fly, held, scene, staring
+from support.significance import assert_standard_normal, assert_sum
+
+from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.feeds.sensing.simulation import simulate
+from plotfeed.proto import plotfeed_pb2 as pb
+
+CLASSIFIER = {
+    "claims": ["drone", "bird"],
+    "confusion": {"drone": [0.9, 0.1], "bird": [0.25, 0.75]},
+    "codes": {"drone": 7, "bird": 9},
+}
+MICROPHONES = {
+    "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 0.0,
+    "range_max_m": 1000.0, "azimuth_beamwidth_deg": 20.0, "classifier": CLASSIFIER,
+    "report": ["asterix-015", "plots", "sapient"],
+}  # fmt: skip
+RF: dict[str, Any] = {
+    "id": "rf", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2, "azimuth_floor_deg": 0.0,
+    "elevation_baseline_m": 0.1, "elevation_floor_deg": 0.0,
+}  # fmt: skip
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind": "control"}
+
+
+@cache
+def heard() -> Road:
+    drones = [
+        held(f"{name}{i}", 40.0 * i, 4.0, 120.0, sound_power_db=110.0, target_class=name)
+        for i in range(4)
+        for name in ("drone", "bird")
+    ]
+    return fly(scene([MICROPHONES], drones, seed=91), 90)
+
+
+def test_plots_claim_what_the_matrix_says() -> None:
+    batches = [pb.PlotBatch.FromString(p) for p in heard().payloads("mic/plots")]
+    plots = [plot for batch in batches for plot in batch.plots]
+    truths = [t for entry in heard().ledgers if entry.sensor == "mic" for t in entry.plots]
+    assert len(plots) > 600
+    for name, share in (("drone", 0.9), ("bird", 0.75)):
+        said = [p.kind for p, t in zip(plots, truths, strict=True) if t.drone.startswith(name)]
+        n = len(said)
+        assert_sum(float(said.count(name)), n * share, n * share * (1 - share), name)
+    certain = {p.kind: p.kind_probability for p in plots}
+    assert certain["drone"] == pytest.approx(0.9 / 1.15)
+    assert certain["bird"] == pytest.approx(0.75 / 0.85)
+
+
+def test_category_015_says_class_and_probability() -> None:
+    records = heard().records("mic", 15)
+    told = {
+        (int(record.get("I015/300/0/CLS")), int(record.get("I015/300/0/PRB"))) for record in records
+    }
+    assert told == {(7, 78), (9, 88)}
+
+
+def test_sapient_says_the_class_and_has_registered_it() -> None:
+    messages = [SapientMessage.FromString(p) for p in heard().payloads("mic/sapient")]
+    reports = [m.detection_report for m in messages if m.HasField("detection_report")]
+    assert {c.type for r in reports for c in r.classification} == {"drone", "bird"}
+    confidences = {round(c.confidence, 3) for r in reports for c in r.classification}
+    assert confidences == {0.783, 0.882}
+    (registration,) = [m.registration for m in messages if m.HasField("registration")]
+    declared = {
+        c.type
+        for mode in registration.mode_definition
+        for detection in mode.detection_definition
+        for each in detection.detection_class_definition
+        for c in each.class_definition
+    }
+    assert {"drone", "bird"} <= declared
+
+
+def test_rf_elevations_err_by_the_noise_of_their_antennas() -> None:
+    """sigma of the sine is wavelength times that of the phase over 2 pi times the antennas' way."""
+    drones = [held(f"d{i}", 9.0 * i, 35.0, 6000.0, emitters=[EMITTER]) for i in range(40)]
+    plots = simulate(scene([RF], drones, seed=92), 40, start_utc_ns=START_NS)["rf"].plots
+    assert len(plots) > 1000
+    paired = plots.snr / (1 + 0.5 / plots.snr)
+    phase = 1 / np.sqrt(paired * 1000)
+    sine = 299_792_458 / 2.44e9 * phase / (2 * np.pi * 0.1)
+    sigma_deg = np.degrees(sine) / np.cos(np.radians(35.0))
+    errors_deg = plots.elevation_deg - plots.true_elevation_deg
+    assert_standard_normal(errors_deg / sigma_deg, "elevations")
+    np.testing.assert_allclose(plots.sigma_elevation_deg, sigma_deg, rtol=0.05)
+
+
+def test_category_205_has_elevations_and_sapient_too() -> None:
+    sensor = RF | {"report": ["asterix-205", "plots", "sapient"]}
+    road = fly(scene([sensor], [held("d", 30.0, 25.0, 3000.0, emitters=[EMITTER])], seed=93), 6)
+    (first, *_) = road.records("rf", 205)
+    assert float(first.get("I205/200")) == pytest.approx(25.0, abs=3)
+    messages = [SapientMessage.FromString(p) for p in road.payloads("rf/sapient")]
+    (report, *_) = [m.detection_report for m in messages if m.HasField("detection_report")]
+    assert report.range_bearing.elevation == pytest.approx(25.0, abs=3)
+
+
+def test_an_rf_classifier_errs_but_not_of_what_is_read() -> None:
+    matrix = {"claims": ["control", "wifi"], "confusion": {"control": [0.6, 0.4]}}
+    drones = [held(f"d{i}", 9.0 * i, 5.0, 3000.0, emitters=[EMITTER]) for i in range(20)]
+    sensors = [
+        RF | {"classifier": matrix},
+        RF | {"id": "reader", "classifier": matrix, "decodes": ["control"]},
+    ]
+    found = simulate(scene(sensors, drones, seed=94), 40, start_utc_ns=START_NS)
+    kinds = found["rf"].plots.kind
+    n = len(kinds)
+    assert_sum(float((kinds == "control").sum()), 0.6 * n, 0.24 * n, "controls")
+    read = found["reader"].plots
+    assert set(read.kind) == {"control"}
+    assert read.kind_probability is not None
+    assert (read.kind_probability == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("classifier", "message"),
+    [
+        (
+            {"confusion": {"drone": [0.9, 0.2]}},
+            "confusion.drone of 'mic': must add up to 1, not 1.1",
+        ),
+        ({"confusion": {"drone": [1.0]}}, "confusion.drone of 'mic': 1 numbers for 2 claims"),
+        ({"otherwise": [0.5, 0.4]}, "otherwise of 'mic': must add up to 1, not 0.9"),
+        ({"claims": ["drone", "drone"]}, "claims of 'mic': one is there twice"),
+        ({"codes": {"drone": 1}}, "codes of 'mic': one for each claim"),
+    ],
+)
+def test_a_matrix_that_is_none_is_refused(classifier: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene([MICROPHONES | {"classifier": CLASSIFIER | classifier}], seed=1)
+    assert message in str(caught.value)
+
+
+def test_a_classifier_stands_in_place_of_other_names() -> None:
+    with pytest.raises(SceneError, match="leave out kind"):
+        scene([MICROPHONES | {"kind": "drone"}], seed=1)
+    with pytest.raises(SceneError, match="leave out classifies"):
+        scene([RF | {"classifier": CLASSIFIER, "classifies": True}], seed=1)
