@@ -17,6 +17,7 @@ from plotfeed.models.effects.echo_effects import cell_factor
 from plotfeed.models.effects.line_of_sight import OPAQUE, STEEPEST
 from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
+from plotfeed.models.effects.weather import LOG_K, rain_coefficients
 from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.optics import task_probability
@@ -141,6 +142,26 @@ def cut_off() -> Case:
     )
 
 
+def between_carriers() -> Case:
+    k = {ghz: float(rain_coefficients(ghz * 1e9, "horizontal")[0]) for ghz in (10, 12, 15)}
+    log_ghz = [mp.log10(ghz) for ghz in (10, 12, 15)]
+    share = float(np.log(12 / 10) / np.log(15 / 10))
+    sums = LOG_K["horizontal"]
+    exact = 10 ** (
+        sum(mp.mpf(a) * mp.e ** (-(((log_ghz[1] - b) / c) ** 2)) for a, b, c in sums.bells)
+        + mp.mpf(sums.slope) * log_ghz[1]
+        + mp.mpf(sums.offset)
+    )
+    return Case(
+        where="k of rain at 12 GHz",
+        plain_form="in a line of lg k over lg f, between 10 and 15 GHz",
+        plain=relative(k[10] ** (1 - share) * k[15] ** share, exact),
+        cure="the formula of P.838-3",
+        ours=relative(k[12], exact),
+        test="models/effects/test_weather.py::test_rain_weakens_as_the_formula_of_p838_says",
+    )
+
+
 def along_azimuths() -> Case:
     """The highest slope so far of ten thousand rays on one axis, worked out at once."""
     slope, ray, apart = 1.23456789e-6, 3599, 4 * STEEPEST
@@ -249,6 +270,7 @@ EFFECTS = (
     over_north,
     cut_off,
     along_azimuths,
+    between_carriers,
     hardly_any_alarm,
     very_large,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from plotfeed.feeds.scene.problem_places import Problem
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.effect_keys import effects_named
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
 from plotfeed.feeds.sensing.drone_routes import signature_of
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
@@ -32,19 +32,6 @@ from plotfeed.proto.units import decibels
 ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
 DEFAULT_SPEED_M_S = 15.0
-EFFECTS = (
-    "bias",
-    "drift",
-    "degradation",
-    "multipath",
-    "doppler",
-    "merging",
-    "antenna",
-    "straddling",
-)
-"""Keys of what a sensor models only if its scene names it."""
-WORLD = ("terrain",)
-"""Keys of what a scene has about all sensors only if it names it."""
 RANGES_SEARCHED = 2000
 LOUDEST_SNR_DB = 100.0
 """Between the noise of receivers and their overload: an ideal converter of 16 bits has 98 dB."""
@@ -148,7 +135,7 @@ def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
 def _report_of(scene: Scene, world: World, sensor: Sensor, target: TestTarget) -> dict[str, Any]:
     """A sensor's table and warnings where it stands."""
     found = sensor_report(scene.scene.site, sensor, target, world.model_of(sensor))
-    found["effects"] |= _named(scene, WORLD)
+    found["effects"] |= effects_named(scene)
     found["warnings"] += world.warnings(sensor)
     return found
 
@@ -167,7 +154,7 @@ def sensor_report(
         "target": _described(target.signature, sensor),
         "range_at_pd_80_percent_m": _range_of_pd(sensor, model, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
-        "effects": _named(sensor, EFFECTS),
+        "effects": effects_named(sensor),
         "table": _rows(ranges_m, predicted),
         "warnings": [
             *sensor.warnings(site),
@@ -209,12 +196,6 @@ def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:
         f"have some {LOUDEST_SNR_DB:g} dB from noise to overload: is a power, gain, time or "
         "frequency in another unit?"
     ]
-
-
-def _named(keys: Sensor | Scene, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """What the scene names of what is not modelled without; the keys that are not as they are."""
-    parts = {name: getattr(keys, name, None) for name in names}
-    return {name: part.model_dump(exclude_none=True) for name, part in parts.items() if part}
 
 
 def _described(signature: Signature, sensor: Sensor) -> str:

@@ -35,6 +35,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
 from plotfeed.feeds.scene.terrain_keys import TerrainKeys
+from plotfeed.feeds.scene.weather_keys import JammerSpell, WeatherSpell, with_spells
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -134,6 +135,10 @@ class Scene(SceneTable):
     cooperative: CooperativeKeys | None = None
     terrain: TerrainKeys | None = None
     """The ground and buildings; without it, nothing stands in the way."""
+    weather: Annotated[tuple[WeatherSpell, ...], Field(strict=False)] = ()
+    """Of all sensors, by time; it counts over a sensor's own."""
+    jammer: Annotated[tuple[JammerSpell, ...], Field(strict=False)] = ()
+    """Of all sensors, by time."""
     page: PageKeys = PageKeys()
 
     _path: Path = PrivateAttr(default=Path())
@@ -157,6 +162,7 @@ class Scene(SceneTable):
     def _sensors_are_numbered(cls, tree: Any) -> Any:
         if not isinstance(tree, dict) or not isinstance(tree.get("sensor"), list | tuple):
             return tree
+        tree = with_spells(tree)
         return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
 
     @model_validator(mode="after")

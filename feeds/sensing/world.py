@@ -6,8 +6,24 @@ from dataclasses import replace
 
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.effects.echo_effects import EchoEffects
+from plotfeed.models.effects.jamming import Jamming, behind
 from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
+from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.rf_receiver import RfReceiver
 from plotfeed.models.sensors.sensor_model import SensorModel
+
+
+def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
+    """Effects of which jammers come by that way."""
+    met = tuple(
+        replace(effect, jammers=behind(effect.jammers, way))
+        if isinstance(effect, Jamming)
+        else effect
+        for effect in effects.in_the_world
+    )
+    return replace(effects, in_the_world=met)
+
 
 SUNK_M = 1.0
 """By which rasters and masts may disagree about the ground."""
@@ -28,10 +44,15 @@ class World:
     def model_of(self, sensor: Sensor) -> SensorModel:
         """The model of a sensor where it stands; raises `PlotfeedError`."""
         model = sensor.model(self._site)
-        met: list[OnTheWay] = []
-        if self._horizons is not None:
-            met.append(self._horizons.around(sensor, model))
-        return replace(model, surroundings=Surroundings(tuple(met))) if met else model
+        if self._horizons is None:
+            return model
+        obstruction = self._horizons.around(sensor, model)
+        model = replace(model, surroundings=Surroundings((obstruction,)))
+        if isinstance(model, RfReceiver):
+            return replace(model, jammers=behind(model.jammers, obstruction))
+        if isinstance(model, EchoRadar) and model.echo_effects is not None:
+            return replace(model, echo_effects=_behind(model.echo_effects, obstruction))
+        return model
 
     def warnings(self, sensor: Sensor) -> list[str]:
         """What is legal and still looks wrong, for `check`."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -74,6 +75,13 @@ def cell_factor(cells: Floats, shape: str) -> Floats:
     return np.asarray(CELL_SHAPES[shape](offset) ** 2)
 
 
+class EchoEffect(Protocol):
+    """Something that changes the ratio of an echo by where its target is."""
+
+    def power_factor(self, paths: EchoPaths) -> Floats:
+        """Factor of the mean ratio; (n, 1) or (n, K)."""
+
+
 def antenna_factor(antenna: Antenna, paths: EchoPaths) -> Floats:
     """Gain over the peak, out and back; (n, 1), or (n, K) of transmitters elsewhere."""
     factor = np.ones((len(paths.azimuth_deg), 1))
@@ -97,6 +105,8 @@ class EchoEffects:
 
     antenna: Antenna | None = None
     straddling: Straddling | None = None
+    in_the_world: tuple[EchoEffect, ...] = ()
+    """Weather, and what drowns echoes."""
 
     def power_factor(self, paths: EchoPaths) -> Floats:
         """The product of all; (n, 1) or (n, K)."""
@@ -105,4 +115,6 @@ class EchoEffects:
             factor = factor * antenna_factor(self.antenna, paths)
         if self.straddling is not None:
             factor = factor * self.straddling.power_factor(paths)
+        for effect in self.in_the_world:
+            factor = factor * effect.power_factor(paths)
         return factor

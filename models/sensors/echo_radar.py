@@ -31,6 +31,7 @@ MEASURED_OF = (
 class EchoRadar(RadioSensor, ABC):
     """A radar, of which what is None is not modelled. The powers of its looks are (n, ...)."""
 
+    gain_rx_dbi: float
     doppler: Doppler | None = None
     merging: Merging | None = None
     echo_effects: EchoEffects | None = None

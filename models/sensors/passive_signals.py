@@ -87,7 +87,6 @@ class PassiveSignals(Volume, EchoRadar, ABC):
     """What the equations need. Side-lobe and cancellation levels are negative, losses positive."""
 
     transmitters: tuple[Illuminator, ...]
-    gain_rx_dbi: float
     azimuth_beamwidth_deg: float
     integration_s: float
     loss_db: float
@@ -173,6 +172,11 @@ class PassiveSignals(Volume, EchoRadar, ABC):
             self.receiver_noise_figure_db,
         )
         return direct_w + noise_w
+
+    @property
+    def receiver_noise_w_hz(self) -> Floats:
+        """Density of all that disturbs a channel, watts in a hertz; (channels,)."""
+        return np.asarray(self.disturbance_w / self._each("bandwidth_hz"))
 
     def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""

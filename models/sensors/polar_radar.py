@@ -55,7 +55,6 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     """
 
     frequency_hz: float
-    gain_rx_dbi: float
     integration_s: float
     loss_db: float
     noise_figure_db: float
@@ -111,6 +110,11 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         density_w_hz = propagation.noise_density_w_hz(self.noise_figure_db)
         bandwidth_hz = C_M_S / (2 * self.range_resolution_m)
         return float(10 * np.log10(density_w_hz * bandwidth_hz) + 30)
+
+    @property
+    def receiver_noise_w_hz(self) -> Floats:
+        """Density of thermal noise (eq 5), the same in all signals; (1,)."""
+        return np.array([float(propagation.noise_density_w_hz(self.noise_figure_db))])
 
     def sigmas(self, snr: Floats) -> Floats:
         """Standard deviations of range, azimuth and elevation, rows, at a detection's own SNR.

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from plotfeed.models import detection, propagation
+from plotfeed.models.effects.jamming import BandNoise
 from plotfeed.models.emitters import Emissions, EmitterTable
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.numerics import nan_without_warnings
@@ -30,7 +31,7 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
     `instantaneous_bandwidth_hz` how much of the band is received at once. A `path_loss_exponent`
     of 2 is free space. `azimuth_beams` are cells for false alarms: the cover over a beam. Without
-    `multipath` there is no ground.
+    `multipath` there is no ground. Jammers are those whose noise is in emissions' channels.
     """
 
     frequency_min_hz: float
@@ -46,11 +47,17 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
     duty_cycle: float
     bursts_per_dwell: int
     azimuth_beams: float
+    jammers: tuple[BandNoise, ...] = ()
 
     @cached_property
     def samples(self) -> int:
         """How many independent ones the detector sums: bandwidth times time."""
         return max(round(self.channel_bandwidth_hz * self.integration_s), 1)
+
+    @property
+    def receiver_noise_w_hz(self) -> Floats:
+        """Density of the receiver's noise, watts in a hertz; (1,)."""
+        return np.array([float(propagation.noise_density_w_hz(self.noise_figure_db))])
 
     @sensor_property
     def noise_dbm(self) -> float:
@@ -114,6 +121,9 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
         if not self.is_in_free_space:
             wavelength_m = C_M_S / emissions.frequency_hz
             snr *= self.way_factor(targets.true_position_enu_m[source], wavelength_m)
+        if self.jammers:
+            noise = sum(jammer.over_noise_at(emissions.frequency_hz) for jammer in self.jammers)
+            snr /= 1 + noise
         return snr
 
     def pd(self, emissions: Emissions, snr: Floats) -> Floats:

@@ -262,6 +262,11 @@ class RadioSensor(SensorModel, ABC):
     multipath: Multipath | None = None
 
     @property
+    @abstractmethod
+    def receiver_noise_w_hz(self) -> Floats:
+        """Density of what disturbs its receiver, by signal, watts in a hertz; (K,)."""
+
+    @property
     def is_in_free_space(self) -> bool:
         """Whether nothing changes the powers of its signals on their way."""
         return self.multipath is None and self.surroundings is None

@@ -52,6 +52,19 @@ EFFECTS: dict[str, dict[str, Any]] = {
         }
     },
     "straddling": {"straddling": {"range": "sinc"}},
+    "rain": {"weather": {"rain_mm_h": 25.0}},
+    "a jammer": {
+        "jamming": {
+            "noisy": {
+                "east_m": 3000.0,
+                "north_m": 0.0,
+                "above_site_m": 50.0,
+                "eirp_w": 1.0,
+                "frequency_hz": 10e9,
+                "bandwidth_hz": 1e8,
+            }
+        }
+    },
     "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
     "out of reach": {"range_max_m": 1000.0},
 }

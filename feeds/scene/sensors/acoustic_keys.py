@@ -26,6 +26,7 @@ from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
 from plotfeed.models.effects.microphone_layout import MicrophoneLayout
+from plotfeed.models.effects.weather import wind_noise_db
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -61,6 +62,8 @@ class MicrophoneKeys(AzimuthCoverKeys):
     """How it scans."""
     noise_db: Decibels
     """Of the surroundings and the microphones, in the band; re 20 uPa."""
+    windscreen_m: Annotated[float, Field(ge=0.005, le=1)] = 0.1
+    """Diameter of each microphone's, by which it hears the weather's wind."""
     sensitivity_db: Decibels
     """The signal-to-noise ratio, behind the array, at which Pd is one half."""
     slope_per_db: Annotated[float, Field(ge=0.01, le=100)] = 1.0
@@ -148,6 +151,7 @@ class MicrophoneKeys(AzimuthCoverKeys):
         converted = {
             "absorption_db_per_m": self._absorption_db_per_m(),
             "array_gain_db": array_gain_db,
+            "noise_db": self._noise_db(),
             "sound_speed_m_s": sound_speed_m_s,
             "classifier": self.classifier and self.classifier.model(),
             "layout": self._layout(sound_speed_m_s / self.frequency_hz),
@@ -161,6 +165,13 @@ class MicrophoneKeys(AzimuthCoverKeys):
         return MicrophoneLayout(
             **self.layout.model_dump(), microphones=self.microphones, wavelength_m=wavelength_m
         )
+
+    def _noise_db(self) -> float:
+        """Noise with that of the wind, powers added."""
+        if self.weather is None or not self.weather.wind_m_s:
+            return self.noise_db
+        of_wind_db = wind_noise_db(self.weather.wind_m_s, self.frequency_hz, self.windscreen_m)
+        return float(10 * np.log10(10 ** (self.noise_db / 10) + 10 ** (of_wind_db / 10)))
 
     def _absorption_db_per_m(self) -> float:
         if self.absorption_db_per_km is not None:

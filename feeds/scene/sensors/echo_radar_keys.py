@@ -3,14 +3,89 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+import numpy as np
 from pydantic import model_validator
 
+from plotfeed.feeds.scene.fields import Site, enu_from, frame_at
 from plotfeed.feeds.scene.sensors.antenna_keys import AntennaKeys, BeamCover, StraddlingKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
+from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.echo_effects import EchoEffects
+from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
+from plotfeed.models.effects.jamming import Jammer, Jamming, jamming_over_noise
+from plotfeed.models.effects.weather import (
+    Air,
+    RainEcho,
+    gases_db_per_km,
+    rain_db_per_km,
+    rain_reflectivity_m2_m3,
+)
+from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.propagation import C_M_S
+from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.state import Floats
+
+M = TypeVar("M", bound=EchoRadar)
+
+
+def weather_effects(
+    weather: WeatherKeys, signals_hz: Sequence[tuple[float, float]], model: EchoRadar
+) -> list[EchoEffect]:
+    """What weather does to echoes of such signals."""
+    frequency_hz = np.array(signals_hz)[:, 0]
+    db_per_km = np.zeros(len(frequency_hz))
+    if weather.rain_mm_h:
+        db_per_km += rain_db_per_km(frequency_hz, weather.rain_mm_h, weather.polarisation)
+    if weather.vapour_g_m3 is not None:
+        db_per_km += np.nan_to_num(gases_db_per_km(frequency_hz, weather.vapour_g_m3))
+    met: list[EchoEffect] = [Air(tuple(db_per_km.tolist()))] if db_per_km.any() else []
+    if weather.rain_echo and weather.rain_mm_h and isinstance(model, ActiveRadar):
+        beams_deg2 = model.azimuth_beamwidth_deg * model.elevation_beamwidth_deg
+        sends_back = rain_reflectivity_m2_m3(C_M_S / model.frequency_hz, weather.rain_mm_h)
+        met.append(
+            RainEcho.of(
+                model.snr_of_unit,
+                float(sends_back),
+                beams_deg2 * float(np.radians(1.0)) ** 2,
+                model.range_resolution_m,
+                float(db_per_km[0]),
+            )
+        )
+    return met
+
+
+def jammer_seen(
+    keys: JammerKeys,
+    position_enu_m: Floats,
+    signals_hz: Sequence[tuple[float, float]],
+    model: EchoRadar,
+) -> Jammer:
+    """A jammer as a radar has it that is at the origin."""
+    azimuth_deg, elevation_deg, range_m = (float(x) for x in enu_to_aer(position_enu_m))
+    frequency_hz, bandwidth_hz = np.array(signals_hz).T
+    over_noise = jamming_over_noise(
+        eirp_w=keys.eirp_w,
+        jammer_hz=keys.frequency_hz,
+        jammer_width_hz=keys.bandwidth_hz,
+        range_m=range_m,
+        gain_dbi=model.gain_rx_dbi,
+        frequency_hz=frequency_hz,
+        bandwidth_hz=bandwidth_hz,
+        noise_w_hz=model.receiver_noise_w_hz,
+    )
+    east_m, north_m, up_m = position_enu_m.tolist()
+    return Jammer(
+        position_enu_m=(east_m, north_m, up_m),
+        frequency_hz=keys.frequency_hz,
+        azimuth_deg=float(np.nan_to_num(azimuth_deg)),
+        elevation_deg=float(np.nan_to_num(elevation_deg)),
+        over_noise=tuple(over_noise.tolist()),
+        sidelobe_db=keys.sidelobe_db,
+    )
 
 
 class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
@@ -44,6 +119,33 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
         if self.illuminators and self.antenna.transmit is not None:
             raise ValueError("antenna.transmit: this radar transmits nothing")
         return self
+
+    @property
+    def signals_hz(self) -> Sequence[tuple[float, float]]:
+        """Carrier and bandwidth of each of its signals; one, if they share a band."""
+        raise NotImplementedError
+
+    def in_the_world(self, model: M, site: Site) -> M:
+        """The model in its weather, among its jammers; itself if there are none."""
+        met: list[EchoEffect] = []
+        if self.weather is not None:
+            met += weather_effects(self.weather, self.signals_hz, model)
+        if self.jamming:
+            frame = frame_at(site, self.position_enu_m)
+            met.append(
+                Jamming(
+                    jammers=tuple(
+                        jammer_seen(jammer, enu_from(frame, site, jammer), self.signals_hz, model)
+                        for jammer in self.jamming.values()
+                    ),
+                    azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
+                    elevation_beamwidth_deg=self.elevation_beamwidth_deg,
+                )
+            )
+        if not met:
+            return model
+        effects = model.echo_effects or EchoEffects()
+        return replace(model, echo_effects=replace(effects, in_the_world=tuple(met)))
 
     @property
     def shape_loss_db(self) -> float:

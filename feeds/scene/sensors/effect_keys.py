@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
@@ -198,3 +198,24 @@ def readings_of(
     return Readings(
         range_scale=bias.range_scale, range_offset_m=bias.range_offset_m, drifting=drifting
     )
+
+
+EFFECTS = frozenset(
+    {
+        *("bias", "drift", "degradation", "multipath", "doppler", "merging", "antenna"),
+        *("straddling", "weather", "jamming", "terrain"),
+    }
+)
+"""Keys of what a sensor or a scene models only if it is named."""
+
+
+def effects_named(keys: SceneTable) -> dict[str, dict[str, Any]]:
+    """Effects that a sensor or a scene names, with the keys that are given."""
+    parts = {name: getattr(keys, name) for name in type(keys).model_fields if name in EFFECTS}
+    return {name: _dumped(part) for name, part in parts.items() if part}
+
+
+def _dumped(part: SceneTable | Mapping[str, SceneTable]) -> dict[str, Any]:
+    if isinstance(part, SceneTable):
+        return part.model_dump(exclude_none=True)
+    return {name: table.model_dump(exclude_none=True) for name, table in part.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -187,7 +188,12 @@ class PassiveRadarKeys(EchoRadarKeys):
                 [C_M_S / t.bandwidth_hz for t in self.transmitters], self._doppler()
             ),
         }
-        return PassiveRadar(**self.by_name(PassiveRadar) | converted)
+        return self.in_the_world(PassiveRadar(**self.by_name(PassiveRadar) | converted), site)
+
+    @property
+    def signals_hz(self) -> Sequence[tuple[float, float]]:
+        """Carriers and bandwidths of its transmitters."""
+        return [(t.frequency_hz, t.bandwidth_hz) for t in self.transmitters]
 
     def _usual_azimuth_deg(self) -> float:
         return ANGLE_SHARE * self.azimuth_beamwidth_deg

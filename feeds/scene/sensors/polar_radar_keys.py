@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -119,6 +120,11 @@ class PolarRadarKeys(EchoRadarKeys):
         """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
         return [*self._odd_values(), *self._few_cells(), *self._coarse_format(site)]
 
+    @property
+    def signals_hz(self) -> Sequence[tuple[float, float]]:
+        """Carrier, and the bandwidth that its range cells take."""
+        return [(self.frequency_hz, C_M_S / (2 * self.range_resolution_m))]
+
     def _usual_floors(self) -> dict[str, float]:
         """Error floors of such a radar, by their keys."""
         return {
@@ -220,13 +226,14 @@ class ActiveRadarKeys(PolarRadarKeys):
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
 
-    def model(self, _site: Site, /) -> ActiveRadar:
+    def model(self, site: Site, /) -> ActiveRadar:
         """The model; a receive gain that is not given follows from the beamwidths."""
-        return ActiveRadar(
+        model = ActiveRadar(
             **self._polar(),
             power_w=self.power_w,
             gain_tx_dbi=self.gain_tx_dbi,
         )
+        return self.in_the_world(model, site)
 
     def warnings(self, site: Site, /) -> list[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""
@@ -277,10 +284,11 @@ class MimoRadarKeys(PolarRadarKeys):
 
     def model(self, site: Site, /) -> MimoRadar:
         """The model, with the transmitters as the receiver sees them."""
-        return MimoRadar(
+        model = MimoRadar(
             **self._polar(),
             transmitters=tuple(self._transmitter(part, site) for part in self.transmitters),
         )
+        return self.in_the_world(model, site)
 
     def _transmitter(self, part: MimoTransmitterKeys, site: Site) -> MimoTransmitter:
         east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -17,6 +18,8 @@ from plotfeed.feeds.scene.fields import (
     Probability,
     SceneTable,
     Site,
+    enu_from,
+    frame_at,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
@@ -28,11 +31,36 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     odd_floor,
     odd_frequency,
 )
+from plotfeed.feeds.scene.weather_keys import JammerKeys
+from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
 from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.frames import distance_m
 from plotfeed.models.sensors.rf import RfDirectionFinder
+from plotfeed.models.state import Floats
 
 MAX_SAMPLES = 1e8
 """Up to here the detector's probabilities are good to some 1e-11."""
+
+
+def _band_noise(keys: JammerKeys, position_enu_m: Floats, model: RfDirectionFinder) -> BandNoise:
+    """A jammer as a receiver at the origin has it, which hears as much from everywhere."""
+    over_noise = jamming_over_noise(
+        eirp_w=keys.eirp_w,
+        jammer_hz=keys.frequency_hz,
+        jammer_width_hz=keys.bandwidth_hz,
+        range_m=distance_m(position_enu_m),
+        gain_dbi=model.gain_rx_dbi,
+        frequency_hz=keys.frequency_hz,
+        bandwidth_hz=keys.bandwidth_hz,
+        noise_w_hz=model.receiver_noise_w_hz[0],
+    )
+    east_m, north_m, up_m = position_enu_m.tolist()
+    return BandNoise(
+        position_enu_m=(east_m, north_m, up_m),
+        frequency_hz=keys.frequency_hz,
+        bandwidth_hz=keys.bandwidth_hz,
+        over_noise=float(over_noise),
+    )
 
 
 class Friis(SceneTable):
@@ -174,7 +202,7 @@ class RfKeys(AzimuthCoverKeys):
             return self.instantaneous_bandwidth_hz
         return self.frequency_max_hz - self.frequency_min_hz
 
-    def model(self, _site: Site, /) -> RfDirectionFinder:
+    def model(self, site: Site, /) -> RfDirectionFinder:
         """The model; free space is log-distance with exponent 2."""
         path_loss = self.path_loss
         if isinstance(path_loss, Friis):
@@ -192,7 +220,12 @@ class RfKeys(AzimuthCoverKeys):
             "multipath": self.multipath and self.multipath.model(),
             "classifier": self.classifier and self.classifier.model(),
         }
-        return RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
+        model = RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
+        if not self.jamming:
+            return model
+        frame = frame_at(site, self.position_enu_m)
+        places = [(jammer, enu_from(frame, site, jammer)) for jammer in self.jamming.values()]
+        return replace(model, jammers=tuple(_band_noise(*each, model) for each in places))
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Energy summed for longer than a scan, odd values, and directions never measured."""

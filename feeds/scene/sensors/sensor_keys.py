@@ -31,6 +31,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, DriftKeys
 from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
+from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
@@ -93,6 +94,11 @@ class SensorKeys(SceneTable):
     """Errors that change slowly; without it, none."""
     degradation: DegradationKeys | None = None
     """What it does worse than it takes itself to do; without it, nothing."""
+    weather: WeatherKeys | None = None
+    """About it, if it is a radar or a microphone; [[weather]] is that of all sensors."""
+    jamming: dict[Name, JammerKeys] = Field(default={})
+    """What drowns its signals, if it is a radar or an RF sensor, by a name; [[jammer]] is for all.
+    """
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:

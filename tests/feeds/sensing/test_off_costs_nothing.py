@@ -24,7 +24,8 @@ from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
-    r"is_in_free_space|surroundings is|\bmultipath is|\bdoppler is|\bmerging is|_detailed\b"
+    r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
+    r"|_detailed\b"
     r"|readings is|\.errs\b|bias is|drift is|degradation is|echo_effects is|_with_effects"
     r"|pd_factor|axes is not|layout is|classifier is|elevation_baseline_m is|measures_range_rate"
     r"|velocity_enu_m_s=?|readings="
