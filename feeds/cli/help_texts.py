@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 SUMMARIES_AND_EXAMPLES = {
-    "demo": ("Run the shipped scene section-4, with its live page.", ("demo --duration 60",)),
+    "demo": (
+        "Run a shipped scene with its live page: section-4.",
+        ("demo --duration 60", "demo stadium"),
+    ),
     "run": (
         "Run a scene, or a recorded session again.",
         (
@@ -49,6 +52,10 @@ SUMMARIES_AND_EXAMPLES = {
     "chart": (
         "Chart speed against accuracy of a scene's stages.",
         ("chart here.toml --quick --out figures",),
+    ),
+    "scenes": (
+        "List the scenes that come with plotfeed.",
+        ("scenes", "scenes --json"),
     ),
     "sensors": (
         "List commercial sensors for scenes.",

@@ -61,13 +61,15 @@ def cli() -> None:
 
 
 @cli.command()
+@click.argument("scene", default="section-4")
 @session_options
 @click.option("--no-page", is_flag=True, help="Serve no live page, which a demo has by itself.")
-def demo(*, no_page: bool, **options: Any) -> int:
-    """Run the paper's section 4: a drone comes straight at four sensors.
+def demo(scene: str, *, no_page: bool, **options: Any) -> int:
+    """Run a scene that comes with plotfeed: the paper's section 4, or another one by its name.
 
-    Its live page is on port 8590 of this machine, or another where that is taken. Sensors report as
-    ASTERIX, SAPIENT and protobuf over MQTT, by an embedded broker unless another is named.
+    `plotfeed scenes` lists them. In section 4 a drone comes straight at four sensors. The live page
+    is on port 8590 of this machine, or another where that is taken. Sensors report as ASTERIX,
+    SAPIENT and protobuf over MQTT, by an embedded broker unless another is named.
     """
     from plotfeed.feeds.cli.run import RunSettings, run_in_terminal
     from plotfeed.feeds.scene.scene import example
@@ -75,7 +77,7 @@ def demo(*, no_page: bool, **options: Any) -> int:
     if no_page and options["page"] is not None:
         raise click.UsageError("--no-page contradicts --page")
     settings = RunSettings(shows_page=not no_page, **options)
-    return run_in_terminal(example("section-4"), settings)
+    return run_in_terminal(example(scene), settings)
 
 
 @cli.command()
@@ -251,6 +253,16 @@ def chart(scene: Path, **options: Any) -> int:
     from plotfeed.feeds.scene.scene import load
 
     print_chart(load(scene), **options)
+    return 0
+
+
+@cli.command()
+@click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
+def scenes(*, as_json: bool) -> int:
+    """List the scenes that come with plotfeed: what each is about, and its file to start from."""
+    from plotfeed.feeds.cli.show_sensors import print_scenes
+
+    print_scenes(as_json=as_json)
     return 0
 
 

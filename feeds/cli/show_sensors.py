@@ -1,16 +1,19 @@
-"""What `plotfeed sensors` prints: all presets and systems, or one with where it comes from."""
+"""What `plotfeed sensors` and `plotfeed scenes` print: what comes with plotfeed."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.console.printed import aligned, say
+from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.presets.preset import Preset, names, preset, system_names
 from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
 from plotfeed.feeds.scene.presets.system import SystemPreset, system
+from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
@@ -30,6 +33,20 @@ def print_presets(name: str | None, *, as_json: bool) -> None:
         found = details(preset(name))
         lines = detail_lines(found)
     say(json.dumps(found) if as_json else "\n".join(lines))
+
+
+def print_scenes(*, as_json: bool) -> None:
+    """Print a line on each shipped scene, and where its file is."""
+    found = [
+        {"name": name, "about": about, "file": str(example(name).file(f"{name}.toml"))}
+        for name, about in summaries().items()
+    ]
+    if as_json:
+        say(json.dumps(found))
+        return
+    rows = [[scene["name"], scene["about"]] for scene in found]
+    folder = Path(found[0]["file"]).parent
+    say("\n".join([*aligned([["name", "about"], *rows], "<"), "", f"Their files are in {folder}."]))
 
 
 def summary(shown: Preset) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import SUFFIX, Recorder, SessionRecorder, attachments_of
+from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -24,7 +25,6 @@ from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.records import library_of
 
 TELL_EVERY_S = 0.5
-EXAMPLES = ("section-4",)
 
 
 class SessionSwitch(Observer):
@@ -251,7 +251,7 @@ def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:
     """Scenes by name: those that come with plotfeed, and files beside the one that runs."""
     found: dict[str, Callable[[], Scene]] = {
         name: (lambda name=name: example(name))  # type: ignore[misc]
-        for name in EXAMPLES
+        for name in summaries()
     }
     if scene.text:
         files: Sequence[Path] = sorted(scene.folder.glob("*.toml"))[:100]

@@ -1,1 +1,26 @@
-"""The example scenes that come with plotfeed."""
+"""The scenes that come with plotfeed, and what each of them is about."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+
+FIRST = "section-4"
+"""Listed before the others: the one of the demo."""
+
+
+@cache
+def summaries() -> MappingProxyType[str, str]:
+    """What each scene is about, in a sentence, by its name: the first one that its file says."""
+    found = {}
+    for file in files(__name__).iterdir():
+        if file.name.endswith(".toml"):
+            lines = iter(file.read_text(encoding="utf-8").splitlines())
+            said: list[str] = []
+            while (line := next(lines, "")).startswith("#"):
+                said += [line.removeprefix("#").strip()] * (not line.startswith("#:"))
+            sentence = " ".join(said).partition(": ")[0].partition(". ")[0]
+            found[file.name.removesuffix(".toml")] = sentence
+    names = sorted(found, key=lambda name: (name != FIRST, name))
+    return MappingProxyType({name: found[name] for name in names})

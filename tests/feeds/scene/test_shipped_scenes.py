@@ -1,0 +1,163 @@
+"""Scenes that come with plotfeed: each shows what its file and docs/scenes.md say to look for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command import plotfeed, plotfeed_here
+from support.road import NS, START_NS, Road, fly
+
+from plotfeed.feeds.cli.check import report
+from plotfeed.feeds.scene.examples import summaries
+from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.sensing.simulation import SimulatedSensor, Simulation, simulate
+from plotfeed.models.state import FALSE_ALARM, Floats
+from plotfeed.proto import plotfeed_pb2 as pb
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "scenes.md").read_text()
+
+
+def seen(name: str, duration_s: float) -> Simulation:
+    return simulate(name, duration_s, start_utc_ns=START_NS)
+
+
+def after_s(sensor: SimulatedSensor) -> Floats:
+    """When each look was, from the start."""
+    times: Floats = (sensor.looks.t_utc_ns - START_NS) / NS
+    return times
+
+
+@pytest.mark.parametrize("name", summaries())
+def test_each_is_a_scene_that_check_has_no_doubts_about(name: str) -> None:
+    found = report(example(name))
+    told = [text for sensor in found["sensors"] for text in sensor["warnings"]]
+    assert not [text for text in told if name != "section-4"]
+    assert f"## {name}\n" in PAGE or f"[{name}]" in PAGE
+    assert len(summaries()[name]) > 20
+
+
+def test_all_are_listed_with_their_files() -> None:
+    told = json.loads(plotfeed_here("scenes", "--json").stdout)
+    assert [scene["name"] for scene in told] == list(summaries())
+    assert told[0]["name"] == "section-4"
+    assert all(Path(scene["file"]).is_file() for scene in told)
+    lines = plotfeed_here("scenes").stdout
+    assert all(name in lines and about in lines for name, about in summaries().items())
+
+
+def test_one_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    told = plotfeed("demo", "nowhere", "--broker", "none")
+    assert (told.returncode, told.stdout) == (2, "")
+    assert told.stderr.startswith("plotfeed: no shipped scene 'nowhere': expected one of section-4")
+
+
+def test_a_stadium_swarm_is_fewer_plots_than_drones_and_all_of_its_emitters() -> None:
+    found = seen("stadium", 60.0)
+    radar = found["roof-radar"].plots
+    of_drones = radar.drone != FALSE_ALARM
+    per_scan = np.bincount(radar.scan[of_drones] - radar.scan.min())
+    assert 1 <= np.median(per_scan) < 8
+    together = [1 + len(merged) for merged in radar.merged_drones[of_drones]]
+    assert max(together) >= 8
+    for name in ("rf-west", "rf-north"):
+        rf = found[name].plots
+        identities = set(rf.identity.tolist()) - {""}
+        assert {"broadcaster", *(f"swarm-{n}" for n in range(1, 17))} >= identities
+        assert np.median(np.bincount(rf.scan - rf.scan.min())) == 17
+
+
+def test_the_stadium_s_camera_sees_those_in_its_picture_alone() -> None:
+    camera = seen("stadium", 110.0)["roof-camera"]
+    assert after_s(camera).min() > 60.0  # they come from further out than it sees
+    assert len(np.unique(camera.looks.drone[camera.looks.detected])) >= 5
+
+
+def test_the_airport_s_radars_disagree_by_their_registration() -> None:
+    found = seen("airport", 40.0)
+    for name, expected_deg in (("north", 0.0), ("south", 0.8)):
+        plots = found[name].plots
+        of_drones = plots.drone != FALSE_ALARM
+        error_deg = (plots.azimuth_deg - plots.true_azimuth_deg)[of_drones]
+        sigma_deg = float(np.nanmedian(plots.sigma_azimuth_deg[of_drones]))
+        six_sigma_deg = 6 * sigma_deg / len(error_deg) ** 0.5
+        assert np.mean(error_deg) == pytest.approx(expected_deg, abs=six_sigma_deg)
+    of_gulls = [name.startswith("gull") for name in found.drones]
+    assert sum(of_gulls) == 12
+    plots = found["north"].plots.drone
+    assert np.isin(plots, np.flatnonzero(of_gulls)).sum() > 5 * (plots == 0).sum()
+
+
+def test_the_valley_s_radars_hand_the_drone_over() -> None:
+    found = seen("valley", 60.0)
+    floor, ridge = found["floor"], found["ridge"]
+    assert floor.looks.pd[after_s(floor) < 40.0].max() < 1e-3  # behind the ridge
+    assert floor.looks.pd[after_s(floor) > 57.0].min() > 0.9
+    assert ridge.looks.pd.min() > 0.9
+    made = ROOT / "feeds" / "scene" / "examples" / "N46E011.hgt"
+    before = made.read_bytes()
+    command = ROOT / "docs" / "commands" / "write_valley.py"
+    subprocess.run([sys.executable, command], check=True)
+    assert made.read_bytes() == before
+
+
+def test_the_coast_s_broadcasts_place_a_drone_finely_and_coarsely() -> None:
+    found = seen("coast", 60.0)
+    passive = found["passive"].plots
+    of_drones = passive.drone != FALSE_ALARM
+    fine, coarse = (
+        passive.sigma_bistatic_range_m[of_drones & (passive.channel == channel)]
+        for channel in (0, 1)
+    )
+    assert len(fine) > 60
+    assert len(coarse) > 60
+    assert np.median(fine) < 15.0
+    assert np.median(coarse) > 150.0
+    far, near = (found.drones.index(name) for name in ("from-the-boat", "along-the-beach"))
+    assert {far, near} <= set(passive.drone.tolist())
+    assert near in found["pier"].plots.drone
+    assert far not in found["pier"].plots.drone
+
+
+@pytest.fixture(scope="module")
+def delivered() -> Road:
+    return fly(example("delivery"), 40.0)
+
+
+def claims(road: Road, drone: str) -> dict[int, pb.Claim]:
+    """What the ledger says of a drone's claims, by seconds from the start."""
+    return {
+        entry.scan - START_NS // NS: claim
+        for entry in road.ledgers
+        if entry.sensor == "cooperative"
+        for claim in entry.claims
+        if claim.drone == drone
+    }
+
+
+def off_m(claim: pb.Claim) -> float:
+    return float(np.linalg.norm([claim.error_east_m, claim.error_north_m, claim.error_up_m]))
+
+
+def test_four_deliverers_do_not_do_or_say_what_they_should(delivered: Road) -> None:
+    stray, spoofed, frozen, runaway = (
+        claims(delivered, name) for name in ("stray", "spoofed", "frozen", "runaway")
+    )
+    assert (stray[19].contingency, stray[30].contingency) == ("", "stray")
+    assert off_m(stray[30]) < 10.0
+    assert max(off_m(spoofed[14]), off_m(frozen[17])) < 10.0
+    assert off_m(spoofed[30]) > 60.0
+    assert off_m(frozen[30]) > 100.0
+    assert runaway[24].HasField("error_east_m")
+    assert not runaway[26].HasField("error_east_m")
+    assert runaway[30].contingency == "fly-away"
+    said = {m.topic.rpartition("/")[2] for m in delivered.messages if "/claimed/" in m.topic}
+    assert said >= {f"parcel-{n}" for n in range(1, 21)}
+    parcels = [off_m(claims(delivered, f"parcel-{n}")[35]) for n in range(1, 21)]
+    assert max(parcels) < 10.0
+    assert delivered.plots("west").drone.tolist().count("runaway") > 30
