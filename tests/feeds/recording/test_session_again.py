@@ -103,7 +103,7 @@ def test_a_folder_that_a_killed_run_has_left_is_cleared_by_the_next(
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
-    words = [*PLOTFEED, "run", str(record), "--broker", "none"]
+    words = [*PLOTFEED, "run", str(record), "--broker", "none", "--duration", "3600"]
     with Popen(words, stdout=DEVNULL) as killed, Popen(words, stdout=DEVNULL) as living:
         wait_until(lambda: len([*(tmp_path / "tmp").glob("plotfeed-run-*/lock")]) == 2)
         left = {*(tmp_path / "tmp").glob("plotfeed-run-*")}
