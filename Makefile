@@ -16,7 +16,7 @@ PIP := $(BIN)/python $(INSTALL) --requirement requirements
 OURSELVES := --quiet --no-deps --no-build-isolation --editable .
 has = $(shell command -v $(1))
 # Looked for at every call, so that what comes after the set-up is noticed.
-TOOLS := $(if $(call has,c++),.venv/.ready-decoder) $(if $(call has,npm),.node/.ready)
+TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(call has,npm),.node/.ready)
 # What reads, computes, encodes and sends by means of others' packages.
 LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
   tests/feeds/accuracy_chart/test_chart.py tests/feeds/sensing/test_sensors_together.py
@@ -30,7 +30,7 @@ demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
 # In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test .venv-libasterix/.ready .venv-docs/.ready $(TOOLS)
+test: .venv/.ready-test .venv-docs/.ready $(TOOLS)
 	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
 
 # With the lowest versions that pyproject.toml allows; what skips for want of tools runs in `test`.
@@ -61,12 +61,16 @@ audit: .venv-audit/.ready
 .venv/.ready-test: .venv/.ready
 	mkdir -p .typing/plotfeed
 	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
+	if test -d .venv/lib/python3*/site-packages/asterix_decoder-*; then \
+	$(BIN)/python -m pip uninstall --quiet --yes asterix-decoder libasterix; fi  # as once: both or none
 	$(PIP)/test.txt
 	$(PIP)/test-page.txt || echo 'no playwright for this machine: the tests of the page in a browser will be skipped'
 	touch $@
 
-.venv/.ready-decoder: .venv/.ready-test
-	$(PIP)/test-asterix.txt --no-build-isolation
+# Built by what .venv has, into an environment of its own: it imports under the name of libasterix.
+.venv-asterix-decoder/.ready: requirements/test-asterix.txt .venv/.ready-test
+	test -x .venv-asterix-decoder/bin/python || $(PYTHON) -m venv --without-pip .venv-asterix-decoder
+	$(PIP)/test-asterix.txt --no-build-isolation --ignore-installed --prefix .venv-asterix-decoder
 	touch $@
 
 .node/.ready: Makefile
@@ -75,7 +79,7 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-.venv-libasterix/.ready .venv-audit/.ready .venv-docs/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
+.venv-audit/.ready .venv-docs/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
 	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
 	touch $@

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/bench_asterix.py [category ...]
 
-libasterix runs in `.venv-libasterix`, which is made where it is missing. Both make the same
-octets from the same values; that is checked first. libasterix has no category 129. A record has
+libasterix runs in a process of its own. Both make the same octets from the same values; that is
+checked first. libasterix has no category 129. A record has
 the items that the report encoders send when everything is measured.
 """
 
@@ -15,17 +15,14 @@ import platform
 import subprocess
 import sys
 import time
-import venv
 from collections.abc import Callable
-from pathlib import Path
+from importlib.metadata import version
 from typing import Any
 
 from aims import ratios, spread
 from asterix_cases import CASES, SAC, SIC, SOURCE, theirs
 
-PROJECT = Path(__file__).parents[2]
-OTHER = PROJECT / ".venv-libasterix"
-LIBASTERIX = "libasterix==0.36.3"
+LIBASTERIX = f"libasterix {version('libasterix')}"
 
 SIZES = (1, 10, 100, 1000)
 REPEATS = 7
@@ -45,7 +42,7 @@ def us_per_call(call: Callable[[], object], seconds: float) -> float:
 
 
 def serve_libasterix() -> None:
-    """In the other environment: one question a line, {"rows"} or {"us"}, one answer a line."""
+    """In the other process: one question a line, {"rows"} or {"us"}, one answer a line."""
     from asterix import generated
 
     editions = {15: "1_2", 16: "1_0", 25: "1_6", 34: "1_29", 48: "1_32", 62: "1_21", 63: "1_7"}
@@ -72,12 +69,11 @@ class Libasterix:
     """libasterix in a process of its own."""
 
     def __init__(self) -> None:
-        python = OTHER / "bin" / "python"
-        if not python.exists():
-            venv.create(OTHER, with_pip=True)
-            subprocess.run([python, "-m", "pip", "install", "--quiet", LIBASTERIX], check=True)
         self._process = subprocess.Popen(
-            [python, __file__, "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, __file__, "serve"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
 
     def ask(self, **question: Any) -> str:

@@ -2,14 +2,14 @@
 
     python tests/benchmarks/bench_show.py [RECORDS]
 
-asterix-decoder (GPL-3, C++) is asked by its own Python module in a process of its own; where it is
-missing, its columns are empty. Both read the same file of raw ASTERIX; both print into nothing.
-Start is that of Python and imports alone, which is in the other figures.
+asterix-decoder (GPL-3, C++) is asked by its own Python module in `.venv-asterix-decoder`; where
+that is missing, its columns are empty. Both read the same file of raw ASTERIX, by turns; both print
+into nothing. A ratio is theirs over ours of the same turn. Start is that of Python and imports,
+which is in the other figures.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import resource
@@ -49,13 +49,14 @@ while at < len(data):
     {then}
     at = end
 """
+DECODER = Path(__file__).parents[2] / ".venv-asterix-decoder" / "bin" / "python"
 THEIRS_DECODE = _THEIRS.format(then="pass")
 THEIRS_SHOW = _THEIRS.format(then="[print(record) for record in found]")
 COMMAND = (sys.executable, "-m", "plotfeed.feeds.cli", "show")
 STEPS: dict[str, tuple[Sequence[str], Sequence[str], Sequence[str]]] = {
     "start": ((sys.executable, "-c", "import plotfeed.proto.asterix.codec.decode"), (), ()),
-    "decode": ((sys.executable, "-c", OURS_DECODE), (), (sys.executable, "-c", THEIRS_DECODE)),
-    "show --list": (COMMAND, ("--list",), (sys.executable, "-c", THEIRS_SHOW)),
+    "decode": ((sys.executable, "-c", OURS_DECODE), (), (str(DECODER), "-c", THEIRS_DECODE)),
+    "show --list": (COMMAND, ("--list",), (str(DECODER), "-c", THEIRS_SHOW)),
     "show": (COMMAND, (), ()),
     "show --verbose": (COMMAND, ("--verbose",), ()),
 }
@@ -93,7 +94,7 @@ def processor_s(command: Sequence[object]) -> float:
 
 def main(records: int) -> None:
     """Measures and prints a table."""
-    has_theirs = importlib.util.find_spec("_asterix") is not None
+    has_theirs = DECODER.exists()
     print(f"Seconds of processor time for {records} records: median (least to most) of {REPEATS}")
     print(f"repeats. {platform.machine()}, {os.cpu_count()} cores; Python", end=" ")
     print(f"{platform.python_version()}.\n")
@@ -113,9 +114,10 @@ def main(records: int) -> None:
 
 
 def _line(number: int, what: str, mine: list[float], others: list[float]) -> str:
-    ratio = f"{statistics.median(others) / statistics.median(mine):.2f}" if others else ""
-    spread = _spread(others) if others else ""
-    return f"| {number:03} | {what} | {_spread(mine)} | {spread} | {ratio} |"
+    times = _spread(others) if others else ""
+    of_each = [theirs / ours for theirs, ours in zip(others, mine, strict=False)]
+    ratio = _spread(of_each) if of_each else ""
+    return f"| {number:03} | {what} | {_spread(mine)} | {times} | {ratio} |"
 
 
 def _spread(seconds: list[float]) -> str:

@@ -1,9 +1,8 @@
 """Writes recordings/: what a turning radar of air traffic control and a tracker send, recorded.
 
-libasterix encodes, in an environment of its own, and the containers are written here:
+libasterix encodes, and the containers are written here:
 
-    make .venv-libasterix/.ready
-    .venv-libasterix/bin/python tests/golden/make_recordings.py
+    .venv/bin/python tests/golden/make_recordings.py
 
 The capture has two scans in Ethernet frames, padded where they are short, to two groups of
 receivers. A packet has plots, or the message of a sector, or both. The frames are FINAL.

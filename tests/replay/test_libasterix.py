@@ -1,4 +1,4 @@
-"""What the writers write, as libasterix reads it in an environment of its own."""
+"""What the writers write, as libasterix reads it."""
 
 from __future__ import annotations
 

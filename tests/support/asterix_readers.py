@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -28,9 +27,8 @@ IN_HEXADECIMAL = ("ACAddr", "ADR")
 
 def read_blocks(blocks: Iterable[bytes]) -> list[list[dict[str, Any]]]:
     """The records of each of the blocks, as asterix-decoder's dicts. Skips if it is missing."""
-    _require()
     done = subprocess.run(
-        [sys.executable, "-I", "-c", _DECODER],
+        [asterix_decoder(), "-I", "-c", _DECODER],
         input=json.dumps([block.hex() for block in blocks]),
         capture_output=True,
         text=True,
@@ -70,15 +68,18 @@ def _values(item: Any) -> Iterator[Any]:
             yield value["val"]
 
 
-def _require() -> None:
-    # libasterix imports by the same name; only asterix-decoder has this extension module.
-    if importlib.util.find_spec("_asterix") is None:
+ENVIRONMENT = "PLOTFEED_ASTERIX_DECODER"
+"""Says which Python has it, instead of that of `.venv-asterix-decoder`."""
+OWN = Path(__file__).parents[2] / ".venv-asterix-decoder" / "bin" / "python"
+
+
+def asterix_decoder() -> Path:
+    """The Python that has it, without libasterix, which imports by the same name; may skip."""
+    python = Path(os.environ.get(ENVIRONMENT, OWN))
+    if not python.exists():
         pytest.skip("asterix-decoder is not installed: it needs a C++ compiler")
+    return python
 
-
-ENVIRONMENT = "PLOTFEED_LIBASTERIX"
-"""Says which Python has it, instead of that of `.venv-libasterix`."""
-OWN = Path(__file__).parents[2] / ".venv-libasterix" / "bin" / "python"
 
 # The newest edition of each category. A record is read strictly, and made of its items again.
 _LIBASTERIX = """
@@ -120,18 +121,10 @@ class TheirBlock(NamedTuple):
     """Items by their number, in hexadecimal."""
 
 
-def libasterix() -> Path:
-    """The Python that has it; skips the test where there is none."""
-    python = Path(os.environ.get(ENVIRONMENT, OWN))
-    if not python.exists():
-        pytest.skip(f"no libasterix: neither {ENVIRONMENT} nor {OWN} is there")
-    return python
-
-
 def blocks_of(octets: bytes) -> list[TheirBlock]:
-    """The data blocks that lie back to back; skips the test where there is no libasterix."""
+    """The data blocks that lie back to back."""
     done = subprocess.run(
-        [libasterix(), "-I", "-c", _LIBASTERIX],
+        [sys.executable, "-I", "-c", _LIBASTERIX],
         input=octets.hex(),
         capture_output=True,
         text=True,
@@ -143,14 +136,3 @@ def blocks_of(octets: bytes) -> list[TheirBlock]:
         TheirBlock(category, bytes.fromhex(made), records)
         for category, made, records in json.loads(done.stdout)
     ]
-
-
-def beside_libasterix() -> dict[str, str]:
-    """The environment in which our own Python has libasterix, before its namesake; may skip."""
-    done = subprocess.run(
-        [libasterix(), "-c", "import asterix; print(asterix.__path__[0])"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return {**os.environ, "PYTHONPATH": str(Path(done.stdout.strip()).parent)}

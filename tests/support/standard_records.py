@@ -137,6 +137,21 @@ def cut_otherwise(number: int, body: bytes, theirs: Any) -> str:
     return ""
 
 
+def newest(block: Block) -> list[Any]:
+    """The records of a block as the newest edition that libasterix knows reads them."""
+    known = tables()
+    assert known
+    edition = max(known[0].manifest["CATS"][block.category], key=lambda each: each.cv_edition)
+    read = edition.cv_uap.parse(base.Bits.from_bytes(block.body))
+    assert not isinstance(read, ValueError), read
+    return list(read)
+
+
+def values_of_item(record: Any, name: str) -> list[Any]:
+    """What libasterix has read in an item, such as I048/040, from left to right."""
+    return list(leaves(inside(record.get_item(name.partition("/")[2]))))
+
+
 def compared(number: int, draw: random.Random) -> tuple[int, str]:
     found, known = standard(number), tables()
     assert found

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from support.asterix_input import every_path, numeric_slots, plots, text_constants, udp_payloads
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.given_recordings import EVERY_CAPTURE, RadarCapture
+from support.given_recordings import EVERY_CAPTURE, EVERY_FRAME, RadarCapture
 
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
@@ -22,6 +23,7 @@ from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, 
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.units import FOOT_M, NM_M
+from plotfeed.replay.files import open_recording
 
 REGISTERS = "I048/250"
 """Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers."""
@@ -117,6 +119,15 @@ def test_a_recording_of_radars_reads_the_same(capture: RadarCapture) -> None:
     theirs = [record for payload in read_blocks(payloads) for record in payload]
     values = 30 * capture.plots + 4 * capture.services
     assert assert_agree(records, theirs, {ADVISORY}) > values
+
+
+@EVERY_FRAME
+def test_a_frame_reads_the_same(frame_file: Path) -> None:
+    with open_recording(frame_file) as recording:
+        payloads = [each.payload for each in recording.reader.messages()]
+    records = [r for p in payloads for r in decode(p, CATEGORIES | {62: CAT062_1_18})]
+    theirs = [record for payload in read_blocks(payloads) for record in payload]
+    assert assert_agree(records, theirs, {ADVISORY, "I062/135", "I062/136", "I062/SP"}) > 15
 
 
 @EVERY_CAPTURE

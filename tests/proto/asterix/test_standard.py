@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.asterix_readers import beside_libasterix
 from support.recordings import block
 
 from plotfeed.feeds.recording.decoded_text import message_lines
@@ -25,7 +24,6 @@ REPORT_021 = block(21, "800520", "190d", "0c8000", "018e", "04d2")
 def test_random_records_of_every_category_are_read_as_libasterix_reads_them(seed: int) -> None:
     done = subprocess.run(
         [sys.executable, COMPARE, str(seed)],
-        env=beside_libasterix(),
         capture_output=True,
         text=True,
         check=False,
@@ -38,10 +36,9 @@ def test_random_records_of_every_category_are_read_as_libasterix_reads_them(seed
         assert count > 200
 
 
-def show(path: Path, *options: str, env: dict[str, str] | None = None) -> list[str]:
+def show(path: Path, *options: str) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-m", "plotfeed.feeds.cli", "show", path, *options],
-        env=env,
         capture_output=True,
         text=True,
         check=False,
@@ -61,8 +58,7 @@ def test_a_category_of_others_is_decoded_by_libasterix(tmp_path: Path) -> None:
     plots, tracks = "".join(PLOT_001), "".join(TRACK_001)
     sector = block(2, "f4", "190d", "02", "40", "0c8000", "1f00")
     path.write_bytes(block(1, plots + tracks) + sector)
-    env = beside_libasterix()
-    plot, track, north = show(path, "--list", env=env)
+    plot, track, north = show(path, "--list")
     assert plot.split("  ")[-3:] == [
         "020 TYP=0 SIM=0 SSRPSR=2 ANT=0 SPI=0 RAB=0",
         "040 RHO=2 THETA=2.8125",
@@ -70,14 +66,14 @@ def test_a_category_of_others_is_decoded_by_libasterix(tmp_path: Path) -> None:
     ]
     assert "161 258  " in track
     assert north.startswith("CAT002  01:46:40.000  010 SAC=25 SIC=13  000 2  020 90")
-    (row,) = (line for line in show(path, env=env) if line.startswith("  asterix/001"))
+    (row,) = (line for line in show(path) if line.startswith("  asterix/001"))
     assert row.split()[-2] == "2"
 
 
 def test_a_tree_has_names_units_and_words(tmp_path: Path) -> None:
     path = tmp_path / "plot.ast"
     path.write_bytes(block(48, "f0", "190d", "0c8000", "20", "80004000"))
-    lines = show(path, "--verbose", env=beside_libasterix())
+    lines = show(path, "--verbose")
     assert lines[0].startswith("CAT048  record of 11 octets, edition ")
     assert lines[1:] == [
         "  I048/010  Data Source Identifier",
@@ -100,10 +96,9 @@ def test_the_reserved_expansion_field_has_its_parts(tmp_path: Path) -> None:
     # I062/RE with the velocity relative to the system's reference point, 16 and -16 m/s.
     path = tmp_path / "track.ast"
     path.write_bytes(block(62, "8101010104", "190d", "06", "20", "0040ffc0"))
-    env = beside_libasterix()
-    (line,) = show(path, "--list", env=env)
+    (line,) = show(path, "--list")
     assert line.endswith("RE TVS=(VX=16 VY=-16)")
-    assert "      VX: 16 m/s" in show(path, "--verbose", env=env)
+    assert "      VX: 16 m/s" in show(path, "--verbose")
 
 
 @pytest.fixture

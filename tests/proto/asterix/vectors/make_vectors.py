@@ -1,11 +1,8 @@
 """Makes vectors.json: what libasterix sends for plots and service messages at every edge.
 
-libasterix has the import name of another decoder and so an environment of its own. From the root
-of the project:
+With libasterix 0.36.3, which `make .venv/.ready-test` installs, from the root of the project:
 
-    python3 -m venv .venv-libasterix
-    .venv-libasterix/bin/pip install libasterix==0.36.3
-    .venv-libasterix/bin/python tests/proto/asterix/vectors/make_vectors.py
+    .venv/bin/python tests/proto/asterix/vectors/make_vectors.py
 
 Each case has what our encoders are given, and beside it the integers that must come of it, by
 hand: libasterix only puts them in their places.
