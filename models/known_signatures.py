@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from plotfeed.models.effects.target_echoes import NOT_STATED, TargetEcho, TargetEchoes
 from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.known_rows import trimmed, with_room
 from plotfeed.models.state import DRONE, Floats, Ints, Signatures, Texts
@@ -14,7 +15,10 @@ COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
 class KnownSignatures:
     """Columns with room for more rows than there are; what is put last of a row counts."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, tells_echoes: bool = False) -> None:
+        """`tells_echoes` where echoes of some drone may be stated."""
+        self._echoes: list[TargetEcho | None] | None = [] if tells_echoes else None
+        self._echo_columns: TargetEchoes | None = None
         self._rcs_m2: Floats = np.zeros(0)
         self._sound_power_db: Floats = np.zeros(0)
         self._size_m: Floats = np.zeros(0)
@@ -25,6 +29,8 @@ class KnownSignatures:
     def add_row(self) -> None:
         """Know one more drone, of which nothing is known yet."""
         self._emitters.append(())
+        if self._echoes is not None:
+            self._echoes.append(None)
 
     def make_room(self, rows: int) -> None:
         """Have columns for at least so many rows."""
@@ -38,6 +44,9 @@ class KnownSignatures:
     def cut(self, rows: int) -> None:
         """Keep so many rows, the first ones, and not much room for more."""
         self._emitters.cut(rows)
+        if self._echoes is not None:
+            del self._echoes[rows:]
+            self._echo_columns = None
         for name in COLUMNS:
             setattr(self, name, trimmed(getattr(self, name), rows))
 
@@ -49,8 +58,26 @@ class KnownSignatures:
         target_class, model = signatures.target_class, signatures.model
         self._target_class[rows] = DRONE if target_class is None else target_class
         self._model[rows] = "" if model is None else model
+        if self._echoes is not None:
+            self._put_echoes(self._echoes, rows, signatures.echoes)
         for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
             self._emitters[row] = emitters
+
+    def _put_echoes(
+        self, known: list[TargetEcho | None], rows: Ints, echoes: TargetEchoes | None
+    ) -> None:
+        for i, row in enumerate(rows.tolist()):
+            number = NOT_STATED if echoes is None else int(echoes.kind[i])
+            echo = None if echoes is None or number == NOT_STATED else echoes.kinds[number]
+            if known[row] != echo:
+                known[row], self._echo_columns = echo, None
+
+    def _told_echoes(self) -> TargetEchoes | None:
+        if self._echoes is None:
+            return None
+        if self._echo_columns is None or len(self._echo_columns.kind) != len(self._echoes):
+            self._echo_columns = TargetEchoes.of(self._echoes)
+        return self._echo_columns
 
     @property
     def all(self) -> Signatures:
@@ -62,4 +89,5 @@ class KnownSignatures:
             size_m=self._size_m,
             target_class=self._target_class,
             model=self._model,
+            echoes=self._told_echoes(),
         )

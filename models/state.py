@@ -135,14 +135,13 @@ class Signature:
     """What it is, for sensors that recognise it."""
     model: str = ""
     """Of what make, for sensors that identify it."""
+    echoes: Any = None
+    """`TargetEchoes` of this one alone, which know this module, or None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signatures:
-    """The signatures of all drones, by their index: columns (n,).
-
-    Those that may be None say what `Signature` has where nothing is known.
-    """
+    """Signatures of all drones, by index: columns (n,); what is None is as `Signature` has it."""
 
     rcs_m2: Floats
     sound_power_db: Floats
@@ -150,6 +149,8 @@ class Signatures:
     size_m: Floats | None = None
     target_class: Texts | None = None
     model: Texts | None = None
+    echoes: Any = None
+    """`TargetEchoes`, or None where no drone states any."""
 
     @classmethod
     def of_one(cls, signature: Signature) -> Self:
@@ -161,10 +162,11 @@ class Signatures:
             size_m=np.array([signature.size_m]),
             target_class=np.array([signature.target_class], np.object_),
             model=np.array([signature.model], np.object_),
+            echoes=signature.echoes,
         )
 
     def size_m_of(self, drone: Ints) -> Floats:
-        """Sizes of those drones; (m,)."""
+        """Sizes of drones; (m,)."""
         return np.full(len(drone), np.nan) if self.size_m is None else self.size_m[drone]
 
     def target_class_of(self, drone: Ints) -> Texts:
@@ -312,7 +314,7 @@ def endless(value: object, dtype: type) -> NDArray[Any]:
 
 
 UNDECIDED = endless(False, np.bool_)
-"""What of looks is not known yet, whether they are detected."""
+"""Whether looks are detected, which is not known yet."""
 _UNMEASURED = endless(np.nan, np.float64)
 _ABSENT = {
     "drone": endless(FALSE_ALARM, np.int64),

@@ -49,9 +49,17 @@ class Trajectories:
     """Every drone's samples. A drone has the lowest row that was free when it first appeared."""
 
     def __init__(
-        self, *, stale_after_s: float, history_s: float = 60.0, max_speed_m_s: float = np.inf
+        self,
+        *,
+        stale_after_s: float,
+        history_s: float = 60.0,
+        max_speed_m_s: float = np.inf,
+        tells_echoes: bool = False,
     ) -> None:
-        """No velocity is fitted that is faster than `max_speed_m_s`."""
+        """No velocity is fitted that is faster than `max_speed_m_s`.
+
+        `tells_echoes` where echoes of some drone may be stated.
+        """
         self.stale_after_ns = round(stale_after_s * NS)
         self._max_speed_m_s = max_speed_m_s
         self.names: list[str] = []
@@ -69,7 +77,7 @@ class Trajectories:
         self._tracks: dict[int, TrackChain] = {}
         """By row, of drones that are not live."""
         self._at_hand = StretchesAtHand(self._looked_up)
-        self._signatures = KnownSignatures()
+        self._signatures = KnownSignatures(tells_echoes=tells_echoes)
 
     def add_sample(
         self,

@@ -8,6 +8,7 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammainc, gammaincc, gammainccinv
 from stability_case import Case, relative
 
 from plotfeed.feeds.impairment.losses import chain_of
@@ -19,6 +20,7 @@ from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.effects.weather import LOG_K, rain_coefficients
 from plotfeed.models.false_alarms import probability_at_least_one
+from plotfeed.models.fluctuation import pd_fluctuating
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.optics import task_probability
 
@@ -246,6 +248,32 @@ def endless_burst() -> Case:
     )
 
 
+def faint_and_many() -> Case:
+    n, snr, pfa = 100, 1e-6, 1e-6
+    y = gammainccinv(n, pfa)
+    total = mp.mpf(n) * mp.mpf(snr)
+    ratio = 1 + 1 / total
+    threshold = mp.findroot(
+        lambda t: mp.log(mp.gammainc(n, t, regularized=True)) - mp.log(mp.mpf(pfa)), y
+    )
+    below = mp.gammainc(n - 1, 0, threshold / ratio, regularized=True)
+    exact = mp.gammainc(n - 1, threshold, regularized=True)
+    exact += ratio ** (n - 1) * below * mp.exp(-threshold / (1 + total))
+    with np.errstate(over="ignore", invalid="ignore"):
+        much = np.float64(1 + 1 / (n * snr))
+        plain = gammaincc(n - 1, y) + much ** (n - 1) * gammainc(n - 1, y / much) * np.exp(
+            -y / (1 + n * snr)
+        )
+    return Case(
+        where="Pd of Swerling 1, 100 looks at 10⁻⁶",
+        plain_form="DiFranco and Rubin: (1 + 1/NS)ᴺ⁻¹ …",
+        plain=relative(plain, exact),
+        cure="a series of positive terms",
+        ours=relative(pd_fluctuating(snr, pfa, n, 1.0), exact),
+        test="models/test_fluctuation.py::test_faint_and_strong_echoes_of_many_looks_cost_no_digits",
+    )
+
+
 def amid_the_cell() -> Case:
     x = 0.0
     with np.errstate(invalid="ignore"):
@@ -262,6 +290,7 @@ def amid_the_cell() -> Case:
 
 
 EFFECTS = (
+    faint_and_many,
     amid_the_cell,
     slow,
     folded,

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models import detection
 from plotfeed.models.emitters import Emissions
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -209,7 +210,7 @@ def _law_of_kind(_model: SensorModel, _targets: Targets) -> ErrorLaw | None:
 
 @_law_of_kind.register
 def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
-    snrs = model.look_snrs(targets)
+    snrs, order = model.look_snrs(targets), model.orders(targets)
     names = ("range_m", "azimuth_deg", "elevation_deg")[: 3 if model.measures_elevation else 2]
 
     def sigmas(snr: Floats) -> dict[str, Floats]:
@@ -223,8 +224,8 @@ def _(model: PolarRadar, targets: Targets) -> ErrorLaw:
         mean_snr=snrs.mean(axis=1),
         sigmas=sigmas,
         printed=_printed(sigmas, beams),
-        draw=lambda rng: model.draw_detected(snrs, rng)[0],
-        inverse=model.inverse_detected(snrs),
+        draw=lambda rng: model.draw_detected(snrs, rng, order)[0],
+        inverse=model.inverse_detected(snrs, order),
     )
 
 
@@ -239,13 +240,19 @@ def _(model: PassiveRadar, targets: Targets) -> ErrorLaw:
         return dict(zip(names, model.sigmas(ratio, resolution_m, floor_m), strict=True))
 
     beams = {"azimuth_deg": (model.azimuth_beamwidth_deg, model.azimuth_floor_deg)}
-    look = (snr, model.pfa, model.n_reference)
+    cfar, order = FluctuatingCfar(model.pfa, 1, model.n_reference), model.orders(targets)
+
+    def draw(rng: Rng) -> Floats:
+        if order is not None:
+            return cfar.draw_detected(snr, order, rng)[0]
+        return detection.draw_detected_snr_swerling1(snr, model.pfa, model.n_reference, rng)[0]
+
     return ErrorLaw(
         mean_snr=snr,
         sigmas=sigmas,
         printed=_printed(sigmas, beams),
-        draw=lambda rng: detection.draw_detected_snr_swerling1(*look, rng)[0],
-        inverse=detection.inverse_detected_snr(*look),
+        draw=draw,
+        inverse=model.inverse_detected(snr, order),
     )
 
 

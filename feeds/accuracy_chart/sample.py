@@ -141,6 +141,7 @@ def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targ
             sound_power_db=signatures.sound_power_db[found.drone],
             emitters=[emitters[i] for i in found.drone.tolist()],
             size_m=signatures.size_m_of(found.drone),
+            echoes=None if signatures.echoes is None else signatures.echoes.rows(found.drone),
         ),
     )
 

@@ -160,6 +160,10 @@ def _law_of_kind(model: SensorModel, targets: Targets) -> DetectionLaw | None:
 
     None if it detects all of those targets.
     """
+    return _predicted_law(model, targets)
+
+
+def _predicted_law(model: SensorModel, targets: Targets) -> DetectionLaw | None:
     pd = model.predict(targets).pd
     if (pd == 1).all():
         return None
@@ -167,13 +171,17 @@ def _law_of_kind(model: SensorModel, targets: Targets) -> DetectionLaw | None:
 
 
 @_law_of_kind.register
-def _(model: ActiveRadar, targets: Targets) -> DetectionLaw:
+def _(model: ActiveRadar, targets: Targets) -> DetectionLaw | None:
+    if targets.signatures.echoes is not None:  # by a series of its own
+        return _predicted_law(model, targets)
     snr = model.look_snrs(targets)[:, 0]
     return _swerling1(lambda: model.pd(snr[:, None]), snr, model.pfa, model.n_reference)
 
 
 @_law_of_kind.register
-def _(model: PassiveRadar, targets: Targets) -> DetectionLaw:
+def _(model: PassiveRadar, targets: Targets) -> DetectionLaw | None:
+    if targets.signatures.echoes is not None:  # by a series of its own
+        return _predicted_law(model, targets)
     snr = passive_snrs(model, targets).max(axis=1)
     return _swerling1(lambda: model.pd(snr), snr, model.pfa, model.n_reference)
 
@@ -199,7 +207,9 @@ def _swerling1(
 
 
 @_law_of_kind.register
-def _(model: MimoRadar, targets: Targets) -> DetectionLaw:
+def _(model: MimoRadar, targets: Targets) -> DetectionLaw | None:
+    if targets.signatures.echoes is not None:  # by a series of its own
+        return _predicted_law(model, targets)
     snrs = model.look_snrs(targets)
     pfa, n = model.pfa, model.n_reference_total
     singles = snrs.astype(np.float32)

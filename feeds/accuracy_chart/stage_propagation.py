@@ -104,7 +104,7 @@ def _(model: PolarRadar, targets: Targets, antenna_m: float) -> PropagationMetho
         model,
         antenna_m,
         lambda sensor: sensor.look_snrs(targets),
-        lambda sensor: sensor.pd(sensor.look_snrs(targets)),
+        lambda sensor: sensor.pd(sensor.look_snrs(targets), sensor.orders(targets)),
     )
 
 
@@ -114,7 +114,7 @@ def _(model: PassiveRadar, targets: Targets, antenna_m: float) -> PropagationMet
         model,
         antenna_m,
         lambda sensor: passive_snrs(sensor, targets),
-        lambda sensor: sensor.pd(passive_snrs(sensor, targets).max(axis=1)),
+        lambda sensor: sensor.pd(passive_snrs(sensor, targets).max(axis=1), sensor.orders(targets)),
     )
 
 

@@ -19,7 +19,7 @@ from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import effects_named
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
-from plotfeed.feeds.sensing.drone_routes import signature_of
+from plotfeed.feeds.sensing.drone_routes import signature_of, usual_signature
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.feeds.sensing.world import World
@@ -111,7 +111,6 @@ def curves(scene: Scene, rcs_m2: float | None, points: int = 400) -> dict[str, A
 
 def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
     """The scene's first drone, on the line from where it starts to the site."""
-    settings = scene.telemetry
     drone = next(iter(scene.fleet.drones), None)
     azimuth_deg, above_site_m = 0.0, DEFAULT_HEIGHT_M
     if drone is not None and drone.path:
@@ -119,11 +118,7 @@ def scene_target(scene: Scene, rcs_m2: float | None) -> TestTarget:
         start_enu_m = site_frame(scene.scene.site).from_ecef(geodetic_to_ecef(*place))
         azimuth_deg = float(np.nan_to_num(enu_to_aer(start_enu_m)[0]))
         above_site_m = float(place[2]) - scene.scene.site.height_m
-    signature = (
-        Signature(rcs_m2=settings.rcs_m2, sound_power_db=settings.sound_power_db)
-        if drone is None
-        else signature_of(scene, drone)
-    )
+    signature = usual_signature(scene) if drone is None else signature_of(scene, drone)
     return TestTarget(
         signature=signature if rcs_m2 is None else replace(signature, rcs_m2=rcs_m2),
         azimuth_deg=azimuth_deg,

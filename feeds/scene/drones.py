@@ -76,6 +76,8 @@ class FlownKeys(MissionKeys):
     """Across, as cameras see it."""
     target_class: Name = DRONE
     """What it is to sensors that recognise it: drone, bird or any other word."""
+    swerling: Annotated[int, Field(ge=0, le=4)] | None = None
+    """Swerling's case of its echoes; without it, that of its class in [[target]]."""
     model: Annotated[str, Field(max_length=64)] = ""
     """Such as Phantom 4: what sensors call it that identify it."""
     emitters: Annotated[tuple[EmitterKeys, ...], Field(strict=False)] = ()

@@ -13,11 +13,12 @@ from plotfeed.feeds.scene.fields import Enu, Location, Site, geodetic, site_fram
 from plotfeed.feeds.scene.mission_keys import HoverLeg, LandLeg, OrbitLeg, PlaceLeg, TakeOffLeg
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.feeds.scene.target_keys import echoes_of
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, to_ecef
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.known_track import KnownTrack
-from plotfeed.models.state import Emitter, Floats, Signature
+from plotfeed.models.state import DRONE, Emitter, Floats, Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
@@ -204,6 +205,22 @@ def _recorded_reports(
     return shifted, heights_m, flight.starts
 
 
+def tells_echoes(scene: Scene) -> bool:
+    """Whether it is stated of any drone how its echoes are."""
+    return bool(scene.target) or any(d.swerling is not None for d in scene.fleet.drones)
+
+
+def usual_signature(scene: Scene) -> Signature:
+    """What there is to sense of a drone that states nothing of itself; it emits nothing."""
+    settings = scene.telemetry
+    return Signature(
+        rcs_m2=settings.rcs_m2,
+        sound_power_db=settings.sound_power_db,
+        size_m=settings.size_m,
+        echoes=echoes_of(scene.target, DRONE) if tells_echoes(scene) else None,
+    )
+
+
 def signature_of(scene: Scene, drone: Drone) -> Signature:
     """What there is of a drone to sense, by the scene where the drone states nothing."""
     settings = scene.telemetry
@@ -216,4 +233,9 @@ def signature_of(scene: Scene, drone: Drone) -> Signature:
         size_m=settings.size_m if drone.size_m is None else drone.size_m,
         target_class=drone.target_class,
         model=drone.model,
+        echoes=(
+            echoes_of(scene.target, drone.target_class, drone.swerling)
+            if tells_echoes(scene)
+            else None
+        ),
     )

@@ -26,6 +26,7 @@ from plotfeed.feeds.sensing.drone_routes import (
     fly_recorded,
     planned,
     signature_of,
+    tells_echoes,
 )
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
@@ -52,7 +53,11 @@ WITHIN: dict[str, Contingency] = {
 def trajectories_of(scene: Scene) -> Trajectories:
     """Trajectories as the scene wants its telemetry to be taken, of no drone yet."""
     settings = scene.telemetry
-    return Trajectories(stale_after_s=settings.stale_after_s, max_speed_m_s=settings.max_speed_m_s)
+    return Trajectories(
+        stale_after_s=settings.stale_after_s,
+        max_speed_m_s=settings.max_speed_m_s,
+        tells_echoes=tells_echoes(scene),
+    )
 
 
 def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> SceneDrones:

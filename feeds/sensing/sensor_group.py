@@ -161,6 +161,12 @@ class SensorGroup:
         return looks.rows(of_looks), plots.rows(of_plots)
 
     @property
+    def _needs_velocities(self) -> bool:
+        """Whether what is seen of drones depends on how they fly."""
+        echoes = self._at_work.trajectories.signatures.echoes
+        return self._model.measures_range_rate or (echoes is not None and echoes.has_aspects)
+
+    @property
     def _axes(self) -> Axes:
         return self.site.axes if self._is_alone else self._frames
 
@@ -168,7 +174,7 @@ class SensorGroup:
         """Drones within reach at the ends of scans: the row of each, and its state."""
         trajectories = self._at_work.trajectories
         if self._is_alone:
-            truth = self.site.states_at(self._model, int(sectors.end_ns[0]))
+            truth = self.site.states_at(self._needs_velocities, int(sectors.end_ns[0]))
             if len(truth) >= CULLED_FROM:
                 reach_m = self._reach(sectors.sensor[0])
                 truth = truth.rows(self.site.frame.has_within(truth.position_ecef_m, reach_m))
@@ -180,7 +186,7 @@ class SensorGroup:
         near = frames.has_within(positions_ecef_m[at], reach_m)
         row, drone = np.nonzero(near)
         t_utc_ns = sectors.end_ns[row]
-        if self._model.measures_range_rate:
+        if self._needs_velocities:
             return row, trajectories.state_at(t_utc_ns, drone)
         position_ecef_m = positions_ecef_m[at[row], drone]
         return row, PlaceState(drone=drone, t_utc_ns=t_utc_ns, position_ecef_m=position_ecef_m)
@@ -202,7 +208,7 @@ class SensorGroup:
         if self.site.axes is not self.site.frame:
             position_enu_m = self.site.axes.from_ecef(sensed.position_ecef_m)
         velocity_enu_m_s = None
-        if self._model.measures_range_rate and isinstance(sensed, TruthState):
+        if self._needs_velocities and isinstance(sensed, TruthState):
             velocity_enu_m_s = frames.rotate_from_ecef(sensed.velocity_ecef_m_s)
         targets = Targets(
             drone=sensed.drone,

@@ -14,7 +14,6 @@ from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
-from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Ints, Looks, PlaceState, TruthState
 from plotfeed.models.truth import Trajectories
 
@@ -54,10 +53,10 @@ class SensorSite:
         )
 
     def states_at(
-        self, model: SensorModel, t_utc_ns: Ints | int, drones: Ints | None = None
+        self, velocities: bool, t_utc_ns: Ints | int, drones: Ints | None = None
     ) -> PlaceState:
-        """What there is at a time, or of `drones` (m,) at times (m,), as far as the model asks."""
-        if model.measures_range_rate:
+        """What there is at a time, or of `drones` (m,) at times (m,), with velocities if asked."""
+        if velocities:
             return self.trajectories.state_at(t_utc_ns, drones)
         return self.trajectories.places_at(t_utc_ns, drones)
 

@@ -13,12 +13,13 @@ from google.protobuf import json_format
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
+from plotfeed.feeds.scene.target_keys import echoes_of
 from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
 from plotfeed.models.live_samples import MAX_FIT_SAMPLES
-from plotfeed.models.state import Signatures
+from plotfeed.models.state import DRONE, Signatures
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
@@ -90,6 +91,7 @@ class TelemetryReceiver:
         self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._size_m = settings.size_m
+        self._echoes = echoes_of(scene.target, DRONE) if scene.target else None
         self._scripted = frozenset(d.id for d in scene.fleet.drones)
         self._trajectories = trajectories
         self._welcome, self._part_with = welcome, part_with
@@ -201,6 +203,7 @@ class TelemetryReceiver:
                 ),
                 emitters=emitters,
                 size_m=np.full(len(rcs_m2), self._size_m),
+                echoes=self._echoes and self._echoes.rows(np.zeros(len(rcs_m2), np.int64)),
             ),
             starts=starts,
         )

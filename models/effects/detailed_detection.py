@@ -47,28 +47,31 @@ class Hits:
     columns: dict[str, NDArray[Any]]
     rng: np.random.Generator
     rows: Ints | slice
+    order: Floats | None = None
+    """By which each target fluctuates, if any states it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetailedDetector:
     """What of a radar's detector only few model.
 
-    `odds` gives the mean ratio and Pd of echoes of those powers, (n, ...), by their channels, of
-    which a degraded sensor has `pd_factor`, (n,) of several sensors.
+    `odds` gives the mean ratio and Pd of echoes of those powers, (n, ...), by their channels and
+    the orders of targets, of which a degraded sensor has `pd_factor`, (n,) of several sensors.
     """
 
     doppler: Doppler | None
     merging: Merging | None
-    odds: Callable[[Floats, Ints], tuple[Floats, Floats]]
+    odds: Callable[[Floats, Ints, Floats | None], tuple[Floats, Floats]]
     pd_factor: float | Floats = 1.0
 
-    def detect(
+    def detect(  # noqa: PLR0917
         self,
         looks: Looks,
         echoes: Looks,
         powers: Floats,
         details: LookDetails,
         rng: np.random.Generator,
+        order: Floats | None = None,
     ) -> tuple[Looks, Hits]:
         """Looks with their odds and what came of them, and the echoes that were detected.
 
@@ -82,7 +85,8 @@ class DetailedDetector:
                 echoes, details = merged_echoes(groups, echoes, details)
                 powers, of_looks = groups.total(powers), groups.group
                 rng = of_rows(rng, groups.leader)
-        snr, pd = self.odds(powers, echoes.channel)
+                order = None if order is None else order[groups.leader]
+        snr, pd = self.odds(powers, echoes.channel, order)
         pd = pd * self.pd_factor
         if self.doppler is not None and details.range_rate_m_s is not None:
             pd = pd * self.doppler.share_passed(details.range_rate_m_s, echoes.channel)
@@ -96,6 +100,7 @@ class DetailedDetector:
                 details.rows(detected).columns(),
                 of_rows(rng, hits),
                 hits,
+                None if order is None else order[hits],
             ),
         )
 

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from plotfeed.models import detection, propagation
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
-from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
@@ -67,16 +68,26 @@ class ActiveRadar(PolarRadar):
             snr *= self.way_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
         return snr[:, None]
 
-    def pd(self, snrs: Floats) -> Floats:
+    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""
+        if order is not None:
+            return FluctuatingCfar(self.pfa, 1, self.n_reference).pd(snrs[..., 0], order)
         return detection.pd_cfar_swerling1(snrs[..., 0], self.pfa, self.n_reference)
 
-    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    def draw_detected(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out."""
+        if order is not None:
+            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+            return cfar.draw_detected(snrs[..., 0], order, rng)
         return detection.draw_detected_snr_swerling1(snrs[..., 0], self.pfa, self.n_reference, rng)
 
-    def inverse_detected(self, snrs: Floats) -> Floats:
+    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
+        if order is not None:
+            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+            return cfar.inverse_detected(snrs[..., 0], order)
         return detection.inverse_detected_snr(snrs[..., 0], self.pfa, self.n_reference)
 
 
@@ -99,6 +110,20 @@ class MimoRadar(PolarRadar):
     def n_signals(self) -> int:
         """A signal a transmitter."""
         return len(self.transmitters)
+
+    @property
+    def usual_case(self) -> int:
+        """Echoes of transmitters far apart fluctuate by themselves (Swerling 2)."""
+        return 2
+
+    @property
+    def n_looks(self) -> int:
+        """A look a transmitter."""
+        return self.n_signals
+
+    @property
+    def _cfar(self) -> FluctuatingCfar:
+        return FluctuatingCfar(self.pfa, self.n_signals, self.n_reference_total)
 
     @property
     def n_reference_total(self) -> int:
@@ -146,19 +171,33 @@ class MimoRadar(PolarRadar):
     def _noise_density_w_hz(self) -> float:
         return float(propagation.noise_density_w_hz(self.noise_figure_db))
 
-    def pd(self, snrs: Floats) -> Floats:
-        """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,)."""
+    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
+        """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,).
+
+        Of a target that states how it fluctuates, the sum of the ratios decides, which is exact
+        for one that is the same to all transmitters.
+        """
+        if order is not None:
+            return self._cfar.pd(mean_over_signals(snrs), order)
         return detection.pd_noncoherent_unequal_cfar(snrs, self.pfa, self.n_reference_total)
 
-    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    def draw_detected(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """Powers a transmitter of detections, and thresholds; (n, K) in, (n,) out."""
+        if order is not None:
+            power, threshold = self._cfar.draw_detected(mean_over_signals(snrs), order, rng)
+            return power / self.n_signals, threshold / self.n_signals
         power, threshold = detection.draw_detected_power_noncoherent(
             snrs, self.pfa, self.n_reference_total, rng
         )
         return power / self.n_signals, threshold / self.n_signals
 
-    def inverse_detected(self, snrs: Floats) -> Floats:
+    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
+        if order is not None:
+            cfar = self._cfar
+            return self.n_signals * cfar.inverse_detected(mean_over_signals(snrs), order)
         return self.n_signals * detection.inverse_detected_power_noncoherent(
             snrs, self.pfa, self.n_reference_total
         )

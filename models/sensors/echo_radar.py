@@ -15,6 +15,7 @@ from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, L
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, RadioSensor, Targets
+from plotfeed.models.sensors.stacking import EVERY_ROW
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 
 if TYPE_CHECKING:
@@ -49,14 +50,43 @@ class EchoRadar(RadioSensor, ABC):
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         """How echoes of those rows of targets, the model's own, come to it."""
 
+    @property
+    def usual_case(self) -> int:
+        """Swerling's case of a target that states none: by one look, from scan to scan."""
+        return 1
+
+    @property
+    def n_looks(self) -> int:
+        """Looks whose powers are summed."""
+        return 1
+
+    def orders(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats | None:
+        """Orders by which those rows of targets fluctuate, (n,); None if none states anything."""
+        echoes = targets.signatures.echoes
+        if echoes is None:
+            return None
+        found: Floats = echoes.orders(targets.drone[rows], self.usual_case, self.n_looks)
+        return found
+
     def _with_effects(self, powers: Floats, targets: Targets, rows: Ints | slice) -> Floats:
         """Mean powers of echoes, or their ratios, (n, K), as the effects leave them."""
-        if self.echo_effects is None:
+        echoes = targets.signatures.echoes
+        if self.echo_effects is None and echoes is None:
             return powers
-        return powers * self.echo_effects.power_factor(self._echo_paths(targets, rows))
+        paths = self._echo_paths(targets, rows)
+        if self.echo_effects is not None:
+            powers = powers * self.echo_effects.power_factor(paths)
+        if echoes is not None and echoes.has_aspects and targets.velocity_enu_m_s is not None:
+            powers = powers * echoes.rcs_factor(
+                targets.drone[rows],
+                paths.place_enu_m,
+                targets.velocity_enu_m_s[rows],
+                paths.transmitters_enu_m,
+            )
+        return powers
 
     @abstractmethod
-    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
+    def _odds(self, powers: Floats, channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
         """Mean signal-to-noise ratio and Pd of echoes; (n, ...) and (n,) in, each (n,) out."""
 
     @abstractmethod
@@ -94,6 +124,7 @@ class EchoRadar(RadioSensor, ABC):
         snr: Floats,
         pd: Floats,
         channel: Ints | None = None,
+        order: Floats | None = None,
     ) -> tuple[Looks, Plots]:
         """Looks at those rows of targets, the model's own, and the plots of those detected."""
         if self.degradation is not None:
@@ -108,7 +139,8 @@ class EchoRadar(RadioSensor, ABC):
             columns = targets.true_geometry(echoes, rows, which)
             of_hits = self.rows(which)
             echoes = of_hits._with_range(echoes, targets, rows, which)
-            hits = Hits(echoes, powers[which], columns, of_rows(rng, which), which)
+            of_which = None if order is None else order[which]
+            hits = Hits(echoes, powers[which], columns, of_rows(rng, which), which, of_which)
             return looks, of_hits._measure(hits, targets)
         rate_m_s = self._range_rates(targets, rows, looks.channel)
         details = LookDetails(
@@ -117,7 +149,7 @@ class EchoRadar(RadioSensor, ABC):
             true_range_rate_m_s=rate_m_s,
         )
         echoes = self._with_range(looks, targets, rows)
-        looks, hits = self._detailed.detect(looks, echoes, powers, details, rng)
+        looks, hits = self._detailed.detect(looks, echoes, powers, details, rng, order)
         if not len(hits.echoes):
             return looks, NO_PLOTS
         return looks, self.rows(hits.rows)._measure(hits, targets)

@@ -21,6 +21,7 @@ from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.echo_effects import EchoPaths
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.passive_signals import PassiveSignals
@@ -36,12 +37,12 @@ class PassiveRadar(PassiveSignals):
     expected_height_m: float = 0.0
     sigma_height_m: float = 0.0
 
-    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:
+    def _odds(self, powers: Floats, channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
         disturbance_w, time_bandwidth = (
             self.of_channel(name, channel) for name in ("disturbance_w", "time_bandwidth")
         )
         snr = propagation.correlated_snr(powers, disturbance_w, time_bandwidth)
-        return snr, self.pd(snr)
+        return snr, self.pd(snr, order)
 
     def look_powers_w(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats:
         """Mean echoes of those rows of targets, the model's own, by each channel."""
@@ -80,6 +81,7 @@ class PassiveRadar(PassiveSignals):
         target_w = of_covered.look_powers_w(targets, covered)
         snr = of_covered.mean_snr(target_w).ravel()
         rows = np.repeat(covered, channels)
+        order = self.rows(rows).orders(targets, rows)
         return self.rows(rows)._looks_and_plots(
             targets,
             rows,
@@ -87,7 +89,8 @@ class PassiveRadar(PassiveSignals):
             of_rows(rng, rows),
             powers=target_w.ravel(),
             snr=snr,
-            pd=self.pd(snr),
+            pd=self.pd(snr, order),
+            order=order,
             channel=np.tile(np.arange(channels), len(covered)),
         )
 
@@ -109,7 +112,12 @@ class PassiveRadar(PassiveSignals):
     def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Noise on the measured pair by the SNR of each very detection, then the inversion."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
-        snr, _ = detection.draw_detected_snr_swerling1(echoes.snr, self.pfa, self.n_reference, rng)
+        if hits.order is None:
+            look = echoes.snr, self.pfa, self.n_reference
+            snr, _ = detection.draw_detected_snr_swerling1(*look, rng)
+        else:
+            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+            snr, _ = cfar.draw_detected(echoes.snr, hits.order, rng)
         sigmas = self.sigmas(
             snr,
             self.of_channel("range_resolution_m", echoes.channel),
@@ -159,8 +167,10 @@ class PassiveRadar(PassiveSignals):
         position_enu_m = targets.true_position_enu_m
         target_w = self.look_powers_w(targets)
         snr = self.mean_snr(target_w)
+        order = self.orders(targets)
+        order = None if order is None else np.repeat(order, snr.shape[1]).reshape(snr.shape)
         # Error variances go as one over the detection's own power.
-        effective_snr = 1.0 / detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
+        effective_snr = 1.0 / self.inverse_detected(snr, order)
         sigma_excess_m, sigma_azimuth_deg = (
             sigma * self.error_factor
             for sigma in self.sigmas(effective_snr, self.range_resolution_m, self.range_floors_m)
@@ -172,7 +182,7 @@ class PassiveRadar(PassiveSignals):
         placed = flat.chance_between(
             self.range_min_m, self.range_max_m, sigma_range_m, excess_m / sigma_excess_m
         )
-        pd, sigma_rate_m_s = self.pd(snr) * placed * self.pd_factor, None
+        pd, sigma_rate_m_s = self.pd(snr, order) * placed * self.pd_factor, None
         if self.doppler is not None:
             channel = np.broadcast_to(np.arange(snr.shape[1]), snr.shape)
             sigma_rate_m_s = self.doppler.sigma_m_s(effective_snr, channel) * self.error_factor

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import aer_to_enu, distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
@@ -204,9 +205,19 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
         return propagation.correlated_snr(target_w, self.disturbance_w.T, self.time_bandwidth.T)
 
-    def pd(self, snr: Floats) -> Floats:
-        """Probability of detection (eqs 6, 7)."""
+    def pd(self, snr: Floats, order: Floats | None = None) -> Floats:
+        """Probability of detection (eqs 6, 7), by how targets fluctuate where they state it."""
+        if order is not None:
+            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+            return cfar.pd(snr.ravel(), order.ravel()).reshape(snr.shape)
         return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
+
+    def inverse_detected(self, snr: Floats, order: Floats | None = None) -> Floats:
+        """Mean of 1/x over detections of power x; (...)."""
+        if order is not None:
+            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+            return cfar.inverse_detected(snr.ravel(), order.ravel()).reshape(snr.shape)
+        return detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
 
     def sigmas(
         self, snr: Floats, range_resolution_m: Floats, range_floor_m: Floats

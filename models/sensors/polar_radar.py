@@ -74,15 +74,20 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
 
     @abstractmethod
-    def pd(self, snrs: Floats) -> Floats:
-        """Probability of detection by all signals; (n, K) in, (n,) out."""
+    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
+        """Probability of detection by all signals; (n, K) in, (n,) out.
+
+        `order` (n,) is by what law targets fluctuate, None for the usual one of all.
+        """
 
     @abstractmethod
-    def draw_detected(self, snrs: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    def draw_detected(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """Powers a signal of detections, and thresholds, in mean noise powers; each (n,)."""
 
     @abstractmethod
-    def inverse_detected(self, snrs: Floats) -> Floats:
+    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections, x the power that `draw_detected` draws; (n,)."""
 
     @property
@@ -173,7 +178,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         of_covered = self.rows(covered)
-        snrs = of_covered.look_snrs(targets, covered)
+        snrs, order = of_covered.look_snrs(targets, covered), of_covered.orders(targets, covered)
         return of_covered._looks_and_plots(
             targets,
             covered,
@@ -181,11 +186,12 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             of_rows(rng, covered),
             powers=snrs,
             snr=mean_over_signals(snrs),
-            pd=of_covered.pd(snrs),
+            pd=of_covered.pd(snrs, order),
+            order=order,
         )
 
-    def _odds(self, powers: Floats, channel: Ints) -> tuple[Floats, Floats]:  # noqa: ARG002
-        return mean_over_signals(powers), self.pd(powers)
+    def _odds(self, powers: Floats, _channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
+        return mean_over_signals(powers), self.pd(powers, order)
 
     def _with_range(self, looks: Looks, *_where: Any) -> Looks:
         return looks
@@ -203,10 +209,10 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
-        snrs = self.look_snrs(targets)
-        pd, sigma_rate_m_s = self.pd(snrs) * self.pd_factor, None
+        snrs, order = self.look_snrs(targets), self.orders(targets)
+        pd, sigma_rate_m_s = self.pd(snrs, order) * self.pd_factor, None
         # Error variances go as one over the detection's own power.
-        effective_snr = 1.0 / self.inverse_detected(snrs)
+        effective_snr = 1.0 / self.inverse_detected(snrs, order)
         sigmas = self.sigmas(effective_snr) * self.error_factor
         sigma_range_m, sigma_azimuth_deg, sigma_elevation_deg = sigmas
         if self.doppler is not None:
@@ -229,7 +235,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
-        snr, threshold = self.draw_detected(hits.powers, rng)
+        snr, threshold = self.draw_detected(hits.powers, rng, hits.order)
         sigmas = self.sigmas(snr)
         errors = rng.standard_normal((3, len(echoes))) * sigmas
         if self.degradation is not None:

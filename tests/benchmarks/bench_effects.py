@@ -51,6 +51,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
             "receive": {"elevation": {"kind": "gaussian"}},
         }
     },
+    "Swerling 3": {"target": [{"swerling": 3}]},
+    "aspect": {"target": [{"aspect": {"kind": "lobes", "depth_db": 6.0}}]},
     "straddling": {"straddling": {"range": "sinc"}},
     "rain": {"weather": {"rain_mm_h": 25.0}},
     "a jammer": {
@@ -70,7 +72,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
 }
 """Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
 away."""
-OF_SCENE = frozenset({"terrain"})
+OF_SCENE = frozenset({"terrain", "target"})
 
 
 def station_of(n: int, named: dict[str, Any]) -> Station:

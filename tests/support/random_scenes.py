@@ -88,6 +88,7 @@ def _drones(dice: Dice) -> list[Keys]:
             {
                 "id": f"drone-{number}",
                 "rcs_m2": dice.log_between(0.005, 0.3),
+                **({"swerling": dice.one_of(0, 2, 3, 4)} if dice.happens(0.2) else {}),
                 "sound_power_db": dice.between(95, 115),
                 "speed_m_s": dice.between(2, 40),
                 "repeat": True,

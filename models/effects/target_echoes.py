@@ -1,0 +1,125 @@
+"""How the echoes of targets differ: how they fluctuate, and what they are from which side."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from scipy.special import i0e
+
+from plotfeed.models.fluctuation import order_of
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.state import Floats, Ints
+
+NEPERS_A_DB = float(np.log(10) / 10)
+NOT_STATED = -1
+
+
+class Aspect(ABC):
+    """Cross-section over its stated mean by the side from which a target is seen."""
+
+    @abstractmethod
+    def gain_db(self, aspect_deg: Floats) -> Floats:
+        """Decibels at aspects, clockwise from the nose, seen from above; (...)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LobedAspect(Aspect):
+    """Four lobes, A cos 4a in dB, as of a quadcopter with square arms; the mean power is kept."""
+
+    depth_db: float
+
+    def gain_db(self, aspect_deg: Floats) -> Floats:
+        """A cos 4a less 10 lg I0(A ln 10/10)."""
+        nepers = NEPERS_A_DB * self.depth_db
+        mean_db = (np.log(i0e(nepers)) + nepers) / NEPERS_A_DB
+        return np.asarray(self.depth_db * np.cos(np.radians(4 * aspect_deg)) - mean_db)
+
+
+@dataclass(frozen=True, slots=True)
+class AspectTable(Aspect):
+    """Gains at aspects from 0 to 360, as they were measured; linear in dB all around."""
+
+    angles_deg: tuple[float, ...]
+    gains_db: tuple[float, ...]
+
+    def gain_db(self, aspect_deg: Floats) -> Floats:
+        """Gains of the table, as they are."""
+        return np.asarray(np.interp(aspect_deg, self.angles_deg, self.gains_db, period=360.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetEcho:
+    """What is stated of a target: Swerling's case, and its aspects; None for what is not."""
+
+    swerling: int | None = None
+    aspect: Aspect | None = None
+
+
+@dataclass(frozen=True)
+class TargetEchoes:
+    """Echoes of all drones, by their index: which of the kinds each has, (n,), or `NOT_STATED`."""
+
+    kinds: tuple[TargetEcho, ...]
+    kind: Ints
+
+    @classmethod
+    def of(cls, echoes: Sequence[TargetEcho | None]) -> Self:
+        """Echoes of drones, in their order."""
+        kinds = tuple(dict.fromkeys(echo for echo in echoes if echo is not None))
+        numbers = {echo: i for i, echo in enumerate(kinds)}
+        found = [NOT_STATED if echo is None else numbers[echo] for echo in echoes]
+        return cls(kinds, np.array(found, np.int64))
+
+    def rows(self, drone: Ints) -> Self:
+        """Echoes of some drones, which are numbered anew in that order."""
+        return type(self)(self.kinds, self.kind[drone])
+
+    @cached_property
+    def has_aspects(self) -> bool:
+        """Whether any of them depends on the aspect."""
+        return any(echo.aspect is not None for echo in self.kinds)
+
+    def orders(self, drone: Ints, usual_case: int, n_looks: int) -> Floats:
+        """Orders by which drones fluctuate over that many looks, by a case where none is stated."""
+        stated = [usual_case if e.swerling is None else e.swerling for e in self.kinds]
+        orders = [order_of(case, n_looks) for case in (*stated, usual_case)]
+        return np.array(orders)[self.kind[drone]]  # the last one, -1, is the usual
+
+    @nan_without_warnings
+    def rcs_factor(
+        self,
+        drone: Ints,
+        place_enu_m: Floats,
+        velocity_enu_m_s: Floats,
+        transmitters_enu_m: Sequence[Floats] | None,
+    ) -> Floats:
+        """Cross-sections over the stated ones; (n, 1), or (n, K) of transmitters elsewhere.
+
+        A target looks where it flies, and north while it hovers. With a transmitter elsewhere it
+        is seen from between the two (Crispin's bisector).
+        """
+        course_deg = np.degrees(np.arctan2(velocity_enu_m_s[:, 0], velocity_enu_m_s[:, 1]))
+        back = -_unit(place_enu_m)
+        seen_from = [back]
+        if transmitters_enu_m is not None:
+            seen_from = [back - _unit(place_enu_m - each_m) for each_m in transmitters_enu_m]
+        aspects_deg = np.stack(
+            [np.degrees(np.arctan2(side[:, 0], side[:, 1])) - course_deg for side in seen_from],
+            axis=-1,
+        )
+        factor = np.ones_like(aspects_deg)
+        kind = self.kind[drone]
+        for number, echo in enumerate(self.kinds):
+            rows = np.flatnonzero(kind == number)
+            if echo.aspect is not None and len(rows):
+                factor[rows] = 10 ** (echo.aspect.gain_db(aspects_deg[rows]) / 10)
+        return factor
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))

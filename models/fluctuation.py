@@ -1,0 +1,267 @@
+"""Detection of targets that fluctuate as Swerling 0 to 4, by one series of positive terms.
+
+The power of n looks at a target whose strength is a gamma variable of order kappa is a mixture of
+gamma variables of orders n + k, by weights w_k that are negative binomial: orders infinity, 1, n,
+2 and 2 n are cases 0 to 4 (infinity: Poisson's weights). No term is taken from another, so that
+nothing is lost for weak echoes and many looks, where the closed forms of DiFranco and Rubin lose
+all digits. Other orders are as good. Detection compares the sum of the looks' powers with that of
+`n_reference` samples of noise, as in `detection`, or with a threshold where the noise is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import (
+    betainc,
+    betaincc,
+    betaincinv,
+    gammainc,
+    gammaincc,
+    gammaincinv,
+    gammaln,
+    nbdtrik,
+    pdtrc,
+    pdtrik,
+    xlogy,
+)
+
+from plotfeed.models.detection import (
+    inverse_detected_snr,
+    threshold_noncoherent,
+    threshold_noncoherent_cfar,
+)
+from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
+from plotfeed.models.state import Floats, Ints
+
+STEADY = np.inf
+"""The order of a target that does not fluctuate, Swerling 0."""
+LONG_TAIL = 60.0
+"""Terms beyond the last that matters."""
+SURE = 12.0
+"""Standard deviations beyond which nothing is left."""
+NODES = 96
+AT_ONCE = 1 << 18
+"""Weights that are held at once."""
+
+
+def order_of(case: int, n_looks: int) -> float:
+    """The order of the gamma law by which a target of Swerling's case fluctuates over looks."""
+    return (STEADY, 1.0, float(n_looks), 2.0, 2.0 * n_looks)[case]
+
+
+class _Terms(NamedTuple):
+    """Chances that sums of orders n + k cross the threshold, k = 0, 1, ..., and that they do not.
+
+    Beyond the last they all do.
+    """
+
+    hit: Floats
+    miss: Floats
+    share: float
+    """Of the reference samples in all power, at the threshold; NaN for a known noise."""
+
+
+@lru_cache(maxsize=256)
+def _terms_of_cfar(pfa: float, n_looks: int, n_reference: int) -> _Terms:
+    ratio = float(threshold_noncoherent_cfar(pfa, n_looks, n_reference))
+    share = float(betaincinv(n_reference, n_looks, pfa))
+    most = ratio * (n_reference + SURE * n_reference**0.5 + LONG_TAIL) + LONG_TAIL
+    orders = n_looks + np.arange(int(most) + 1)
+    return _Terms(betainc(n_reference, orders, share), betaincc(n_reference, orders, share), share)
+
+
+@lru_cache(maxsize=256)
+def _terms_of_known_noise(pfa: float, n_looks: int) -> _Terms:
+    y = float(threshold_noncoherent(pfa, n_looks))
+    orders = n_looks + np.arange(int(y + SURE * y**0.5 + LONG_TAIL) + 1)
+    return _Terms(gammaincc(orders, y), gammainc(orders, y), np.nan)
+
+
+def _log_weights(total: Floats, order: float, k: Floats) -> Floats:
+    """Logarithms of the weights at numbers k, (K,) or (n, K), of ratios summed over looks, (n,)."""
+    total = total[:, None]
+    if order == STEADY:
+        return np.asarray(xlogy(k, total) - total - gammaln(k + 1))
+    mean = total / order
+    with np.errstate(divide="ignore"):
+        kept = np.where(k > 0, -k * np.log1p(1 / mean), 0.0)
+    counted = gammaln(order + k) - gammaln(order) - gammaln(k + 1)
+    return np.asarray(counted + kept - order * np.log1p(mean))
+
+
+def _beyond(total: Floats, order: float, last: int) -> Floats:
+    """Weights beyond the last, summed."""
+    if order == STEADY:
+        return np.asarray(pdtrc(last, total))
+    mean = total / order
+    return np.asarray(betainc(last + 1, order, 1 / (1 + 1 / mean)))
+
+
+def _chances(total: Floats, order: float, terms: _Terms) -> tuple[Floats, Floats]:
+    """Pd and its complement, (n,); each is accurate by itself."""
+    k = np.arange(len(terms.hit), dtype=np.float64)
+    pd, miss = np.empty(len(total)), np.empty(len(total))
+    step = max(AT_ONCE // len(k), 1)
+    for a in range(0, len(total), step):
+        weights = np.exp(_log_weights(total[a : a + step], order, k))
+        pd[a : a + step], miss[a : a + step] = weights @ terms.hit, weights @ terms.miss
+    return np.minimum(pd + _beyond(total, order, len(k) - 1), 1.0), miss
+
+
+def _total(snr: ArrayLike, n_looks: int) -> Floats:
+    ratio = as_floats(snr) * n_looks
+    return np.where(ratio >= 0, ratio, np.nan)
+
+
+@nan_without_warnings
+def pd_fluctuating(snr: ArrayLike, pfa: float, n_looks: int, order: float) -> Floats:
+    """Probability of detection of a sum of looks of that mean ratio each, noise known; (...)."""
+    total = _total(snr, n_looks)
+    pd, _ = _chances(total.ravel(), order, _terms_of_known_noise(pfa, n_looks))
+    return pd.reshape(total.shape)
+
+
+@nan_without_warnings
+def miss_fluctuating(snr: ArrayLike, pfa: float, n_looks: int, order: float) -> Floats:
+    """Complement of `pd_fluctuating`."""
+    total = _total(snr, n_looks)
+    _, miss = _chances(total.ravel(), order, _terms_of_known_noise(pfa, n_looks))
+    return miss.reshape(total.shape)
+
+
+@nan_without_warnings
+def pd_fluctuating_cfar(
+    snr: ArrayLike, pfa: float, n_looks: int, n_reference: int, order: float
+) -> Floats:
+    """Probability of detection of a sum of looks against a sum of reference samples; (...)."""
+    total = _total(snr, n_looks)
+    pd, _ = _chances(total.ravel(), order, _terms_of_cfar(pfa, n_looks, n_reference))
+    return pd.reshape(total.shape)
+
+
+def _detected(cfar: FluctuatingCfar, snr: Floats, order: float, u: Floats) -> tuple[Floats, Floats]:
+    """Sums and thresholds of detections by uniform numbers, (3, n).
+
+    The exact joint law given the hit: the number k by its weight and chance, the share of the
+    reference samples in all power below that at the threshold, and all power, a gamma variable.
+    """
+    _, n_looks, n_reference = cfar
+    terms = _terms_of_cfar(*cfar)
+    total = _total(snr, n_looks)
+    k = _numbers(total, order, terms, u[0])
+    chance = betainc(n_reference, n_looks + k, terms.share)
+    reference = betaincinv(n_reference, n_looks + k, np.maximum(u[1], 1e-300) * chance)
+    power = gammaincinv(n_looks + k + n_reference, u[2])
+    ratio = 1 / terms.share - 1
+    threshold = ratio * reference * power
+    return np.maximum((1 - reference) * power, threshold), threshold
+
+
+def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:
+    """Numbers k given the hit, by uniform ones; (n,)."""
+    k = np.arange(len(terms.hit), dtype=np.float64)
+    found = np.empty(len(total))
+    step = max(AT_ONCE // len(k), 1)
+    for a in range(0, len(total), step):
+        part = total[a : a + step]
+        cumulated = np.cumsum(np.exp(_log_weights(part, order, k)) * terms.hit, axis=1)
+        beyond = _beyond(part, order, len(k) - 1)
+        wanted = u[a : a + step] * (cumulated[:, -1] + beyond)
+        found[a : a + step] = (cumulated < wanted[:, None]).sum(axis=1)
+        far = np.flatnonzero(wanted > cumulated[:, -1])
+        if len(far):
+            # There every echo crosses the threshold: the law of k alone, from the last on.
+            below = 1 - (cumulated[far, -1] + beyond[far] - wanted[far])
+            mean = part[far] / order
+            if order == STEADY:
+                numbers = pdtrik(below, part[far])
+            else:
+                numbers = nbdtrik(below, order, 1 / (1 + mean))
+            found[a : a + step][far] = np.maximum(np.ceil(numbers), len(k))
+    return found
+
+
+@nan_without_warnings
+def inverse_detected_fluctuating(
+    snr: ArrayLike, pfa: float, n_looks: int, n_reference: int, order: float
+) -> Floats:
+    """Mean of 1/x over detections of power x, the sum of all looks; (...).
+
+    Of order n + k, 1/x is 1/(n + k - 1) times the chance of one order less. Beyond the last term
+    the weights are smooth, and are integrated.
+    """
+    terms = _terms_of_cfar(pfa, n_looks, n_reference)
+    total = _total(snr, n_looks).ravel()
+    k = np.arange(len(terms.hit), dtype=np.float64)
+    fewer = n_looks - 1 + k
+    inverse = betainc(n_reference, np.maximum(fewer, 1), terms.share) / np.maximum(fewer, 1)
+    if n_looks == 1:
+        inverse[0] = pfa * float(inverse_detected_snr(0.0, pfa, n_reference))
+    found = np.empty(len(total))
+    step = max(AT_ONCE // len(k), 1)
+    for a in range(0, len(total), step):
+        part = total[a : a + step]
+        found[a : a + step] = np.exp(_log_weights(part, order, k)) @ inverse
+    pd, _ = _chances(total, order, terms)
+    far = np.flatnonzero(_beyond(total, order, len(k) - 1) > 0)
+    if len(far):
+        found[far] += _inverse_beyond(total[far], order, n_looks, len(k) - 0.5)
+    return np.asarray(found / pd).reshape(np.shape(snr))
+
+
+def _inverse_beyond(total: Floats, order: float, n_looks: int, first: float) -> Floats:
+    """Weights over n + k - 1, integrated from a number on; (n,)."""
+    nodes, weights = unit_interval(NODES)
+    if order == STEADY:
+        low = np.maximum(first, total - SURE * np.sqrt(total))
+        high = np.maximum(total + SURE * np.sqrt(total), first + LONG_TAIL)
+    else:
+        low = np.full(len(total), first)
+        high = low + total * (1 + 40 / order)
+    span = np.log(high / low)[:, None]
+    k = low[:, None] * np.exp(span * nodes)
+    density = np.exp(_log_weights(total, order, k))
+    return np.asarray((density * k / (n_looks + k - 1)) * span @ weights)
+
+
+class FluctuatingCfar(NamedTuple):
+    """A detector of targets each of which fluctuates by an order of its own: by rows, (n,)."""
+
+    pfa: float
+    n_looks: int
+    n_reference: int
+
+    def pd(self, snr: Floats, order: Floats) -> Floats:
+        """Probability of detection."""
+        pd = np.empty(len(snr))
+        for one, rows in _by_order(order):
+            pd[rows] = pd_fluctuating_cfar(snr[rows], *self, one)
+        return pd
+
+    @nan_without_warnings
+    def draw_detected(
+        self, snr: Floats, order: Floats, rng: np.random.Generator
+    ) -> tuple[Floats, Floats]:
+        """Sums of the looks of detections, and thresholds; no draw depends on other rows."""
+        u = rng.random((3, len(snr)))
+        power, threshold = np.empty(len(snr)), np.empty(len(snr))
+        for one, rows in _by_order(order):
+            power[rows], threshold[rows] = _detected(self, snr[rows], one, u[:, rows])
+        return power, threshold
+
+    def inverse_detected(self, snr: Floats, order: Floats) -> Floats:
+        """Mean of 1/x over detections, x the sum of all looks."""
+        inverse = np.empty(len(snr))
+        for one, rows in _by_order(order):
+            inverse[rows] = inverse_detected_fluctuating(snr[rows], *self, one)
+        return inverse
+
+
+def _by_order(order: Floats) -> Iterator[tuple[float, Ints]]:
+    for one in np.unique(order).tolist():
+        yield one, np.flatnonzero(order == one)
