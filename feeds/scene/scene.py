@@ -34,7 +34,7 @@ from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
-from plotfeed.feeds.scene.target_keys import TargetKeys
+from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
 from plotfeed.feeds.scene.terrain_keys import TerrainKeys
 from plotfeed.feeds.scene.weather_keys import JammerSpell, WeatherSpell, with_spells
@@ -134,7 +134,7 @@ class Scene(SceneTable):
     """Their sensors are among `sensor` once a scene is loaded."""
     drone: Annotated[tuple[Drone, ...], Field(strict=False)] = ()
     swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
-    target: Annotated[tuple[TargetKeys, ...], Field(strict=False)] = ()
+    target: Targets = ()
     cooperative: CooperativeKeys | None = None
     terrain: TerrainKeys | None = None
     """The ground and buildings; without it, nothing stands in the way."""
@@ -171,10 +171,6 @@ class Scene(SceneTable):
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
         known: set[str] = set()
-        classes = [target.target_class for target in self.target]
-        for n, name in enumerate(classes):
-            if name in classes[:n]:
-                raise ValueError(f"target[{n}].target_class: {name!r} is used twice")
         for n, sensor in enumerate(self.sensor):
             if sensor.id in known:
                 raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is used twice")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Decibels, Name, SceneTable
 from plotfeed.models.effects.target_echoes import (
@@ -75,6 +75,19 @@ class TargetKeys(SceneTable):
             swerling=self.swerling if swerling is None else swerling,
             aspect=None if self.aspect is None else self.aspect.model(),
         )
+
+
+def _of_distinct_classes(targets: tuple[TargetKeys, ...]) -> tuple[TargetKeys, ...]:
+    classes = [target.target_class for target in targets]
+    for name in classes:
+        if classes.count(name) > 1:
+            raise ValueError(f"target_class {name!r} is used twice")
+    return targets
+
+
+Targets = Annotated[
+    tuple[TargetKeys, ...], Field(strict=False), AfterValidator(_of_distinct_classes)
+]
 
 
 def echoes_of(
