@@ -6,6 +6,7 @@ import mpmath as mp
 import numpy as np
 from stability_case import Case, relative
 
+from plotfeed.models.multilateration import covariance
 from plotfeed.models.sensors.acoustic_pair import crossing
 
 
@@ -29,4 +30,20 @@ def parallel_bearings() -> Case:
     )
 
 
-JOINT = (parallel_bearings,)
+def nearly_one_bearing() -> Case:
+    a, b = 0.7, 0.7 + 1e-6
+    rows = np.array([[[np.cos(a), np.sin(a), 0], [np.cos(b), np.sin(b), 0], [0, 0, 1.0]]])
+    (p, q), (r, s) = ((mp.mpf(float(x)) for x in row[:2]) for row in rows[0, :2])
+    exact = (p * p + r * r) / (p * s - q * r) ** 2
+    return Case(
+        where="covariance of bearings 10⁻⁶ rad apart",
+        plain_form="(JᵀJ)⁻¹ by normal equations",
+        plain=relative(np.linalg.inv(rows[0].T @ rows[0])[1, 1], exact),
+        cure="R⁻¹R⁻ᵀ of J = QR",
+        ours=relative(covariance(rows)[0, 1, 1], exact),
+        test="models/test_multilateration.py::"
+        "test_a_covariance_of_bearings_a_millionth_of_a_radian_apart_keeps_its_digits",
+    )
+
+
+JOINT = (parallel_bearings, nearly_one_bearing)

@@ -87,6 +87,43 @@ SENSORS: list[dict[str, Any]] = [
     {"id": "camera", "type": "camera", "preset": "droneopt", "pan_deg": 45.0, "tilt_deg": 20.0},
     {"id": "acoustic", "type": "acoustic", "preset": "widealert", "scan": staring()},
     {
+        "id": "multistatic_passive",
+        "type": "multistatic_passive",
+        "scan": staring(),
+        "gain_rx_dbi": 10.0,
+        "azimuth_beamwidth_deg": 10.0,
+        "integration_s": 0.3,
+        "external_noise_db": -4.45,
+        "range_max_m": 9000.0,
+        "transmitters": [
+            {
+                "id": f"m{i}",
+                "preset": "dvb-t",
+                "place": {"east_m": 9e3 * i - 9e3, "north_m": 9e3, "above_site_m": 99.0},
+            }
+            for i in range(3)
+        ],
+    },
+    {
+        "id": "multistatic_mimo",
+        "type": "multistatic_mimo",
+        "scan": staring(),
+        "frequency_hz": 15e9,
+        "gain_tx_dbi": 30.0,
+        "gain_rx_dbi": 30.0,
+        "integration_s": 0.06,
+        "range_resolution_m": 20.0,
+        "range_max_m": 9e3,
+        "azimuth_beamwidth_deg": 3.0,
+        "elevation_beamwidth_deg": 10.0,
+        "elevation_min_deg": -5.0,
+        "elevation_max_deg": 60.0,
+        "transmitters": [
+            {"power_w": 2e3, "east_m": 900.0 * k, "north_m": 0.0, "above_site_m": 3.0}
+            for k in range(3)
+        ],
+    },
+    {
         "id": "acoustic_pair",
         "type": "acoustic_pair",
         "scan": staring(),

@@ -1,0 +1,314 @@
+"""Passive and MIMO radars of several receivers: places by all pairs of transmitter and receiver.
+
+Each pair detects by itself: a sum of ranges and, by the receiver's beam, a direction. Which of them
+are of one target nobody knows: sets that fit to a place are plots (`models.joined_sets`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from plotfeed.models import accuracy, detection, false_alarms
+from plotfeed.models.beam import Sector, Volume
+from plotfeed.models.frames import distance_m, enu_to_aer
+from plotfeed.models.joined_sets import OUTSIDE, Detections, JoinedSets, SetFinder
+from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.active_radar import MimoRadar
+from plotfeed.models.sensors.joint_sensor import JointSensor
+from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
+
+
+@dataclass(frozen=True, kw_only=True)
+class Receiver:
+    """One of the receivers: its signals, whose transmitters are seen from it, and its place."""
+
+    signals: PassiveRadar | MimoRadar
+    place_enu_m: tuple[float, float, float]
+
+    @cached_property
+    def transmitters_m(self) -> Floats:
+        """Places of transmitters as seen from the receiver; (K, 3)."""
+        return np.array([t.position_enu_m for t in self.signals.transmitters], np.float64)
+
+    def snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
+        """Mean ratios of echoes of each transmitter, places seen from the receiver; (n, K)."""
+        if isinstance(self.signals, MimoRadar):
+            return self.signals.signal_snrs(position_enu_m, rcs_m2)
+        return self.signals.mean_snr(self.signals.target_power_w(position_enu_m, rcs_m2))
+
+    @cached_property
+    def cells_m(self) -> tuple[Floats, Floats]:
+        """Widths of cells of the sum of ranges, and errors that remain; (K,) each."""
+        signals, n = self.signals, len(self.transmitters_m)
+        if isinstance(signals, MimoRadar):  # whose own is of the distance, half of the sum
+            return np.full(n, 2 * signals.range_resolution_m), np.full(n, 2 * signals.range_floor_m)
+        return signals.range_resolution_m, signals.range_floors_m
+
+    @cached_property
+    def alarm_cells(self) -> tuple[float, ...]:
+        """Cells that can alarm, by transmitter."""
+        if isinstance(self.signals, MimoRadar):
+            return (self.signals.alarm_cells,) * len(self.transmitters_m)
+        return self.signals.alarm_cells
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultistaticRadar(Volume, JointSensor):
+    """Receivers, the first at the sensor's place, and heights that it expects of targets.
+
+    A place takes detections of `fewest_pairs`, at least three.
+    """
+
+    receivers: tuple[Receiver, ...]
+    expected_height_m: float
+    sigma_height_m: float
+    fewest_pairs: int
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Receiver and transmitter of each channel."""
+        return tuple(
+            (m, k) for m, each in enumerate(self.receivers) for k in range(len(each.transmitters_m))
+        )
+
+    @cached_property
+    def stations_m(self) -> tuple[Floats, Floats]:
+        """Transmitters and receivers of each pair, seen from the sensor; (p, 3) each."""
+        receivers = np.array([self.receivers[m].place_enu_m for m, _ in self.pairs])
+        transmitters = np.array([self.receivers[m].transmitters_m[k] for m, k in self.pairs])
+        return receivers + transmitters, receivers
+
+    @property
+    def false_alarms_per_scan(self) -> float:
+        """Mean number of sets of false alarms alone, next to none; ghosts come on top."""
+        rate = self.receivers[0].signals.pfa * max(max(r.alarm_cells) for r in self.receivers)
+        return float(min(rate, 1.0) ** self.fewest_pairs)
+
+    def observe_scan(
+        self, targets: Targets, sector: Sector, rng: np.random.Generator
+    ) -> tuple[Looks, Plots]:
+        """Looks by each pair at each target, and plots of sets of detections that fit."""
+        geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        rows = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
+        place_m, rcs_m2 = targets.true_position_enu_m[rows], targets.rcs_m2(rows)
+        snrs, pds = self._odds(place_m, rcs_m2)
+        hit = rng.random(snrs.shape) < pds
+        n = len(self.pairs)
+        looks = targets.looks(
+            np.repeat(rows, n),
+            geometry,
+            snr=snrs.ravel(),
+            pd=pds.ravel(),
+            detected=hit.ravel(),
+            channel=np.tile(np.arange(n), len(rows)),
+        )
+        found = self._detected(place_m, targets.drone[rows], (snrs, hit), sector, rng)
+        joined = self._finder.joined(found)
+        if joined is None:
+            return looks, NO_PLOTS
+        return looks, self._with_truth(self._plots(joined, sector.end_ns), targets)
+
+    @cached_property
+    def _finder(self) -> SetFinder:
+        transmitters_m, receivers_m = self.stations_m
+        return SetFinder(
+            transmitters_m=transmitters_m,
+            receivers_m=receivers_m,
+            height_m=self.expected_height_m,
+            sigma_height_m=self.sigma_height_m,
+            fewest_pairs=self.fewest_pairs,
+            covers=self._covers,
+        )
+
+    def _covers(self, place_m: Floats) -> Bools:
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(place_m)
+        return self.in_cover(range_m, azimuth_deg, elevation_deg)
+
+    def _odds(self, place_m: Floats, rcs_m2: Floats) -> tuple[Floats, Floats]:
+        """Mean ratios and Pd by pair; (n, p) each."""
+        snrs, pds = [], []
+        for each in self.receivers:
+            snr = each.snrs(place_m - np.array(each.place_enu_m), rcs_m2)
+            signals = each.signals
+            pd = detection.pd_cfar_swerling1(snr, signals.pfa, signals.n_reference)
+            snrs.append(snr)
+            pds.append(pd * signals.pd_factor)
+        return np.concatenate(snrs, axis=1), np.concatenate(pds, axis=1)
+
+    def _detected(
+        self,
+        place_m: Floats,
+        drone: Ints,
+        outcomes: tuple[Floats, Bools],
+        sector: Sector,
+        rng: np.random.Generator,
+    ) -> list[Detections]:
+        """Detections of each pair, false alarms among them; those of a pair at once."""
+        found, (snrs, hit) = [], outcomes
+        sums_m = range_sums_m(place_m, *self.stations_m)
+        baselines_m = np.linalg.norm(self.stations_m[0] - self.stations_m[1], axis=-1)
+        for p, (m, k) in enumerate(self.pairs):
+            each = self.receivers[m]
+            signals = each.signals
+            mine = np.flatnonzero(hit[:, p])
+            azimuth_deg, elevation_deg, _ = enu_to_aer(place_m[mine] - np.array(each.place_enu_m))
+            alarms_deg = false_alarms.draw_azimuths(
+                each.alarm_cells[k], signals.pfa, signals.azimuth_cover, sector, rng
+            )
+            a = len(alarms_deg)
+            low_deg, high_deg = signals.elevation_min_deg, signals.elevation_max_deg
+            true_m = np.append(
+                sums_m[mine, p], baselines_m[p] + rng.uniform(0.0, signals.range_max_m, a)
+            )
+            azimuth_deg = np.append(azimuth_deg, alarms_deg)
+            elevation_deg = np.append(elevation_deg, rng.uniform(low_deg, high_deg, a))
+            mean = np.append(snrs[mine, p], np.zeros(a))
+            snr, _ = detection.draw_detected_snr_swerling1(
+                mean, signals.pfa, signals.n_reference, rng
+            )
+            found.append(
+                self._measured(p, snr, (true_m, azimuth_deg, elevation_deg), rng).but(
+                    drone=np.append(drone[mine], np.full(a, FALSE_ALARM))
+                )
+            )
+        return found
+
+    def _measured(
+        self,
+        pair: int,
+        snr: Floats,
+        true: tuple[Floats, Floats, Floats],
+        rng: np.random.Generator,
+    ) -> Detections:
+        """Sums and directions with errors by each detection's own ratio; drones come later."""
+        m, k = self.pairs[pair]
+        each = self.receivers[m]
+        sigmas = self._sigmas(each, k, snr)
+        errors = rng.standard_normal((3, len(snr))) * each.signals.error_factor
+        return Detections(
+            pair=np.full(len(snr), pair, np.int64),
+            sum_m=true[0] + errors[0] * sigmas[0],
+            sigma_sum_m=sigmas[0],
+            azimuth_deg=true[1] + errors[1] * sigmas[1],
+            sigma_azimuth_deg=sigmas[1],
+            elevation_deg=true[2] + errors[2] * sigmas[2],
+            sigma_elevation_deg=sigmas[2],
+            snr=snr,
+            drone=np.full(len(snr), FALSE_ALARM),
+        )
+
+    @staticmethod
+    def _sigmas(receiver: Receiver, k: int, snr: Floats) -> tuple[Floats, Floats, Floats]:
+        """Standard deviations of sum, azimuth and elevation, NaN where that is not measured."""
+        signals = receiver.signals
+        width_m, floor_m = (cells[k] for cells in receiver.cells_m)
+        sigma_m = accuracy.with_floor(accuracy.sigma_range_m(snr, width_m), floor_m)
+        azimuth_deg = accuracy.with_floor(
+            accuracy.sigma_angle_deg(snr, signals.azimuth_beamwidth_deg), signals.azimuth_floor_deg
+        )
+        if isinstance(signals, PassiveRadar) or not signals.measures_elevation:
+            return sigma_m, azimuth_deg, np.full(len(snr), np.nan)
+        elevation_deg = accuracy.with_floor(
+            accuracy.sigma_angle_deg(snr, signals.elevation_beamwidth_deg),
+            signals.elevation_floor_deg,
+        )
+        return sigma_m, azimuth_deg, elevation_deg
+
+    def _plots(self, joined: JoinedSets, end_ns: int) -> Plots:
+        """Plots in space, with errors along range and directions to first order."""
+        place_m, covariance_m2 = joined.fit.place_m, joined.fit.covariance_m2
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(place_m)
+        sigma_m, azimuth_sigma_deg, elevation_sigma_deg = _polar_sigmas(place_m, covariance_m2)
+        return Plots.of(
+            t_utc_ns=np.full(len(range_m), end_ns, np.int64),
+            range_m=range_m,
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            snr=joined.snr,
+            sigma_range_m=sigma_m,
+            sigma_azimuth_deg=azimuth_sigma_deg,
+            sigma_elevation_deg=elevation_sigma_deg,
+            covariance_east_m2=covariance_m2[:, 0, 0],
+            covariance_north_m2=covariance_m2[:, 1, 1],
+            covariance_east_north_m2=covariance_m2[:, 0, 1],
+            drone=joined.drone,
+        ).rows(self._covers(place_m))
+
+    def _with_truth(self, plots: Plots, targets: Targets) -> Plots:
+        """Plots with where their drones truly are."""
+        if not len(plots):
+            return plots
+        order = np.argsort(targets.drone)
+        at = np.searchsorted(targets.drone[order], plots.drone).clip(max=max(len(order) - 1, 0))
+        there_m = targets.true_position_enu_m[order]
+        true = enu_to_aer(there_m[at] if len(order) else np.full((len(plots), 3), np.nan))
+        ghost = plots.drone == FALSE_ALARM
+        names = ("true_azimuth_deg", "true_elevation_deg", "true_range_m")
+        columns = {n: np.where(ghost, np.nan, v) for n, v in zip(names, true, strict=True)}
+        return plots.but(**columns)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Probability that enough pairs detect; errors by all, each weighed as it detects."""
+        place_m = targets.true_position_enu_m
+        snrs, pds = self._odds(place_m, targets.rcs_m2())
+        some = np.zeros((len(place_m), len(self.pairs) + 1))
+        some[:, 0] = 1.0
+        for p in range(len(self.pairs)):
+            some[:, 1:] = some[:, 1:] * (1 - pds[:, [p]]) + some[:, :-1] * pds[:, [p]]
+            some[:, 0] *= 1 - pds[:, p]
+        found = []
+        for p, (m, k) in enumerate(self.pairs):
+            signals = self.receivers[m].signals
+            inverse = detection.inverse_detected_snr(snrs[:, p], signals.pfa, signals.n_reference)
+            with np.errstate(divide="ignore"):
+                weight = np.sqrt(1 / np.maximum(pds[:, p], 1e-12)) * signals.error_factor
+            sigmas = self._sigmas(self.receivers[m], k, 1 / inverse)
+            found.append([sigma * weight for sigma in sigmas])
+        sums, azimuths, elevations = (np.stack(part, axis=1) for part in zip(*found, strict=True))
+        zero = np.zeros(sums.shape)
+        seen = Sightings(
+            transmitters_m=self.stations_m[0],
+            receivers_m=self.stations_m[1],
+            sum_m=zero,
+            sigma_sum_m=sums,
+            azimuth_deg=zero,
+            sigma_azimuth_deg=azimuths,
+            elevation_deg=zero + 0 * elevations,
+            sigma_elevation_deg=elevations,
+            height_m=self.expected_height_m,
+            sigma_height_m=self.sigma_height_m,
+        )
+        jacobian, _ = linearised(place_m, seen)
+        errors = _polar_sigmas(place_m, covariance(jacobian))
+        return Prediction(
+            snr=snrs.max(axis=1),
+            pd=some[:, self.fewest_pairs :].sum(axis=1) * (1 - OUTSIDE),
+            sigma_range_m=errors[0],
+            sigma_azimuth_deg=errors[1],
+            sigma_elevation_deg=errors[2],
+        )
+
+
+@nan_without_warnings
+def _polar_sigmas(place_m: Floats, covariance_m2: Floats) -> tuple[Floats, Floats, Floats]:
+    """Standard deviations of range, azimuth and elevation, to first order; (n,) each."""
+    range_m = distance_m(place_m)
+    ground_m = np.hypot(place_m[:, 0], place_m[:, 1])
+    along = place_m / range_m[:, None]
+    right = np.stack([place_m[:, 1], -place_m[:, 0], np.zeros(len(place_m))], 1) / ground_m[:, None]
+    above = np.cross(right, along)
+    found = [
+        np.sqrt(np.einsum("ni,nij,nj->n", axis, covariance_m2, axis))
+        for axis in (along, right, above)
+    ]
+    return (
+        np.asarray(found[0]),
+        np.asarray(np.degrees(found[1] / ground_m)),
+        np.asarray(np.degrees(found[2] / range_m)),
+    )
