@@ -17,6 +17,8 @@ from plotfeed.replay.recorded import Recorded, Stage
 MAX_SERIES = 10_000
 OTHERS = "(others)"
 """In place of the topic when there are more."""
+LEDGER = "Ledger"
+"""What is told of plots when there is time: its lateness is nobody's."""
 STEPS = 1000
 """Of lateness within a factor of e: it is known to 0.05 %."""
 
@@ -79,7 +81,7 @@ class Summary:
     series: dict[tuple[str, Stage, str], SeriesSummary] = field(default_factory=dict)
     """By topic, stage and kind. A message of two categories is counted with both."""
     lateness: dict[Stage, Lateness] = field(default_factory=dict)
-    """Of messages whose due time is known."""
+    """Of messages whose due time is known, but for the ledger."""
 
     @property
     def duration_s(self) -> float:
@@ -104,6 +106,8 @@ class Summary:
                 more = records.get(int(kind), 0)
                 have = series.records
                 series.records = None if have is None or more is None else have + more
+        if kinds == (LEDGER,):
+            return
         late_ns = message.log_time_ns - message.publish_time_ns
         if late_ns or message.stage in (Stage.BEFORE, Stage.AFTER):
             self.lateness.setdefault(message.stage, Lateness()).add(late_ns)

@@ -55,6 +55,7 @@ _EXPECTED = {
     "tuple_type": "expected a list",
     "model_type": "expected a table",
     "model_attributes_type": "expected a table",
+    "datetime_type": "expected a time without quotes, such as 2026-01-01T12:00:00Z",
 }
 """Where pydantic speaks of Python."""
 

@@ -16,7 +16,9 @@ from plotfeed.feeds.console import status_line
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.show import ShowSettings, show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.replay.summary import MAX_SERIES, OTHERS, Lateness, Summary
@@ -266,6 +268,12 @@ def test_a_message_that_left_before_it_was_due_is_early() -> None:
     summary = summary_of([message(b"", 1000, publish_time_ns=2000, stage=Stage.AFTER)])
     assert summary.lateness[Stage.AFTER].percentile_ns(50) == pytest.approx(-1000, rel=0.0006)
     assert summary_of([message(b"", 1000)]).lateness == {}
+
+
+def test_the_ledger_is_told_when_there_is_time_and_late_for_nobody() -> None:
+    kind = protobuf_content_type("plotfeed.v1.Ledger")
+    ledger = message(b"", NS, publish_time_ns=0, stage=Stage.AFTER, content_type=kind)
+    assert summary_of([ledger]).lateness == {}
 
 
 def test_a_bar_shows_on_a_terminal_alone_and_loses_nothing(

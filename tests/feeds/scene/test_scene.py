@@ -106,9 +106,14 @@ MISTAKES = {
         ("2026-01-01T12:00:00Z", "2026-01-01T12:00:00"),
         "scene.start_utc: write the zone too, such as 2026-01-01T12:00:00Z",
     ),
+    "start in quotes": (
+        ("2026-01-01T12:00:00Z", '"2026-01-01T12:00:00Z"'),
+        "scene.start_utc: expected a time without quotes, such as 2026-01-01T12:00:00Z",
+    ),
     "start that is a day": (
         ("2026-01-01T12:00:00Z", "2026-01-01"),
-        "scene.start_utc: input should be a valid datetime, not 2026-01-01",
+        "scene.start_utc: expected a time without quotes, such as 2026-01-01T12:00:00Z, not "
+        "2026-01-01",
     ),
     "start before time": (
         ("2026-01-01T12:00:00Z", "1969-01-01T12:00:00Z"),
