@@ -108,7 +108,8 @@ MISTAKES = {
     ),
     "start in quotes": (
         ("2026-01-01T12:00:00Z", '"2026-01-01T12:00:00Z"'),
-        "scene.start_utc: expected a time without quotes, such as 2026-01-01T12:00:00Z",
+        "scene.start_utc: expected a time without quotes, such as 2026-01-01T12:00:00Z, not "
+        "'2026-01-01T12:00:00Z'",
     ),
     "start that is a day": (
         ("2026-01-01T12:00:00Z", "2026-01-01"),
