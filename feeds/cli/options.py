@@ -92,6 +92,20 @@ session_options = together(
         help="Connect to this SAPIENT middleware by TCP instead of the scene's.",
     ),
     click.option(
+        "--tak",
+        multiple=True,
+        metavar="URL",
+        help="Send events of Cursor on Target to the TAK server at tcp://HOST:PORT instead of the "
+        "scene's; may be repeated.",
+    ),
+    click.option(
+        "--http",
+        multiple=True,
+        metavar="FORMAT=URL",
+        help="Post tracks to this address instead of the scene's, such as "
+        "air-traffic=http://HOST:PORT/PATH; may be repeated.",
+    ),
+    click.option(
         "--duration",
         type=POSITIVE,
         metavar="SECONDS",

@@ -8,9 +8,8 @@ import json
 import logging
 import os
 import signal
-import sys
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -19,7 +18,7 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.cli.options import udp_destination
+from plotfeed.feeds.cli.run_destinations import introduce, named_outgoing, sent_elsewhere
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import (
@@ -41,15 +40,12 @@ from plotfeed.feeds.recording.recorder import (
     attachments_of,
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
-from plotfeed.feeds.scene.fields import split_address
-from plotfeed.feeds.scene.output_keys import Outgoing
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress, without_secrets
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -79,6 +75,10 @@ class RunSettings:
     """Where ASTERIX goes instead of where the scene says."""
     middleware: str | None
     """Of SAPIENT, instead of the scene's."""
+    tak: tuple[str, ...]
+    """TAK servers instead of the scene's."""
+    http: tuple[str, ...]
+    """FORMAT=URL, instead of where the scene posts tracks."""
     duration: float | None
     """Seconds; None is as long as the scene says, or as what is run again."""
     speed: str
@@ -99,7 +99,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     """Run until it ends or is stopped; the exit code."""
     if settings.broker not in (None, NO_BROKER):
         BrokerAddress.parse(settings.broker)  # what is wrong with it is told before anything begins
-    scene = scene.sent_to(_outgoing(scene, settings))
+    scene = scene.sent_to(named_outgoing(scene, settings))
     serves_page, note = _page(settings)
     again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
     if again is not None and not again.has_ticks:
@@ -151,35 +151,10 @@ def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
     with own_folder() as folder:
         scene = SessionRecord.open(path).scene(folder)
-        elsewhere = list(_elsewhere(scene, settings))
+        elsewhere = list(sent_elsewhere(scene, settings))
         if elsewhere:
             say(NOT_SENT.format(path, ", ".join(elsewhere)), err=True)
         return run_in_terminal(scene, replace(settings, telemetry=settings.telemetry or path))
-
-
-def _outgoing(scene: Scene, settings: RunSettings) -> Outgoing:
-    """Destinations of the scene, or those that the command line names instead."""
-    to = scene.outgoing
-    if settings.middleware is not None:
-        try:
-            split_address(settings.middleware)
-        except ValueError as error:
-            raise PlotfeedError(f"--middleware: {error}") from None
-        to = replace(to, middleware=settings.middleware)
-    if settings.telemetry is not None:
-        to = replace(to, sources=())  # what they said is in the record
-    udp = tuple(map(udp_destination, settings.udp))
-    return replace(to, udp=udp) if udp else to
-
-
-def _elsewhere(scene: Scene, settings: RunSettings) -> Iterator[str]:
-    """Where the scene of a recording was sent, and is not unless somebody says so."""
-    if scene.mqtt.broker not in (None, NO_BROKER) and settings.broker is None:
-        yield f"{without_secrets(scene.mqtt.broker)} (--broker)"
-    if scene.udp and not settings.udp:
-        yield f"{', '.join(udp.destination for udp in scene.udp)} (--udp)"
-    if scene.sapient.middleware is not None and settings.middleware is None:
-        yield f"the middleware {scene.sapient.middleware} (--middleware)"
 
 
 def _page(settings: RunSettings) -> tuple[bool, str]:
@@ -249,7 +224,7 @@ async def _run(
         if status is None:
             leave_alone_what_is_there()  # nothing is due yet
         if status is None and not quiet:
-            _introduce(scene, urls, note)
+            introduce(scene, urls, note)
             status = asyncio.create_task(show_status(lambda: _line(counted)), name="status")
 
     with stopped_by_signals(stop.set) as signals, undisturbed(GARBAGE_OF_SESSION):
@@ -257,45 +232,6 @@ async def _run(
     if status is not None:
         status.cancel()
     return (INTERRUPTED if signal.SIGINT in signals else 0), totals
-
-
-def _introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
-    """Say where everything is; `note` is why there is no page."""
-    prefix = scene.mqtt.prefix
-    say(f"scene {scene.scene.name}")
-    for protocol, url in urls.items():
-        say(f"  {protocol:<12}{url}")
-    if note:
-        say(f"  {'page':<12}{note}")
-    if urls.keys() - {"page"}:
-        for sensor in scene.sensor:
-            for topics in _topics(sensor):
-                say(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
-        say(f"  telemetry   {prefix}/telemetry/DRONE, refusals on {prefix}/errors")
-        if scene.mqtt.truth:
-            say(f"  truth       {prefix}/truth, not for the tracker")
-    else:
-        say("  MQTT        none, so no topics and no telemetry from elsewhere")
-    for source in scene.outgoing.sources:
-        say(f"  listens to  {source.address}, drones are {source.template}")
-    if scene.outgoing.middleware is not None:
-        say(f"  SAPIENT     tcp://{scene.outgoing.middleware}, a connection each")
-    for udp in scene.outgoing.udp:
-        whose = f" of {', '.join(udp.sensors)}" if udp.sensors else ""
-        how = f", multicast with TTL {udp.ttl}" if udp.is_multicast else ""
-        say(f"  UDP         {udp.destination} (ASTERIX{whose}{how})")
-    looks = [f"in a browser {urls['page']}"] if "page" in urls else []
-    looks += [f"plotfeed show {url.split()[0]}" for name, url in urls.items() if name != "page"][:1]
-    if looks:
-        say(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
-    sys.stdout.flush()
-
-
-def _topics(sensor: Sensor) -> Iterator[str]:
-    """Topics of a sensor's messages, a line for each format."""
-    for name in dict.fromkeys(sensor.report):
-        sent = ", /".join(f"{category:03d}" for category in sensor.categories(name))
-        yield f"asterix/{sent}" if sent else "plots (protobuf)" if name == "plots" else name
 
 
 def _line(totals: SessionCounters) -> str:

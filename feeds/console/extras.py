@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,12 @@ from plotfeed.proto.errors import PlotfeedError
 
 NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 """By suffix: what keeps the same picture the same file."""
+
+
+def need_extra(module: str, what: str, extra: str) -> None:
+    """Raise `PlotfeedError` if a module that only an extra brings is not installed."""
+    if find_spec(module) is None:
+        raise PlotfeedError(f"{what} needs {module}: pip install 'plotfeed[{extra}]'")
 
 
 def check_picture(path: Path) -> None:

@@ -248,7 +248,8 @@ def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int
 
 def max_block_octets(scene: Scene, sensor: Sensor) -> int:
     """What a data block may hold so that it fits wherever the sensor's messages go."""
-    datagrams = (udp.max_octets for udp in scene.udp if udp.takes(sensor.id))
+    to = (udp for udp in scene.udp if udp.takes(sensor.id) and udp.format is None)
+    datagrams = (udp.max_octets for udp in to)
     return min(datagrams, default=MAX_BLOCK_OCTETS)
 
 

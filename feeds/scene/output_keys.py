@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
@@ -20,7 +19,6 @@ from plotfeed.feeds.scene.fields import (
     address_parts,
     split_address,
 )
-from plotfeed.feeds.scene.source_keys import TelemetrySource
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
@@ -54,12 +52,13 @@ def _origin(text: str) -> str:
     return text
 
 
+Origin = Annotated[str, AfterValidator(_origin)]
+
+
 class EmbeddedBrokerKeys(SceneTable):
     """The broker that a session brings, a process for each version of MQTT, and what it bears."""
 
-    websocket_origins: (
-        Annotated[tuple[Annotated[str, AfterValidator(_origin)], ...], Field(strict=False)] | None
-    ) = None
+    websocket_origins: Annotated[tuple[Origin, ...], Field(strict=False)] | None = None
     """Web pages that may use MQTT over WebSocket, each as its browser names it, such as
     http://localhost:5173; without this key there is no WebSocket."""
     max_memory_mib: Annotated[int, Field(ge=64, le=1_048_576)] = 512
@@ -236,10 +235,13 @@ def _endpoint(text: str) -> str:
 
 
 class UdpDestination(SceneTable):
-    """A [[udp]] of the scene: where ASTERIX goes besides MQTT."""
+    """A [[udp]] of the scene: where ASTERIX, or Cursor on Target, goes besides MQTT."""
 
     destination: Annotated[str, AfterValidator(_endpoint)]
     """ADDRESS:PORT, numeric; a multicast group or one host."""
+    carries: Literal["asterix", "cot"] = "asterix"
+    """What goes there: all ASTERIX, or the events of sensors that report in cot, as TAK takes them
+    from 239.2.3.1:6969."""
     sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
     """Whose messages go there; all sensors' if it is left out."""
     ttl: Annotated[int, Field(ge=0, le=255)] = 1
@@ -247,7 +249,7 @@ class UdpDestination(SceneTable):
     interface: str | None = None
     """By which multicast leaves: its name or IPv4 address; without it, by the system's route."""
     max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
-    """Of a datagram; data blocks are cut to fit."""
+    """Of a datagram; data blocks are cut to fit, and an event is one."""
 
     @model_validator(mode="after")
     def _interface_is_for_multicast(self) -> Self:
@@ -268,23 +270,7 @@ class UdpDestination(SceneTable):
         """Whether that sensor's messages go there."""
         return not self.sensors or sensor in self.sensors
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outgoing:
-    """Where a session sends, what opens the doors there, and whom it lets in and listens to."""
-
-    broker: str | None = None
-    """URL; None is the embedded broker."""
-    port: int | None = None
-    """Of the embedded broker, if it must be that one."""
-    embedded: EmbeddedBrokerKeys = field(default_factory=EmbeddedBrokerKeys)
-    """Whom it lets in, and what it bears."""
-    ca_file: Path | None = None
-    certificate_file: Path | None = None
-    key_file: Path | None = None
-    credentials_file: Path | None = None
-    udp: tuple[UdpDestination, ...] = ()
-    middleware: str | None = None
-    """HOST:PORT of a SAPIENT middleware."""
-    sources: tuple[TelemetrySource, ...] = ()
-    """Live telemetry that is listened to."""
+    @property
+    def format(self) -> str | None:
+        """The format that goes there, as a sensor's `report` names it; None for all ASTERIX."""
+        return None if self.carries == "asterix" else self.carries

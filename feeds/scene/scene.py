@@ -26,7 +26,8 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.output_keys import Mqtt, Outgoing, PageKeys, SapientKeys, UdpDestination
+from plotfeed.feeds.scene.outgoing import Destinations, Outgoing, outgoing_of
+from plotfeed.feeds.scene.output_keys import Mqtt, PageKeys, SapientKeys
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_systems
@@ -117,14 +118,13 @@ def _or_of_a_preset(schema: dict[str, Any]) -> None:
     schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
 
 
-class Scene(SceneTable):
+class Scene(Destinations):
     """Everything that a session models. What is not named here costs nothing."""
 
     scene: General
     telemetry: Telemetry = Telemetry()
     mqtt: Mqtt = Mqtt()
     asterix: Asterix = Asterix()
-    udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
     sapient: SapientKeys = SapientKeys()
     sensor: Annotated[
         tuple[Sensor, ...],
@@ -204,12 +204,8 @@ class Scene(SceneTable):
         return self
 
     @model_validator(mode="after")
-    def _udp_is_of_sensors(self) -> Self:
-        known = {COOPERATIVE, *(s.id for s in self.sensor)}
-        for n, udp in enumerate(self.udp):
-            for name in udp.sensors:
-                if name not in known:
-                    raise ValueError(f"udp[{n}].sensors: no sensor has the id {name!r}")
+    def _destinations_are_of_sensors(self) -> Self:
+        self.check_senders({COOPERATIVE: (), **{s.id: s.report for s in self.sensor}})
         return self
 
     @property
@@ -240,28 +236,8 @@ class Scene(SceneTable):
         """Destinations by the scene's own keys, unless somebody has named others."""
         if self._outgoing is not None:
             return self._outgoing
-        mqtt = self.mqtt
-        ca, certificate, key, credentials = (
-            None if name is None else self.file(name)
-            for name in (
-                mqtt.ca_file,
-                mqtt.client_certificate_file,
-                mqtt.client_key_file,
-                mqtt.credentials_file,
-            )
-        )
-        return Outgoing(
-            broker=mqtt.broker,
-            port=mqtt.port if "port" in mqtt.model_fields_set else None,
-            embedded=mqtt.embedded,
-            ca_file=ca,
-            certificate_file=certificate,
-            key_file=key,
-            credentials_file=credentials,
-            udp=self.udp,
-            middleware=self.sapient.middleware,
-            sources=self.telemetry.source,
-        )
+        sources = self.telemetry.source
+        return outgoing_of(self.mqtt, self.sapient, self, sources, self.file)
 
     def sent_to(self, outgoing: Outgoing) -> Self:
         """Copy it with other destinations; its text and keys do not change."""

@@ -16,13 +16,16 @@ from plotfeed.feeds.impairment.link import Impairment
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.track_output_keys import TrackDestination
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
+from plotfeed.feeds.transport.http_post import HttpTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -30,7 +33,9 @@ from plotfeed.feeds.transport.mqtt.connection import OnMessage
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.feeds.transport.sapient_news import SapientNews
+from plotfeed.feeds.transport.tak import TakTransport
 from plotfeed.feeds.transport.udp import UdpTransport
+from plotfeed.feeds.transport.websocket_server import WebSocketTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
@@ -82,6 +87,21 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
     return BrokerAddress.parse(url, versions=VERSIONS[scene.mqtt.version], access=access)
 
 
+TrackTransport = TakTransport | HttpTransport | WebSocketTransport
+
+
+def of_tracks(to: Outgoing) -> list[tuple[TrackDestination, TrackTransport]]:
+    """What carries tracks to servers and maps, with its keys; raises `PlotfeedError`."""
+    return [
+        *((keys, TakTransport(keys, f"tak[{i}]")) for i, keys in enumerate(to.tak)),
+        *((keys, HttpTransport(keys, f"http[{i}]")) for i, keys in enumerate(to.http)),
+        *(
+            (keys, WebSocketTransport(keys, f"websocket[{i}]"))
+            for i, keys in enumerate(to.websocket)
+        ),
+    ]
+
+
 class Outputs:
     """A link to each broker for all that a session sends, last wills beside it, and UDP sockets."""
 
@@ -89,8 +109,9 @@ class Outputs:
         observers = context.observers
         to = context.scene.outgoing.udp
         self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
+        self._of_tracks = of_tracks(context.scene.outgoing)
         self.connected: list[KeptUp] = []
-        """All that have to be kept up, the links to brokers first."""
+        """All that have to be kept up, the links to brokers first, then those that others share."""
         self.brokers: list[MqttTransport] = []
         """The links that a broker may hold up."""
         self._sapient: list[Transport] = []
@@ -134,6 +155,7 @@ class Outputs:
                 wills = LastWills(link, self._wills, partial(self._is_back, link))
                 self._last_wills.append(wills)
                 self.connected.append(wills)
+        self.connected.extend(transport for _, transport in self._of_tracks)
         self._of_session = Outbox(self._clock, self.brokers, after_link=self._after_link)
         return self._of_session
 
@@ -191,7 +213,8 @@ class Outputs:
 
     async def drain(self, timeout_s: float) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
-        transports = [*self.brokers, *self._sapient, *self.udp]
+        of_tracks = [transport for _, transport in self._of_tracks]
+        transports = [*self.brokers, *self._sapient, *self.udp, *of_tracks]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
 
     def forget_wills(self) -> None:
@@ -209,7 +232,11 @@ class Outputs:
     ) -> Outbox:
         return Outbox(
             self._clock,
-            [*transports, *(udp for udp in self.udp if udp.settings.takes(name))],
+            [
+                *transports,
+                *(udp for udp in self.udp if udp.settings.takes(name)),
+                *(transport for keys, transport in self._of_tracks if keys.takes(name)),
+            ],
             schedule=self._context.schedule,
             totals=self._context.totals,
             before_link=self._before_link,

@@ -1,4 +1,7 @@
-"""ASTERIX over UDP, unicast and multicast: one data block a datagram, as trackers take it."""
+"""ASTERIX over UDP, unicast and multicast: one data block a datagram, as trackers take it.
+
+Events of Cursor on Target go alike, one a datagram, as TAK takes them.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
-from plotfeed.proto.content_types import ASTERIX
+from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -29,13 +32,14 @@ class UdpError(PlotfeedError):
 
 
 class UdpTransport:
-    """A socket that sends the ASTERIX among the messages to one destination, and never waits."""
+    """A socket that sends what it carries of the messages to one destination, and never waits."""
 
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
         """`key` is the destination's place in the scene."""
         self.settings = settings
         self.name = f"{key} {settings.destination}"
         self._key = key
+        self._carried = ASTERIX if settings.carries == "asterix" else COT
         self._fails = False
         self._socket: socket.socket | None = None
         self._target: tuple[object, ...] = ()
@@ -93,8 +97,8 @@ class UdpTransport:
         return 0
 
     def carries(self, message: Message) -> bool:
-        """Whether it is ASTERIX."""
-        return message.content_type.startswith(ASTERIX)
+        """Whether it is of the kind that goes there."""
+        return message.content_type.startswith(self._carried)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""

@@ -1,0 +1,142 @@
+"""Tracks of a session at all their destinations: UTM by HTTP, TAK, a map, and events by UDP."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.brokers import free_port
+from support.http_receiver import http_receiver
+from support.road import START_NS, flown, radar, scene, waypoint
+from support.udp_receiver import heard, place, receiver
+from support.waiting import until
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import Scene, SceneError
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.websocket_server import WebSocketError
+from plotfeed.proto import plotfeed_pb2 as pb
+
+REPORT = ["air-traffic", "cot", "geojson"]
+
+
+def made(**destinations: Any) -> Scene:
+    drones = [flown("d", waypoint(30, 8, 900), waypoint(30, 8, 2000))]
+    sensor = radar(report=REPORT, scan={"kind": "staring", "period_s": 0.5})
+    return scene([sensor], drones, seed=501, **destinations)
+
+
+async def session(what: Scene, stop: asyncio.Event) -> tuple[SessionCounters, list[Message]]:
+    sent: list[Message] = []
+    clock = WallClock(START_NS, speed=4.0)
+    totals = await run(
+        what, clock=clock, broker="none", stop=stop, tap=lambda message, _: sent.append(message)
+    )
+    return totals, sent
+
+
+@pytest.mark.asyncio
+async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger() -> None:
+    port, stop = free_port(), asyncio.Event()
+    with receiver() as ears:
+        async with http_receiver([401]) as utm:
+            what = made(
+                http=[{"url": f"http://127.0.0.1:{utm.port}/set_air_traffic/{{session}}"}],
+                udp=[{"destination": place(ears), "carries": "cot"}],
+                websocket=[{"port": port}],
+            )
+            running = asyncio.create_task(session(what, stop))
+            told: list[str] = []
+
+            async def listen() -> None:
+                while not told:
+                    try:
+                        async with connect(f"ws://127.0.0.1:{port}") as client:
+                            told.extend([str(await client.recv()) for _ in range(3)])
+                    except OSError:
+                        await asyncio.sleep(0.01)
+
+            await listen()
+            await until(lambda: len(utm.posts) > 5)
+            stop.set()
+            totals, sent = await running
+        events = heard(ears)
+    of_kind = {kind: [m.payload for m in sent if m.topic.endswith(kind)] for kind in REPORT}
+    assert utm.bodies == of_kind["air-traffic"]
+    assert events == of_kind["cot"]
+    assert ET.fromstring(events[0]).attrib["uid"] == "radar-1"  # noqa: S314 - our own
+    assert set(told) <= {payload.decode() for payload in of_kind["geojson"]}
+    assert json.loads(told[0])["features"][0]["id"] == "radar-1"
+    (name,) = totals.undelivered_to
+    assert name.startswith("http[0] http://127.0.0.1")
+    assert totals.undelivered_to[name] == 1
+    ledger = [pb.Ledger.FromString(m.payload) for m in sent if m.topic.endswith("/truth")]
+    not_to = [list(each.not_to) for entry in ledger for each in entry.messages if each.not_to]
+    assert not_to == [[name]]
+
+
+@pytest.mark.asyncio
+async def test_a_websocket_lets_in_pages_that_are_named_and_those_who_ask_for_this_host() -> None:
+    port, stop = free_port(), asyncio.Event()
+    good, bad = "http://localhost:5173", "http://evil.example"
+    what = made(websocket=[{"port": port, "origins": [good], "max_clients": 5}])
+    running = asyncio.create_task(session(what, stop))
+    url, refused = f"ws://127.0.0.1:{port}", []
+
+    async def is_up() -> None:
+        while True:
+            try:
+                async with connect(url, origin=good):
+                    return
+            except (OSError, InvalidStatus):
+                await asyncio.sleep(0.01)
+
+    await is_up()
+    for how in ({"origin": bad}, {"additional_headers": {"Host": "evil.example"}}):
+        with pytest.raises(InvalidStatus) as error:
+            async with connect(url, **how):  # type: ignore[arg-type]
+                pass
+        refused.append(error.value.response.status_code)
+    assert refused == [403, 403]
+    stop.set()
+    await running
+
+
+@pytest.mark.asyncio
+async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
+    with receiver():
+        server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+        with pytest.raises(WebSocketError, match=r"websocket\[0\].port"):
+            await session(made(websocket=[{"port": port}]), asyncio.Event())
+        server.close()
+
+
+@pytest.mark.parametrize(
+    ("destinations", "words"),
+    [
+        ({"http": [{"url": "http://h/", "carries": "f3411"}]}, r"http\[0\].*'f3411'.*report"),
+        ({"tak": [{"server": "tcp://h", "sensors": ["x"]}]}, r"tak\[0\].sensors"),
+        ({"http": [{"url": "http://u:p@h/"}]}, "without a user"),
+        ({"http": [{"url": "ftp://h/"}]}, "http://HOST"),
+        ({"http": [{"url": "http://h/", "token": "a b"}]}, "token"),
+        ({"websocket": [{"port": 1, "host": "example.org"}]}, "host"),
+    ],
+)
+def test_destinations_that_cannot_be_are_refused(destinations: Any, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        made(**destinations)
+
+
+def test_a_scene_that_is_only_data_sends_nowhere(tmp_path: Path) -> None:
+    what = made(tak=[{"server": "tcp://h"}], http=[{"url": "http://h/"}], websocket=[{"port": 1}])
+    to = what.enclosed({}).outgoing
+    assert (to.tak, to.http, to.websocket, to.udp) == ((), (), (), ())

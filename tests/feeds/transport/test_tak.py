@@ -1,0 +1,166 @@
+"""Events on their way to TAK servers that hang up, come back, do not read, want certificates."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ssl
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.brokers import free_port
+from support.certificates import Certificates
+from support.deliveries import FollowedDelivery
+from support.waiting import until
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.track_output_keys import TakServer
+from plotfeed.feeds.transport import queued_transport
+from plotfeed.feeds.transport.mqtt.address import AccessError
+from plotfeed.feeds.transport.tak import TakTransport
+from plotfeed.proto.content_types import COT
+
+
+@pytest.fixture(autouse=True)
+def _in_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(queued_transport, "BACKOFF_S", (0.01,))
+
+
+def to(server: str, **keys: Any) -> TakTransport:
+    return TakTransport(TakServer.model_validate({"server": server, "timeout_s": 60.0, **keys}))
+
+
+class Ears:
+    """A server that keeps what it reads, and can hang up."""
+
+    def __init__(self, *, reads: bool = True) -> None:
+        self.heard = b""
+        self.connections: list[asyncio.StreamWriter] = []
+        self._reads = reads
+
+    async def attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections.append(writer)
+        writer.write(b"<event/>")  # of others, which nobody here wants
+        if not self._reads:
+            await asyncio.Event().wait()
+        with contextlib.suppress(ConnectionError):
+            while octets := await reader.read(65_536):
+                self.heard += octets
+        writer.close()
+
+
+@contextlib.asynccontextmanager
+async def listening(
+    ears: Ears, port: int = 0, tls: ssl.SSLContext | None = None
+) -> AsyncIterator[int]:
+    server = await asyncio.start_server(ears.attend, "127.0.0.1", port, ssl=tls)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        for writer in ears.connections:
+            writer.transport.abort()
+
+
+@contextlib.asynccontextmanager
+async def kept_up(transport: TakTransport) -> AsyncIterator[None]:
+    running = asyncio.create_task(transport.run())
+    await asyncio.sleep(0)
+    try:
+        yield
+    finally:
+        running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await running
+
+
+def publish(transport: TakTransport, *events: bytes) -> list[FollowedDelivery]:
+    made = [FollowedDelivery(Message("t", event, COT, 0)) for event in events]
+    transport.publish(*made)
+    return made
+
+
+@pytest.mark.asyncio
+async def test_events_come_one_behind_the_other_and_again_after_the_server_has_gone() -> None:
+    port, first, second = free_port(), Ears(), Ears()
+    transport = to(f"tcp://127.0.0.1:{port}")
+    async with kept_up(transport):
+        async with listening(first, port):
+            publish(transport, b"<event>1</event>", b"<event>2</event>")
+            await until(lambda: first.heard == b"<event>1</event><event>2</event>")
+        async with listening(second, port):
+
+            def goes_on() -> bool:
+                publish(transport, b"<event>3</event>")
+                return b"<event>3</event>" in second.heard
+
+            await until(goes_on)
+
+
+@pytest.mark.asyncio
+async def test_a_server_that_does_not_read_is_left_and_the_oldest_give_way() -> None:
+    ears = Ears(reads=False)
+    async with listening(ears) as port:
+        transport = to(f"tcp://127.0.0.1:{port}", timeout_s=0.2, queue_messages=3)
+        async with kept_up(transport):
+            made = publish(transport, *[b"x" * 4_000_000] * 3)
+            await until(lambda: len(ears.connections) > 1)
+            more = publish(transport, *[b"y"] * 3)
+            assert made[0].was_delivered is not None
+            assert len(more) == 3
+    assert all(each.was_delivered is not None for each in [*made, *more])
+
+
+def told(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """Lines about the server; the one of this test has its own to say."""
+    texts = [record.getMessage() for record in caplog.records]
+    return [text for text in texts if text.startswith("tak tls://localhost")]
+
+
+@pytest.mark.parametrize("who", ["client", "nobody", "another-ca"])
+@pytest.mark.asyncio
+async def test_tls_with_certificates_of_both_sides(
+    tmp_path: Path, who: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    certificates, ears = Certificates(tmp_path), Ears()
+    tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=certificates.ca)
+    tls.load_cert_chain(certificates.broker.certificate, certificates.broker.key)
+    tls.verify_mode = ssl.CERT_REQUIRED
+    keys: dict[str, Any] = {"ca_file": str(certificates.ca)}
+    if who != "nobody":
+        keys["client_certificate_file"] = str(certificates.client.certificate)
+        keys["client_key_file"] = str(certificates.client.key)
+    if who == "another-ca":
+        keys["ca_file"] = str(certificates.other_ca)
+    async with listening(ears, tls=tls) as port:
+        transport = to(f"tls://localhost:{port}", **keys)
+        async with kept_up(transport):
+            (made,) = publish(transport, b"<event/>")
+            if who == "client":
+                await until(lambda: ears.heard == b"<event/>")
+                assert made.was_delivered
+            else:
+                # By TLS 1.3 a server says only afterwards whom it does not let in.
+                await until(lambda: publish(transport, b"<event/>") and told(caplog))
+                assert len(told(caplog)) == 1
+    assert (ears.heard == b"<event/>") == (who == "client")
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"server": "udp://h:1"}, "tcp://HOST:PORT"),
+        ({"server": "tcp://u:p@h:1"}, "tcp://HOST:PORT"),
+        ({"server": "tcp://h:1", "ca_file": "x"}, "need tls"),
+    ],
+)
+def test_servers_that_are_none_are_refused(keys: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        TakServer.model_validate(keys)
+
+
+def test_certificates_that_are_not_there_are_told_before_anything_is_sent() -> None:
+    with pytest.raises(AccessError, match="CA file"):
+        to("tls://h", ca_file="/nowhere/ca.pem")
