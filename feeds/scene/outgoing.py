@@ -57,7 +57,7 @@ class Outgoing:
         return *self.tak, *self.http
 
 
-class Destinations(SceneTable):
+class DestinationTables(SceneTable):
     """The tables of a scene that name destinations beside MQTT."""
 
     udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
@@ -87,7 +87,7 @@ class Destinations(SceneTable):
 def outgoing_of(
     mqtt: Mqtt,
     sapient: SapientKeys,
-    destinations: Destinations,
+    destinations: DestinationTables,
     sources: tuple[TelemetrySource, ...],
     file: Callable[[str], Path],
 ) -> Outgoing:
@@ -117,7 +117,7 @@ def outgoing_of(
 
 
 def _found(destinations: Iterable[Q], file: Callable[[str], Path]) -> tuple[Q, ...]:
-    """Destinations whose files are named by where they are."""
+    """DestinationTables whose files are named by where they are."""
     found = []
     for each in destinations:
         named = {name: getattr(each, name, None) for name in FILES}

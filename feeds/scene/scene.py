@@ -26,7 +26,7 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.outgoing import Destinations, Outgoing, outgoing_of
+from plotfeed.feeds.scene.outgoing import DestinationTables, Outgoing, outgoing_of
 from plotfeed.feeds.scene.output_keys import Mqtt, PageKeys, SapientKeys
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
@@ -118,7 +118,7 @@ def _or_of_a_preset(schema: dict[str, Any]) -> None:
     schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
 
 
-class Scene(Destinations):
+class Scene(DestinationTables):
     """Everything that a session models. What is not named here costs nothing."""
 
     scene: General
@@ -233,7 +233,7 @@ class Scene(Destinations):
 
     @property
     def outgoing(self) -> Outgoing:
-        """Destinations by the scene's own keys, unless somebody has named others."""
+        """DestinationTables by the scene's own keys, unless somebody has named others."""
         if self._outgoing is not None:
             return self._outgoing
         sources = self.telemetry.source

@@ -121,7 +121,7 @@ class HttpDestination(QueuedDestination):
 
     @property
     def format(self) -> str:
-        """What it carries."""
+        """Format that it carries."""
         return self.carries
 
 
@@ -144,5 +144,5 @@ class WebSocketKeys(TrackDestination):
 
     @property
     def format(self) -> str:
-        """What it carries."""
+        """Format that it carries."""
         return self.carries

@@ -90,7 +90,7 @@ class TakTransport(QueuedTransport):
 
 
 async def _read_and_forget(reader: asyncio.StreamReader) -> None:
-    """Until the server closes the connection; one that is not read from would stand still."""
+    """Read until the server closes the connection; one that is not read from would stand still."""
     with contextlib.suppress(OSError):
         while await reader.read(HEARD_OCTETS):
             pass
