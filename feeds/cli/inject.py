@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from plotfeed.feeds.cli.flight_summary import summary_lines
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
@@ -74,6 +75,8 @@ def publish_flight(path: Path, options: FlightOptions, settings: InjectSettings)
     flight = recorded if settings.raw else smoothed(recorded)
     duration_s = flight.duration_s / settings.speed
     say(f"{path}: {len(flight.reports)} reports, {duration_s:.0f} s to fly")
+    for line in summary_lines(recorded):
+        say(f"  {line}")
     return asyncio.run(_Injection(flight, settings).run())
 
 

@@ -169,8 +169,8 @@ def run(scene: Path, **options: Any) -> int:
 def inject(flight: str, broker: str, **options: Any) -> int:
     """Publish FLIGHT, a recorded file, or what a live SOURCE says, as live telemetry.
 
-    FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), an ArduPilot (.bin) or MAVLink
-    (.tlog) log, or a GPX track (.gpx).
+    FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), a log of ArduPilot (.bin),
+    MAVLink (.tlog) or PX4 (.ulg), a GPX (.gpx) or KML (.kml) track, or NMEA sentences (.nmea).
 
     SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or remote-id:-.
     """
@@ -185,8 +185,6 @@ def inject(flight: str, broker: str, **options: Any) -> int:
     if looks_like_source(flight) and not Path(flight).exists():
         source = settings_of_source(flight, settings, how_to_listen)
         return publish_source(source, settings, how_to_listen["duration"])
-    if not Path(flight).is_file():
-        raise click.BadParameter(f"{flight!r}: no such file", param_hint="FLIGHT")
     return publish_flight(Path(flight), how_to_read, settings)
 
 

@@ -209,6 +209,12 @@ flight_options = together(
         help="Take times without a zone as so many hours ahead of UTC.",
     ),
     click.option(
+        "--height-m",
+        type=click.FloatRange(-1000, 100_000),
+        metavar="METRES",
+        help="Fly at this height above take-off where the file has no heights.",
+    ),
+    click.option(
         "--max-speed-m-s",
         type=click.FloatRange(min=0, min_open=True, max=1000),
         default=150.0,
@@ -266,6 +272,7 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
         gps_order=options.pop("gps_order"),
         utc_offset_h=options.pop("utc_offset_h"),
         max_speed_m_s=options.pop("max_speed_m_s"),
+        height_m=options.pop("height_m"),
     )
 
 

@@ -52,7 +52,8 @@ class FlightFile(SceneTable):
     """A recorded flight, flown from the session's start on."""
 
     file: str
-    """DJI SRT, CSV, ArduPilot DataFlash, MAVLink tlog or GPX; relative to the scene."""
+    """DJI SRT, CSV of whatever exporter, ArduPilot DataFlash, MAVLink tlog, PX4 ULog, GPX, KML or
+    NMEA; relative to the scene."""
     columns: dict[str, str] = Field(default={})
     """Of a CSV: the file's name for each of ours, such as latitude_deg = "lat"."""
     altitude_reference: Annotated[AltitudeReference, Field(strict=False)] | None = None
@@ -61,6 +62,8 @@ class FlightFile(SceneTable):
     """Of an SRT that does not show it."""
     utc_offset_h: Annotated[float, Field(ge=-14, le=14)] = 0.0
     """Of the file's local time."""
+    height_m: Annotated[float, Field(ge=-1000, le=100_000)] | None = None
+    """Of a flight whose file has no heights: above take-off, or what altitude_reference says."""
     takeoff_height_m: Height | None = None
     geoid_undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
     """For this flight alone, in place of those of [telemetry]."""

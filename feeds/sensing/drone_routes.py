@@ -182,6 +182,7 @@ def _recorded_reports(
         altitude_reference=recorded.altitude_reference,
         gps_order=recorded.gps_order,
         utc_offset_h=recorded.utc_offset_h,
+        height_m=recorded.height_m,
         start_utc_ns=begin_ns,
         max_speed_m_s=scene.telemetry.max_speed_m_s,
     )

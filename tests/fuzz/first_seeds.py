@@ -119,6 +119,7 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "live-remote-id": lambda: [AIRBORNE, b"\x19aa:bb " + AIRBORNE[1:].hex().encode() + b"\n"],
     "live-mavlink": _mavlink,
     "flight-srt": lambda: [SRT.encode()],
+    "flight-ulg": lambda: [(GOLDEN / "flights" / "part.ulg").read_bytes()],
     "flight-gpx": lambda: [GPX.encode()],
     "flight-csv": lambda: [TABLE.encode()],
     "flight-txt": lambda: [TABLE.encode()],

@@ -1,13 +1,12 @@
-"""Flights from files: which reader, within which size; GPX tracks.
+"""Flights from files: which reader, within which size, and which files no reader can read.
 
 Each reader takes what it finds in a file into a `Log`, which gives the `Flight`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     RECORD_START,
@@ -21,82 +20,14 @@ from plotfeed.feeds.telemetry.flights.flight import (
     FlightOptions,
     GpsOrder,
     Log,
-    utc_ns,
 )
+from plotfeed.feeds.telemetry.flights.markup import read_gpx, read_kml
+from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
-from plotfeed.models.state import AltitudeReference
+from plotfeed.feeds.telemetry.flights.ulog import ULOG_START, read_ulog
 from plotfeed.proto.errors import PlotfeedError
-
-_POINT_END = "</trkpt>"
-_CUT_TAIL = "</trkseg></trk></gpx>"
-
-
-def read_gpx(text: str, options: FlightOptions, log: Log) -> None:
-    """Take every track point that has a time and an elevation."""
-    reference = options.altitude_reference
-    if reference is None:
-        reference = AltitudeReference.MEAN_SEA_LEVEL
-        log.assume("elevations are above mean sea level (--altitude-reference)")
-    for number, point in enumerate(_points(text, log), start=1):
-        where = f"track point {number}"
-        if point.time is None:
-            log.skip(where, "no time")
-        elif point.elevation is None:
-            log.skip(where, "no elevation")
-        else:
-            log.take(
-                where,
-                t_utc_ns=utc_ns(point.time, options.utc_offset_h),
-                latitude_deg=point.latitude,
-                longitude_deg=point.longitude,
-                altitude_m=point.elevation,
-                altitude_reference=reference,
-            )
-
-
-def _points(text: str, log: Log) -> Iterator[Any]:
-    """All track points in their order; those before the cut where the file is cut short."""
-    try:
-        gpx = _parse(text)
-    except _DocumentTypeError:
-        raise
-    except PlotfeedError as error:
-        whole, end, cut = text.rpartition(_POINT_END)
-        if not end:
-            raise
-        gpx = _parse(whole + end + _CUT_TAIL)
-        log.skip(f"octet {len((whole + end).encode())}", f"cut short ({error}): {len(cut)} left")
-    for track in gpx.tracks:
-        for segment in track.segments:
-            yield from segment.points
-
-
-class _DocumentTypeError(PlotfeedError):
-    """XML that would define what it then uses, and grow without end."""
-
-
-def _parse(text: str) -> Any:
-    try:
-        import gpxpy
-        from defusedxml import DefusedXmlException
-        from defusedxml.ElementTree import fromstring
-    except ImportError as error:
-        raise PlotfeedError(
-            "GPX needs gpxpy and defusedxml: pip install 'plotfeed[gpx]'"
-        ) from error
-    try:
-        fromstring(text, forbid_dtd=True)  # gpxpy's own parser takes whatever comes
-        return gpxpy.parse(text)
-    except DefusedXmlException:
-        raise _DocumentTypeError(
-            "a GPX file has no document type; entities are not expanded"
-        ) from None
-    except Exception as error:  # gpxpy lets its XML library's errors through
-        line = " ".join(str(error).split())[:200]
-        raise PlotfeedError(f"not a GPX file that can be read: {line}") from error
-
 
 Reader = Callable[[bytes, FlightOptions, Log], None]
 
@@ -114,13 +45,19 @@ BY_SUFFIX: Mapping[str, Reader] = {
     ".bin": read_dataflash,
     ".tlog": read_tlog,
     ".gpx": _of_text(read_gpx),
+    ".kml": _of_text(read_kml),
+    ".ulg": read_ulog,
+    ".nmea": _of_text(read_nmea),
 }
+FIRST_SCRAMBLED, FIRST_ENCRYPTED = 7, 13
+"""Versions of DJI's binary flight records."""
+EXPORTERS = "Airdata, PhantomHelp or Flight Reader"
 
 
 def read(
     path: str | Path, options: FlightOptions | None = None, *, max_octets: int = MAX_OCTETS
 ) -> Flight:
-    """The flight in a log: DJI SRT, CSV, ArduPilot .bin, MAVLink .tlog or GPX.
+    """The flight in a log: DJI SRT, CSV, ArduPilot .bin, MAVLink .tlog, ULog, GPX, KML or NMEA.
 
     The options say what the file does not. Records that are damaged, out of order or implausible
     are listed in `skipped`; raises `PlotfeedError` if nothing is left or the file cannot be
@@ -156,17 +93,43 @@ def _octets(path: Path, max_octets: int) -> bytes:
 def _reader(path: Path, data: bytes) -> Reader:
     """The reader that the file's beginning asks for where it is unmistakable, else its name."""
     start = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n")
+    kind = path.suffix.lower()
     if start.startswith(RECORD_START):
-        return read_dataflash
-    if start.startswith((b"<?xml", b"<gpx")):
-        return BY_SUFFIX[".gpx"]
-    if b"-->" in start:
-        return BY_SUFFIX[".srt"]
-    if (by_name := BY_SUFFIX.get(path.suffix.lower())) is not None:
-        return by_name
-    if looks_like_tlog(data):
-        return read_tlog
+        kind = ".bin"
+    elif data.startswith(ULOG_START):
+        kind = ".ulg"
+    elif start.startswith((b"<?xml", b"<gpx", b"<kml")):
+        kind = ".kml" if b"<kml" in start else ".gpx"
+    elif LOOKS_LIKE.match(start):
+        kind = ".nmea"
+    elif (why := _of_dji(data)) is not None:
+        raise PlotfeedError(why)
+    elif b"-->" in start:
+        kind = ".srt"
+    elif kind not in BY_SUFFIX and looks_like_tlog(data):
+        kind = ".tlog"
+    if kind in BY_SUFFIX:
+        return BY_SUFFIX[kind]
     raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(BY_SUFFIX)}")
+
+
+def _of_dji(data: bytes) -> str | None:
+    """Why a binary flight record of a DJI app cannot be read; None for what is none.
+
+    It begins with where its details are, 8 octets little-endian, their length, 2, and a version.
+    """
+    details, version = int.from_bytes(data[:8], "little"), data[10] if len(data) > 10 else 0
+    if not (0 < version < 32 and 12 < details <= len(data) and 0 in data[:8]):
+        return None
+    how = "not read here"
+    if version >= FIRST_ENCRYPTED:
+        how = "encrypted, with a key that DJI gives to who asks for it"
+    elif version >= FIRST_SCRAMBLED:
+        how = "scrambled"
+    return (
+        f"a flight record of a DJI app, version {version}, {how}: "
+        f"have {EXPORTERS} make a CSV of it, and give that"
+    )
 
 
 __all__ = ["Flight", "FlightOptions", "GpsOrder", "read", "smoothed"]

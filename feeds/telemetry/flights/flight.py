@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -48,6 +50,16 @@ class FlightOptions:
     """Time of the start of a subtitle file that carries no dates."""
     max_speed_m_s: float = MAX_SPEED_M_S
     """What cannot have been flown to at this speed is skipped."""
+    height_m: float | None = None
+    """Of a flight whose file has no heights: above take-off, unless the reference says otherwise.
+    """
+
+    @property
+    def stated_height(self) -> tuple[float, AltitudeReference] | None:
+        """The height of a file without any, and what it is above."""
+        if self.height_m is None:
+            return None
+        return self.height_m, self.altitude_reference or AltitudeReference.ABOVE_TAKEOFF
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +74,10 @@ class Flight:
     """A line for each thing that the file did not say and that was taken for granted."""
     starts: tuple[int, ...] = ()
     """Indices of reports to which no flight leads from those before."""
+    stated: tuple[str, ...] = ()
+    """A line for each thing that the file says of itself: columns, units, references."""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    """How many records were not taken, by why, without their numbers."""
 
     @property
     def duration_s(self) -> float:
@@ -77,6 +93,8 @@ class Log:
     skipped: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     more_skipped: int = 0
+    stated: list[str] = field(default_factory=list)
+    dropped: Counter[str] = field(default_factory=Counter)
 
     def take(self, where: str, **values: Any) -> None:
         """A record at `where`, with the fields of a report; skipped if a value is out of range."""
@@ -90,6 +108,7 @@ class Log:
 
     def skip(self, where: str, why: str) -> None:
         """A record at `where` that is not taken."""
+        self.dropped[_kind_of(why)] += 1
         if len(self.skipped) < MAX_SKIPPED:
             self.skipped.append(" ".join(f"{where}: {why}".split()))
         else:
@@ -99,6 +118,11 @@ class Log:
         """Something that the file does not say; told once."""
         if what not in self.assumed:
             self.assumed.append(what)
+
+    def state(self, what: str) -> None:
+        """Something that the file says of itself, and how it was understood; told once."""
+        if what not in self.stated:
+            self.stated.append(what)
 
     def flight(self, name: str, max_speed_m_s: float = MAX_SPEED_M_S) -> Flight:
         """The records that follow each other in time and could have been flown."""
@@ -122,6 +146,8 @@ class Log:
             skipped=(*self.skipped, *more),
             assumed=tuple(self.assumed),
             starts=tuple(bisect_left(taken, i) for i in found.starts),
+            stated=tuple(self.stated),
+            dropped=dict(self.dropped),
         )
 
     def _in_order(self) -> list[tuple[str, PositionReport]]:
@@ -136,6 +162,12 @@ class Log:
             again = report.t_utc_ns in times
             self.skip(where, "same time as another" if again else "out of the order of time")
         return [self.found[i] for i in kept]
+
+
+def _kind_of(why: str) -> str:
+    """The reason without its numbers and quotations, in a few words."""
+    plain = re.sub(r"'[^']*'|-?\d+(\.\d+)?(e[+-]?\d+)?", "…", why)
+    return " ".join(re.split(r"[;(]", plain)[0].split())[:60] or "unknown"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
+from plotfeed.feeds.telemetry.flights.file_times import finer_times
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, GpsOrder, Log, utc_ns
+from plotfeed.feeds.telemetry.flights.table_columns import REFERENCE_WORDS
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
@@ -20,7 +22,10 @@ _GPS = re.compile(
 )
 # Some models spell it "longtitude".
 _NAMED = re.compile(rf"\b(latitude|longt?itude|rel_alt|abs_alt|altitude){_SPACE}:{_SPACE}{_NUMBER}")
-_BAROMETER = re.compile(rf"\bBAROMETER{_SPACE}:{_SPACE}{_NUMBER}|,{_SPACE}H {_NUMBER}m\b")
+# Above where it took off; in some models "Hb", in others "H" behind a comma.
+_BAROMETER = re.compile(
+    rf"\b(?:BAROMETER|Hb){_SPACE}:{_SPACE}{_NUMBER}|,{_SPACE}H{_SPACE}:?{_SPACE}{_NUMBER}m\b"
+)
 _CAMERA_LINE = re.compile(r"\bF/[\d.]{1,6},[ \t]{0,9}SS ")
 _HOME = re.compile(r"\bHOME[ \t]{0,9}\(")
 _DATE = re.compile(
@@ -28,6 +33,9 @@ _DATE = re.compile(
     r"(?:[.,](\d{3}))?(?:[.,]?(\d{3}))?"
 )
 _FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})[ \t]{0,9}-->")
+
+
+STATED = "--height-m"
 
 
 @dataclass(slots=True)
@@ -57,16 +65,9 @@ def read_srt(text: str, options: FlightOptions, log: Log) -> None:
         raise PlotfeedError("no positions: expected GPS(...) or [latitude: ...] in the subtitles")
     order = _gps_order(blocks, options, log)
     heights = _height_source(blocks, options)
-    dated = any(_DATE.search(block.text) for block in blocks)
-    if not dated and options.start_utc_ns is None:
-        raise PlotfeedError(
-            "no date lines: the time of the first frame must be given (start_utc_ns)"
-        )
-    if dated:
-        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset-h)")
-    for block in blocks:
+    log.state(f"height in metres, {REFERENCE_WORDS[heights.reference]}: {heights.name}")
+    for block, t_utc_ns in zip(blocks, _times(blocks, options, log), strict=True):
         where = f"line {block.line}"
-        t_utc_ns = _date_ns(block, options) if dated else _frame_ns(block, options)
         position = _position(block, order)
         height_m = heights.read(block)
         if t_utc_ns is None:
@@ -89,20 +90,39 @@ def read_srt(text: str, options: FlightOptions, log: Log) -> None:
 
 
 def _blocks(text: str) -> Iterator[_Block]:
-    """Each run of lines from one with `-->` to the next empty line."""
+    """Each run of lines from one with `-->`, or the number of a block, to the next empty line.
+
+    Some files have no line with `-->`, and some no empty line between blocks.
+    """
     start, lines = 0, list[str]()
     for number, line in enumerate(text.splitlines(), start=1):
         if "-->" in line:
-            if lines:
+            if lines and not lines[-1].strip().isdigit() and "".join(lines).strip():
                 yield _Block(start, "\n".join(lines))
             start, lines = number, [line]
-        elif lines and line.strip():
+        elif line.strip():
+            start = start if lines else number
             lines.append(line)
         elif lines:
             yield _Block(start, "\n".join(lines))
             lines = []
     if lines:
         yield _Block(start, "\n".join(lines))
+
+
+def _times(blocks: list[_Block], options: FlightOptions, log: Log) -> list[int | None]:
+    """UTC of each block: by its date, its timecode, or both."""
+    dates = [_date_ns(block, options) for block in blocks]
+    frames = [_frame_ns(block) for block in blocks]
+    if any(date is not None for date in dates):
+        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset-h)")
+    elif options.start_utc_ns is None:
+        raise PlotfeedError(
+            "no date lines: the time of the first frame must be given (start_utc_ns)"
+        )
+    else:
+        log.state("time: timecodes, since there are no dates")
+    return finer_times(dates, frames, start_ns=options.start_utc_ns)
 
 
 def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrder | None:
@@ -148,14 +168,18 @@ class _Heights:
 
     name: str
     reference: AltitudeReference
+    height_m: float = 0.0
+    """That of all blocks, where the user states it."""
 
     def read(self, block: _Block) -> float | None:
+        if self.name == STATED:
+            return self.height_m
         if self.name == "BAROMETER":
             found = _BAROMETER.search(block.text)
             return float(found[1] or found[2]) if found else None
         if self.name == "GPS altitude":
             gps = block.gps
-            return float(gps[3]) if gps and gps[3] else None
+            return float(gps[3]) if gps and gps[4] else None  # without its unit: satellites
         return block.named.get(self.name)
 
 
@@ -180,7 +204,13 @@ def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
                     "--altitude-reference above_takeoff, mean_sea_level or ellipsoid"
                 )
             return source
-    raise PlotfeedError("no heights: expected BAROMETER, H, rel_alt, abs_alt or altitude")
+    if options.stated_height is not None:
+        height_m, reference = options.stated_height
+        return _Heights(STATED, reference, height_m)
+    raise PlotfeedError(
+        "no heights: expected BAROMETER, Hb, H, rel_alt, abs_alt or altitude; "
+        "give one height with --height-m"
+    )
 
 
 def _date_ns(block: _Block, options: FlightOptions) -> int | None:
@@ -194,10 +224,10 @@ def _date_ns(block: _Block, options: FlightOptions) -> int | None:
     return utc_ns(when, options.utc_offset_h)
 
 
-def _frame_ns(block: _Block, options: FlightOptions) -> int | None:
+def _frame_ns(block: _Block) -> int | None:
+    """Where in the film a block begins."""
     found = _FRAME_TIME.search(block.text)
-    if found is None or options.start_utc_ns is None:
+    if found is None:
         return None
     hours, minutes, seconds, ms = (int(g) for g in found.groups())
-    since_ms = ((hours * 60 + minutes) * 60 + seconds) * 1000 + ms
-    return options.start_utc_ns + since_ms * 1_000_000
+    return (((hours * 60 + minutes) * 60 + seconds) * 1000 + ms) * 1_000_000

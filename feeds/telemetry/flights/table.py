@@ -1,74 +1,82 @@
-"""Tables of comma-separated values with a line of column names."""
+"""Tables of comma-separated values with a line of column names, of whatever exporter."""
 
 from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Mapping, Sequence
-from datetime import datetime
-from decimal import Decimal, InvalidOperation
 
-from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log, utc_ns
+from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
+from plotfeed.feeds.telemetry.flights.table_columns import (
+    DEGREES,
+    KNOWN_NAMES,
+    METRES,
+    REFERENCE_WORDS,
+    SPEEDS,
+    USER_QUANTITIES,
+    AltitudeColumn,
+    TableColumn,
+    altitude_column,
+    headers,
+    missing,
+)
+from plotfeed.feeds.telemetry.flights.table_times import Row, cell_of, times_of
+from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
-KNOWN_NAMES: Mapping[str, Sequence[str]] = {
-    "time": (
-        "time", "time_utc", "t_utc_ns", "utc", "utc_time", "datetime", "datetime_utc", "date_time",
-        "timestamp", "timestamp_utc", "timestamp_ms", "timestamp_us", "timestamp_ns", "epoch",
-        "unix_time", "time_s", "t",
-    ),
-    "latitude_deg": ("latitude_deg", "latitude", "lat", "lat_deg"),
-    "longitude_deg": ("longitude_deg", "longitude", "lon", "lng", "long", "lon_deg", "lng_deg"),
-    "altitude_m": (
-        "altitude_m", "altitude", "alt", "alt_m", "height_m", "height", "elevation", "elevation_m",
-        "ele",
-    ),
-    "velocity_east_m_s": ("velocity_east_m_s", "v_east_m_s", "ve_m_s", "vel_e_m_s"),
-    "velocity_north_m_s": ("velocity_north_m_s", "v_north_m_s", "vn_m_s", "vel_n_m_s"),
-    "velocity_up_m_s": ("velocity_up_m_s", "v_up_m_s", "vu_m_s", "climb_m_s"),
-    "horizontal_accuracy_m": ("horizontal_accuracy_m", "hacc_m", "h_acc_m"),
-    "vertical_accuracy_m": ("vertical_accuracy_m", "vacc_m", "v_acc_m"),
-    "velocity_accuracy_m_s": ("velocity_accuracy_m_s", "sacc_m_s", "s_acc_m_s"),
-}  # fmt: skip
-"""Quantity to the column names taken for it, unless the user names one.
-
-Velocities are only taken where the name tells direction and unit: `vx` may be north or east.
-"""
-REQUIRED = ("time", "latitude_deg", "longitude_deg", "altitude_m")
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
 _ACCURACIES = ("horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s")
-
-_EPOCH_DIGITS = ((Decimal("1e11"), 10**9), (Decimal("1e14"), 10**6), (Decimal("1e17"), 10**3))
-"""Times since 1970 under each are in seconds, ms, us; above the last in ns."""
-_EARLIEST_EPOCH = Decimal("1e8")
-"""1973 in seconds: a smaller number is the time of something else, such as a day."""
-_LATEST_NS = Decimal(2**63)
+LITCHI = frozenset({"altitude", "velocityx", "velocityy", "velocityz"})
+"""Columns that Litchi's log has beside each other; its altitude is above take-off."""
+MOST_LINES_BEFORE = 3
+REQUIRED = ("latitude_deg", "longitude_deg", "altitude_m")
+Place = tuple[TableColumn, float]
+"""A column, and what its values are multiplied by."""
 
 
 def read_table(text: str, options: FlightOptions, log: Log) -> None:
-    """Take every row that has a time and a position."""
-    if options.altitude_reference is None:
-        raise PlotfeedError(
-            "a table does not say what its altitudes are measured from; say so with "
-            "--altitude-reference above_takeoff, mean_sea_level or ellipsoid"
-        )
-    header, rows = _rows(text, log)
-    columns = _columns(header, options.columns, rows, options.utc_offset_h)
-    for line, row in rows:
-        cells = {q: row[i].strip() if i < len(row) else "" for q, i in columns.items()}
-        _take(f"line {line}", cells, options, log)
+    """Take every row that has a time, a position and a height."""
+    columns, rows = _rows(text, log)
+    named = _named(columns, options.columns)
+    found = _quantities(columns, named)
+    altitude = _altitude(columns, named, options)
+    times, cells = times_of(columns, named, rows, options, log)
+    reference = AltitudeReference.ABOVE_TAKEOFF
+    if altitude is not None:
+        reference = altitude.reference
+        log.state(str(altitude))
+    elif options.stated_height is not None:
+        height_m, reference = options.stated_height
+        log.state(f"height {height_m:g} m, {REFERENCE_WORDS[reference]}: no column has one")
+    for (line, row), t_utc_ns, cell in zip(rows, times, cells, strict=True):
+        where = f"line {line}"
+        if t_utc_ns is None:
+            expected = "expected ISO 8601 or seconds since 1970"
+            log.skip(where, f"time is {cell[:40]!r}; {expected}")
+        else:
+            values = _values(row, found, altitude, options)
+            _take(where, t_utc_ns, values, reference, log)
 
 
-def _rows(text: str, log: Log) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Column names, and line number and cells of every other row that is not empty."""
+def _rows(text: str, log: Log) -> tuple[list[TableColumn], list[Row]]:
+    """Columns, and line number and cells of every row below that is not empty.
+
+    Some exporters have a line before that of the names, which is the first with a latitude.
+    """
     lines = text.splitlines()
-    start = next((i for i, s in enumerate(lines) if s.strip() and not s.startswith("#")), None)
-    if start is None:
+    full = [i for i, s in enumerate(lines) if s.strip() and not s.startswith("#")]
+    if not full:
         raise PlotfeedError("empty table")
+    start = full[0]
+    for i in full[:MOST_LINES_BEFORE]:
+        cells = lines[i].split(max(",;\t", key=lines[i].count))
+        names = {TableColumn.of(0, cell.strip(' "')).name for cell in cells}
+        if names & set(KNOWN_NAMES["latitude_deg"]):
+            start = i
+            break
     delimiter = max(",;\t", key=lines[start].count)
     reader = csv.reader(lines[start:], delimiter=delimiter)
-    rows: list[tuple[int, list[str]]] = []
+    rows: list[Row] = []
     while True:
         try:
             row = next(reader)
@@ -81,58 +89,88 @@ def _rows(text: str, log: Log) -> tuple[list[str], list[tuple[int, list[str]]]]:
             rows.append((start + reader.line_num, row))
     if not rows:
         raise PlotfeedError("no line of column names that can be read")
-    return [name.strip() for name in rows[0][1]], rows[1:]
+    return [TableColumn.of(i, name) for i, name in enumerate(rows[0][1])], rows[1:]
 
 
-def _columns(
-    header: list[str],
-    named: Mapping[str, str],
-    rows: list[tuple[int, list[str]]],
-    utc_offset_h: float,
-) -> dict[str, int]:
-    """Quantity to the index of its column."""
+def _named(columns: Sequence[TableColumn], named: Mapping[str, str]) -> dict[str, TableColumn]:
+    """Columns that the user names, by quantity."""
+    found = {}
     for quantity, name in named.items():
-        if quantity not in KNOWN_NAMES:
-            expected = ", ".join(KNOWN_NAMES)
+        if quantity not in USER_QUANTITIES:
+            expected = ", ".join(USER_QUANTITIES)
             raise PlotfeedError(
                 f"--column {quantity}: no such quantity; expected one of {expected}"
             )
-        if name not in header:
-            names = ", ".join(header)[:300]
-            raise PlotfeedError(f"--column {quantity}={name}: no such column; columns are {names}")
-    # "Altitude (m)" is altitude_m among our names.
-    plain = [re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") for name in header]
-    columns = {quantity: header.index(name) for quantity, name in named.items()}
-    for quantity, known in KNOWN_NAMES.items():
-        fitting = [plain.index(name) for name in known if name in plain]
-        if quantity == "time":  # some tables have several, and one of them is a time of day
-            fitting = [i for i in fitting if _is_time(i, rows, utc_offset_h)] or fitting
-        if fitting:
-            columns.setdefault(quantity, fitting[0])
-    for quantity in REQUIRED:
-        if quantity not in columns:
+        column = next((c for c in columns if c.header == name.strip()), None)
+        if column is None:
             raise PlotfeedError(
-                f"no column found for {quantity}; name it with --column {quantity}=NAME; "
-                f"columns are {', '.join(header)[:300]}"
+                f"--column {quantity}={name}: no such column; columns are {headers(columns)}"
             )
-    return columns
+        found[quantity] = column
+    return found
 
 
-def _is_time(column: int, rows: list[tuple[int, list[str]]], utc_offset_h: float) -> bool:
-    cells = rows[0][1] if rows else []
-    return column < len(cells) and parse_time_ns(cells[column], utc_offset_h) is not None
+def _quantities(
+    columns: Sequence[TableColumn], named: Mapping[str, TableColumn]
+) -> dict[str, Place]:
+    """Place and factor of the columns of positions, velocities and accuracies."""
+    found = {}
+    for quantity, names in KNOWN_NAMES.items():
+        is_speed = quantity.endswith("_m_s")
+        units = SPEEDS if is_speed else DEGREES if quantity.endswith("_deg") else METRES
+        fitting = [c for name in names for c in columns if c.name == name]
+        # Direction and unit of a velocity must be told, and the unit of an accuracy.
+        fitting = [c for c in fitting if (c.unit in units) or (not c.unit and units is DEGREES)]
+        if column := named.get(quantity) or next(iter(fitting), None):
+            found[quantity] = column, column.factor(units)
+    for quantity in ("latitude_deg", "longitude_deg"):
+        if quantity not in found:
+            raise missing(quantity, columns)
+    return found
 
 
-def _take(where: str, cells: Mapping[str, str], options: FlightOptions, log: Log) -> None:
-    t_utc_ns = parse_time_ns(cells["time"], options.utc_offset_h)
-    if t_utc_ns is None:
-        log.skip(where, f"time is {cells['time'][:40]!r}; expected ISO 8601 or seconds since 1970")
-        return
-    values = {q: _number(cell) for q, cell in cells.items() if q != "time"}
-    for quantity in REQUIRED[1:]:
+def _altitude(
+    columns: Sequence[TableColumn], named: Mapping[str, TableColumn], options: FlightOptions
+) -> AltitudeColumn | None:
+    """The column of altitudes; None where the height is the user's."""
+    is_litchi = {column.name for column in columns} >= LITCHI
+    implied = AltitudeReference.ABOVE_TAKEOFF if is_litchi else None
+    found = altitude_column(columns, options.altitude_reference, named.get("altitude_m"), implied)
+    if found is None and options.height_m is None:
+        error = missing("altitude_m", columns)
+        raise PlotfeedError(f"{error}; or give one height with --height-m")
+    return found
+
+
+def _values(
+    row: Sequence[str],
+    found: Mapping[str, Place],
+    altitude: AltitudeColumn | None,
+    options: FlightOptions,
+) -> dict[str, float]:
+    """Quantities of a row in our units; NaN for what is no number there."""
+    values = {q: _number(cell_of(row, c)) * factor for q, (c, factor) in found.items()}
+    if altitude is not None:
+        values["altitude_m"] = _number(cell_of(row, altitude.column)) * altitude.factor
+    elif options.height_m is not None:
+        values["altitude_m"] = options.height_m
+    return values
+
+
+def _take(
+    where: str,
+    t_utc_ns: int,
+    values: Mapping[str, float],
+    reference: AltitudeReference,
+    log: Log,
+) -> None:
+    for quantity in REQUIRED:
         if math.isnan(values[quantity]):
-            log.skip(where, f"{quantity} is {cells[quantity][:40]!r}; expected a number")
+            log.skip(where, f"{quantity} is missing or no number")
             return
+    if values["latitude_deg"] == 0 and values["longitude_deg"] == 0:
+        log.skip(where, "position 0, 0: no GPS fix")
+        return
     velocity = tuple(values.get(q, math.nan) for q in _VELOCITY)
     log.take(
         where,
@@ -140,7 +178,7 @@ def _take(where: str, cells: Mapping[str, str], options: FlightOptions, log: Log
         latitude_deg=values["latitude_deg"],
         longitude_deg=values["longitude_deg"],
         altitude_m=values["altitude_m"],
-        altitude_reference=options.altitude_reference,
+        altitude_reference=reference,
         velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
         **{q: values[q] for q in _ACCURACIES if q in values and not math.isnan(values[q])},
     )
@@ -152,25 +190,3 @@ def _number(cell: str) -> float:
         return float(cell)
     except ValueError:
         return math.nan
-
-
-def parse_time_ns(cell: str, utc_offset_h: float) -> int | None:
-    """UTC, nanoseconds since 1970, of an ISO 8601 time or a number since 1970; None if neither.
-
-    Numbers may be seconds, ms, us or ns: which one, their size tells.
-    """
-    try:
-        return _epoch_ns(Decimal(cell.strip()))
-    except InvalidOperation:
-        pass
-    try:
-        return utc_ns(datetime.fromisoformat(cell.strip()), utc_offset_h)
-    except (ValueError, OverflowError):
-        return None
-
-
-def _epoch_ns(since_1970: Decimal) -> int | None:
-    if not since_1970.is_finite() or not _EARLIEST_EPOCH <= since_1970 < _LATEST_NS:
-        return None
-    unit_ns = next((unit for below, unit in _EPOCH_DIGITS if since_1970 < below), 1)
-    return round(since_1970 * unit_ns)

@@ -46,7 +46,7 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:pigeon:1",), "expected one of"),
         (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
-        (("nothing.srt",), "no such file"),
+        (("nothing.srt",), "cannot be read: No such file"),
     ],
 )
 def test_wrong_words_are_told_before_anything_is_sent(words: tuple[str, ...], says: str) -> None:

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.flights import read
+from plotfeed.feeds.telemetry.flights.file_times import parse_time_ns
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
-from plotfeed.feeds.telemetry.flights.table import parse_time_ns, read_table
+from plotfeed.feeds.telemetry.flights.table import read_table
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
