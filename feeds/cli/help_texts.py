@@ -4,7 +4,7 @@ from __future__ import annotations
 
 SUMMARIES_AND_EXAMPLES = {
     "demo": (
-        "Run a shipped scene with its live page: section-4.",
+        "Run a shipped scene with its live page: a field day.",
         ("demo --duration 60", "demo stadium"),
     ),
     "run": (

@@ -61,22 +61,23 @@ def cli() -> None:
 
 
 @cli.command()
-@click.argument("scene", default="section-4")
+@click.argument("scene", default="field-day")
 @session_options
 @click.option("--no-page", is_flag=True, help="Serve no live page, which a demo has by itself.")
 def demo(scene: str, *, no_page: bool, **options: Any) -> int:
-    """Run a scene that comes with plotfeed: the paper's section 4, or another one by its name.
+    """Run a scene that comes with plotfeed: a field day, or another one by its name.
 
-    `plotfeed scenes` lists them. In section 4 a drone comes straight at four sensors. The live page
-    is on port 8590 of this machine, or another where that is taken. Sensors report as ASTERIX,
-    SAPIENT and protobuf over MQTT, by an embedded broker unless another is named.
+    `plotfeed scenes` lists them. On the field day five kinds of sensors see twenty-one drones, over
+    a poor link. The live page is on port 8590 of this machine, or another where that is taken; time
+    can be paused and hurried there. Sensors report as ASTERIX, SAPIENT and protobuf over MQTT, by
+    an embedded broker unless another is named.
     """
     from plotfeed.feeds.cli.run import RunSettings, run_in_terminal
     from plotfeed.feeds.scene.scene import example
 
     if no_page and options["page"] is not None:
         raise click.UsageError("--no-page contradicts --page")
-    settings = RunSettings(shows_page=not no_page, **options)
+    settings = RunSettings(shows_page=not no_page, can_be_held=True, **options)
     return run_in_terminal(example(scene), settings)
 
 

@@ -93,6 +93,8 @@ class RunSettings:
     """A recorded session whose inputs are taken in again."""
     shows_page: bool = False
     """Whether the page is served even if nobody said where."""
+    can_be_held: bool = False
+    """Whether time can be paused and hurried although nobody asked for another than the world's."""
 
 
 def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
@@ -105,7 +107,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     if again is not None and not again.has_ticks:
         say(BEFORE_TICKS.format(again.path), err=True)
     start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
-    clock, duration_s = _clock(start_utc_ns, settings.speed), settings.duration
+    clock, duration_s = _clock(start_utc_ns, settings), settings.duration
     if again is not None and duration_s is None and scene.scene.duration_s is None:
         duration_s = (again.end_utc_ns - again.start_utc_ns) / NS
     with contextlib.ExitStack() as files:
@@ -180,7 +182,7 @@ async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounte
     from plotfeed.feeds.page.run_with_page import run_with_page
 
     def another_clock(other: Scene) -> Clock:
-        return _clock(other.scene.start_utc_ns, settings.speed)
+        return _clock(other.scene.start_utc_ns, settings)
 
     token = fixed_token(os.environ)
 
@@ -196,16 +198,16 @@ async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounte
         return await run_at(PageAddress(port=0))
 
 
-def _clock(start_utc_ns: int | None, speed: str) -> Clock:
-    if speed == FASTEST:
+def _clock(start_utc_ns: int | None, settings: RunSettings) -> Clock:
+    if settings.speed == FASTEST:
         return InstantClock(start_utc_ns)
     try:
-        factor = float(speed)
+        factor = float(settings.speed)
     except ValueError:
         factor = 0.0
     if not 0.001 <= factor <= 10_000:
         raise click.BadParameter("expected 0.001 to 10000, or max", param_hint="--speed")
-    return WallClock(start_utc_ns, speed=factor)
+    return WallClock(start_utc_ns, speed=factor, can_be_held=settings.can_be_held)
 
 
 async def _run(

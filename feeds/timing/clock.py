@@ -44,17 +44,20 @@ class WallClock:
     """Real time, at `speed` times its pace, from `start_utc_ns` or from now.
 
     It runs on the monotonic clock: a step of the system's UTC moves no deadline. A given start
-    stands still until the session begins, so that all sessions begin at exactly that time.
+    stands still until the session begins, so that all sessions begin at exactly that time. One that
+    `can_be_held` shows the world's time until somebody holds or hurries it.
     """
 
-    def __init__(self, start_utc_ns: int | None = None, *, speed: float = 1.0) -> None:
+    def __init__(
+        self, start_utc_ns: int | None = None, *, speed: float = 1.0, can_be_held: bool = False
+    ) -> None:
         self._zero_monotonic_ns = time.monotonic_ns()
         self._zero_utc_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
         self._speed = speed
         self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
         self._begun = start_utc_ns is None
         self._timer: LoopTimer | TimerFd | None = None
-        self.is_real = start_utc_ns is None and speed == 1
+        self.is_real = start_utc_ns is None and speed == 1 and not can_be_held
         """Whether it shows the world's time, which cannot be held or hurried."""
 
     @property

@@ -61,7 +61,7 @@ def _utc_ns(text: str) -> int:
 async def listen(seconds: float) -> Listener:
     """What a demo of that length sends."""
     listener = Listener()
-    topics = ["plotfeed/active/plots", "plotfeed/active/asterix/+", "plotfeed/truth"]
+    topics = ["plotfeed/tower/plots", "plotfeed/tower/asterix/+", "plotfeed/truth"]
     async with (
         demo("--duration", str(seconds)) as running,
         subscriber(running, topics, listener.heard),

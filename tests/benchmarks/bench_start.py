@@ -62,7 +62,7 @@ async def first_messages_s() -> tuple[float, float]:
 
     async with (
         demo("--duration", "15") as running,
-        subscriber(running, ["plotfeed/active/plots"], heard),
+        subscriber(running, ["plotfeed/tower/plots"], heard),
     ):
         await asyncio.wait_for(done.wait(), TIMEOUT_S)
         start_ns = running.started_ns

@@ -6,7 +6,7 @@ from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
 
-FIRST = "section-4"
+FIRST = "field-day"
 """Listed before the others: the one of the demo."""
 
 

@@ -79,7 +79,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     done = plotfeed("demo", "--duration", "1.5")
     assert done.returncode == 0
     assert done.stderr == ""
-    for word in ("scene section-4", "MQTT 3.1.1", "MQTT 5", "plotfeed/active/plots"):
+    for word in ("scene field-day", "MQTT 3.1.1", "MQTT 5", "plotfeed/tower/plots"):
         assert word in done.stdout
     counts = done.stdout.splitlines()[-1].split()
     assert counts[0] == "drones"
@@ -89,7 +89,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
 def test_the_demo_can_end_with_json() -> None:
     done = plotfeed("demo", "--duration", "1", "--broker", "none", "--speed", "max", "--json")
     totals = json.loads(done.stdout)
-    assert totals["drones"] == 1
+    assert totals["drones"] == 21
     assert totals["messages"] > 0
     assert totals["undelivered"] == 0
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from urllib.request import urlopen
 
 import pytest
 from support.brokers import free_port, port_is_taken
 from support.command import plotfeed, plotfeed_here, running
+from support.page_updates import read_frame
 from support.waiting import PATIENCE_S
+from websockets import Origin
+from websockets.sync.client import connect
 
 pytest.importorskip("uvicorn")
 
@@ -37,6 +41,17 @@ def test_a_demo_has_its_page_and_says_where() -> None:
         assert demo.introduction[-1].startswith(way)
         moved = any(line.startswith(f"port {USUAL_PORT} is taken") for line in demo.introduction)
         assert moved == (port != USUAL_PORT)
+
+
+def test_a_demo_shows_the_world_s_time_until_somebody_holds_it() -> None:
+    with running("demo", "--broker", "none") as demo:
+        host = f"127.0.0.1:{demo.port('page')}"
+        with connect(f"ws://{host}/feed", origin=Origin(f"http://{host}"), max_size=None) as feed:
+            frames = (octets for octets in feed if isinstance(octets, bytes))
+            assert abs(read_frame(next(frames)).now_ms - time.time() * 1000) < 60_000
+            feed.send(json.dumps({"number": 1, "command": {"clock": {"paused": True}}}))
+            answers = (json.loads(text) for text in feed if isinstance(text, str))
+            assert next(answer for answer in answers if answer.get("number") == 1)["ok"]
 
 
 def test_where_the_usual_port_is_taken_it_says_so_and_has_another() -> None:

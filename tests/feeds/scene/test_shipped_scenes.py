@@ -13,11 +13,13 @@ from support.command import plotfeed, plotfeed_here
 from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.cli.check import report
+from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.sensing.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.models.state import FALSE_ALARM, Floats
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.decode import decode
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "scenes.md").read_text()
@@ -45,7 +47,7 @@ def test_each_is_a_scene_that_check_has_no_doubts_about(name: str) -> None:
 def test_all_are_listed_with_their_files() -> None:
     told = json.loads(plotfeed_here("scenes", "--json").stdout)
     assert [scene["name"] for scene in told] == list(summaries())
-    assert told[0]["name"] == "section-4"
+    assert told[0]["name"] == "field-day"
     assert all(Path(scene["file"]).is_file() for scene in told)
     lines = plotfeed_here("scenes").stdout
     assert all(name in lines and about in lines for name, about in summaries().items())
@@ -54,7 +56,39 @@ def test_all_are_listed_with_their_files() -> None:
 def test_one_that_does_not_exist_is_refused_with_those_that_do() -> None:
     told = plotfeed("demo", "nowhere", "--broker", "none")
     assert (told.returncode, told.stdout) == (2, "")
-    assert told.stderr.startswith("plotfeed: no shipped scene 'nowhere': expected one of section-4")
+    assert told.stderr.startswith("plotfeed: no shipped scene 'nowhere': expected one of field-day")
+
+
+def test_the_field_day_has_work_for_every_sensor_and_trouble_for_its_tracker() -> None:
+    found = seen("field-day", 60.0)
+    assert all(len(sensor.plots) > 20 for sensor in found.values())
+    by_tower, by_rf = (
+        {
+            "" if drone < 0 else found.drones[drone]
+            for drone in set(found[name].plots.drone.tolist())
+        }
+        for name in ("tower", "rf")
+    )
+    assert {"intruder", "survey-1", "parcel-1", "racer-1", ""} <= by_tower
+    assert "parcel-1" in by_rf
+    assert not any(name.startswith("survey") for name in by_rf)
+    road = fly(example("field-day"), 60.0)
+    sent = [m for entry in road.ledgers if entry.sensor == "tower" for m in entry.messages]
+    assert 0.02 < np.mean([not m.delivered for m in sent]) < 0.12
+    records = [r for payload in road.payloads("tower/asterix/062") for r in decode(payload)]
+    assert len(records) > 200
+    for state in ("TSB", "CST", "TSE"):  # begun, coasted, ended
+        assert sum(record.get(f"I062/080/{state}") == 1 for record in records) > 5
+
+
+def test_the_field_day_s_map_is_what_its_command_writes() -> None:
+    made = ROOT / "feeds" / "scene" / "examples" / "field-day.geojson"
+    before = made.read_bytes()
+    command = ROOT / "docs" / "commands" / "write_field_map.py"
+    subprocess.run([sys.executable, command], check=True)
+    assert made.read_bytes() == before
+    shown = example("field-day")
+    assert load_basemap("field-day.geojson", made, shown.scene.site).content.count(b'"town"') == 1
 
 
 def test_a_stadium_swarm_is_fewer_plots_than_drones_and_all_of_its_emitters() -> None:

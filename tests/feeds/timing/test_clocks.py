@@ -35,6 +35,16 @@ def test_a_given_start_stands_still_until_the_session_begins() -> None:
     assert clock.now_ns() >= START + 10 * MS
 
 
+def test_a_clock_that_can_be_held_is_the_world_s_until_then() -> None:
+    clock, real = WallClock(can_be_held=True), WallClock()
+    assert (clock.is_real, real.is_real) == (False, True)
+    assert abs(clock.now_ns() - real.now_ns()) < 10**9
+    clock.pause()
+    stood_ns = clock.now_ns()
+    assert clock.is_paused
+    assert clock.now_ns() == stood_ns
+
+
 def test_starting_a_clock_that_runs_changes_nothing() -> None:
     clock = WallClock(START)
     clock.start()
