@@ -44,6 +44,7 @@ SPOKEN = {
     "record": ["mqtt://", "udp://", "MCAP"],
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
     "chart": ["TOML", "png", "svg", "JSON"],
+    "scenes": ["JSON"],
     "sensors": ["JSON"],
     "schema": ["JSON schema", "protobuf", "AsyncAPI"],
 }

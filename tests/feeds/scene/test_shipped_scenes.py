@@ -77,8 +77,8 @@ def test_the_field_day_has_work_for_every_sensor_and_trouble_for_its_tracker() -
     assert 0.02 < np.mean([not m.delivered for m in sent]) < 0.12
     records = [r for payload in road.payloads("tower/asterix/062") for r in decode(payload)]
     assert len(records) > 200
-    for state in ("TSB", "CST", "TSE"):  # begun, coasted, ended
-        assert sum(record.get(f"I062/080/{state}") == 1 for record in records) > 5
+    for state, least in (("TSB", 10), ("CST", 10), ("TSE", 1)):  # begun, coasted, ended
+        assert sum(record.get(f"I062/080/{state}") == 1 for record in records) >= least
 
 
 def test_the_field_day_s_map_is_what_its_command_writes() -> None:
