@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -133,11 +132,27 @@ def test_the_valley_s_radars_hand_the_drone_over() -> None:
     assert floor.looks.pd[after_s(floor) < 40.0].max() < 1e-3  # behind the ridge
     assert floor.looks.pd[after_s(floor) > 57.0].min() > 0.9
     assert ridge.looks.pd.min() > 0.9
-    made = ROOT / "feeds" / "scene" / "examples" / "N46E011.hgt"
-    before = made.read_bytes()
-    command = ROOT / "docs" / "commands" / "write_valley.py"
-    subprocess.run([sys.executable, command], check=True)
-    assert made.read_bytes() == before
+
+
+def test_the_city_s_direction_finders_lose_who_sinks_into_a_street() -> None:
+    found = seen("city", 60.0)
+    for name in ("rf-south", "rf-west"):
+        rf = found[name]
+        assert rf.looks.pd[after_s(rf) < 2.5].max() < 0.2
+        assert rf.looks.pd[(after_s(rf) > 6.0) & (after_s(rf) < 50.0)].min() > 0.9
+        assert set(rf.plots.identity.tolist()) <= {"courier", ""}
+    camera, silent = found["camera"].looks, found.drones.index("silent")
+    its = camera.drone == silent
+    assert camera.detected[its].sum() >= 10
+    assert np.abs(((camera.azimuth_deg[its] + 180.0) % 360.0) - 180.0).max() < 1.8  # its picture
+
+
+def test_the_ground_is_what_its_command_makes() -> None:
+    command = ROOT / "docs" / "commands" / "write_example_ground.py"
+    made = runpy.run_path(str(command))
+    tile = made["valley_heights_m"]().round().astype(">i2").tobytes()
+    assert made["TILE"].read_bytes() == tile
+    assert json.loads(made["CITY"].read_text()) == made["city_blocks"]()
 
 
 def test_the_coast_s_broadcasts_place_a_drone_finely_and_coarsely() -> None:
