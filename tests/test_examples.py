@@ -118,6 +118,25 @@ def test_a_scene_is_sound_and_runs(scene: Path) -> None:
     assert re.search(r"plots [1-9]", done.stdout.splitlines()[-1])
 
 
+def test_a_flight_comes_through_to_a_utm_system_as_a_track() -> None:
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / "utm_end_to_end.py"), "20"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    first = re.search(r"track radar-1 begins at (\S+) (\S+) (\d+) m", done.stdout)
+    assert first, done.stdout
+    site = LocalFrame(40.45, -3.73, 650.0)
+    east_m, north_m, up_m = site.from_ecef(geodetic_to_ecef(*map(float, first.groups())))
+    assert -1000 < east_m < -700  # where the flight begins
+    assert 600 < north_m < 900
+    assert 0 < up_m < 200
+    assert "refused" not in done.stdout
+
+
 def test_every_example_is_told_of_on_its_page() -> None:
     page = (EXAMPLES / "README.md").read_text()
     there = {path.relative_to(EXAMPLES).as_posix() for path in (*EXAMPLES.glob("*.*"), *SCENES)}

@@ -103,7 +103,8 @@ session_options = together(
         multiple=True,
         metavar="FORMAT=URL",
         help="Post tracks to this address instead of the scene's, such as "
-        "air-traffic=http://HOST:PORT/PATH; may be repeated.",
+        "air-traffic=http://HOST:PORT/PATH, with the bearer token in "
+        "PLOTFEED_HTTP_TOKEN_COMMAND_LINE, if any; may be repeated.",
     ),
     click.option(
         "--duration",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,10 +18,18 @@ from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.track_output_keys import HttpDestination, TakServer, TrackDestination
+from plotfeed.feeds.scene.track_output_keys import (
+    TOKEN_VARIABLE,
+    HttpDestination,
+    TakServer,
+    TrackDestination,
+)
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import without_secrets
 from plotfeed.proto.errors import PlotfeedError
+
+TOKEN_NAME = "COMMAND_LINE"  # noqa: S105 - its name, not its value  # nosec B105
+"""Of the token that goes where the command line says, if the environment has one."""
 
 
 class NamedDestinations(Protocol):
@@ -84,7 +93,10 @@ def _tak(server: str) -> TakServer:
 def _http(text: str) -> HttpDestination:
     carries, _, url = text.partition("=")
     try:
-        return HttpDestination.model_validate({"carries": carries, "url": url})
+        keys = {"carries": carries, "url": url}
+        if f"{TOKEN_VARIABLE}{TOKEN_NAME}" in os.environ:
+            keys["token"] = TOKEN_NAME
+        return HttpDestination.model_validate(keys)
     except ValidationError as error:
         raise PlotfeedError(f"--http: {_first_problem(error)}; FORMAT=URL") from None
 
