@@ -17,6 +17,7 @@ from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import cell_factor
 from plotfeed.models.effects.line_of_sight import OPAQUE, STEEPEST
 from plotfeed.models.effects.merging import MergedGroups
+from plotfeed.models.effects.pulse_intervals import filter_factor
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.effects.weather import LOG_K, rain_coefficients
 from plotfeed.models.false_alarms import probability_at_least_one
@@ -274,6 +275,23 @@ def faint_and_many() -> Case:
     )
 
 
+def nearly_blind() -> Case:
+    prf_hz, wavelength_m, rate_m_s = 1000.0, 0.03, 1e-6
+    turns = 2 * mp.mpf(rate_m_s) / (mp.mpf(wavelength_m) * prf_hz)
+    plain = 1 - np.cos(4 * np.pi * rate_m_s / (wavelength_m * prf_hz))
+    return Case(
+        where="gain of a canceller at a millionth of a metre a second",
+        plain_form="1 − cos 2πfT",
+        plain=relative(plain, 2 * mp.sinpi(turns) ** 2),
+        cure="2 sin² of πfT from the nearest blind speed",
+        ours=relative(
+            filter_factor(rate_m_s, prf_hz, wavelength_m, "single"), 2 * mp.sinpi(turns) ** 2
+        ),
+        test="models/effects/test_pulse_intervals.py::"
+        "test_close_to_a_blind_speed_no_digit_of_the_gain_is_lost",
+    )
+
+
 def amid_the_cell() -> Case:
     x = 0.0
     with np.errstate(invalid="ignore"):
@@ -291,6 +309,7 @@ def amid_the_cell() -> Case:
 
 EFFECTS = (
     faint_and_many,
+    nearly_blind,
     amid_the_cell,
     slow,
     folded,

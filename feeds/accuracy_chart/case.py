@@ -139,7 +139,7 @@ def case_of(scene: Scene, sensor: Sensor, flights: Flown, effort: Effort, rng: R
 
 def alarm_moments(model: SensorModel) -> tuple[float, float]:
     """Mean and variance of the number of false alarms a scan: binomial where cells are known."""
-    cells, pfa = getattr(model, "alarm_cells", None), getattr(model, "pfa", None)
+    cells, pfa = (getattr(model, name, None) for name in ("alarm_cells", "alarm_pfa"))
     if cells is None or pfa is None:
         return model.false_alarms_per_scan, model.false_alarms_per_scan
     mean = float(np.sum(cells) * pfa)

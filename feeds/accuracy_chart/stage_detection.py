@@ -172,7 +172,7 @@ def _predicted_law(model: SensorModel, targets: Targets) -> DetectionLaw | None:
 
 @_law_of_kind.register
 def _(model: ActiveRadar, targets: Targets) -> DetectionLaw | None:
-    if targets.signatures.echoes is not None:  # by a series of its own
+    if targets.signatures.echoes is not None or model.intervals is not None:
         return _predicted_law(model, targets)
     snr = model.look_snrs(targets)[:, 0]
     return _swerling1(lambda: model.pd(snr[:, None]), snr, model.pfa, model.n_reference)

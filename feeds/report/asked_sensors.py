@@ -22,7 +22,7 @@ from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -67,6 +67,15 @@ class AskedSensor:
             return np.full(len(range_m), np.nan)
         there_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
         return self.sea_level.undulation_m(*self.frame.to_geodetic(there_enu_m)[:2])
+
+    def folded_error(self, quantity: str, error: Floats, channel: Ints) -> Floats:
+        """Errors of what looks alike after a span, range rates and ranges by pulses; (n,)."""
+        doppler, intervals = (getattr(self.model, name, None) for name in ("doppler", "intervals"))
+        if quantity == "range rate" and doppler is not None:
+            return np.asarray(doppler.folded(error, channel))
+        if quantity == "range" and intervals is not None:
+            return np.asarray(intervals.nearest_m(error))
+        return error
 
     @cached_property
     def clock_ahead_ns(self) -> int:

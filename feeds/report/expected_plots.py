@@ -118,8 +118,8 @@ def compared(
         error = values[name] - law.mean
         if name == "azimuth":
             error = wrap_180(error)
-        if name == "range rate":
-            error = _folded(asked, error, channel)
+        if asked is not None:
+            error = asked.folded_error(name, error, channel)
         error = np.where(left_out, np.nan, error)
         found.errors[name], found.expected[name] = error, law
         found.stated[name] = getattr(measured, f"sigma_{column}", np.full(len(error), np.nan))
@@ -342,9 +342,3 @@ def _values(
         over_deg = np.copysign(180.0, elevation_deg) - elevation_deg
         values["elevation"] = np.where(past, over_deg, elevation_deg)
     return values
-
-
-def _folded(asked: AskedSensor | None, error_m_s: Floats, channel: Ints) -> Floats:
-    """Errors of range rates that look alike after a span."""
-    doppler = None if asked is None else getattr(asked.model, "doppler", None)
-    return error_m_s if doppler is None else np.asarray(doppler.folded(error_m_s, channel))

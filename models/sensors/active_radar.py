@@ -12,15 +12,17 @@ of the reference samples of all signals. Positions are measured from the receive
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
+from plotfeed.models.effects.pulse_intervals import at_least, chosen, first_successes
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
+from plotfeed.models.sensors.sensor_model import Prediction, Targets, mean_prediction
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
@@ -34,8 +36,8 @@ class ActiveRadar(PolarRadar):
 
     @property
     def n_signals(self) -> int:
-        """A single signal."""
-        return 1
+        """A single signal, or one an interval."""
+        return 1 if self.intervals is None else self.intervals.count
 
     @sensor_property
     def snr_of_unit(self) -> float:
@@ -69,7 +71,12 @@ class ActiveRadar(PolarRadar):
         return snr[:, None]
 
     def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""
+        """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out.
+
+        Of a look of several intervals, (n, N), that enough of them detect.
+        """
+        if self.intervals is not None:
+            return at_least(self._pd_each(snrs, order), self.intervals.needed)
         if order is not None:
             return FluctuatingCfar(self.pfa, 1, self.n_reference).pd(snrs[..., 0], order)
         return detection.pd_cfar_swerling1(snrs[..., 0], self.pfa, self.n_reference)
@@ -77,14 +84,45 @@ class ActiveRadar(PolarRadar):
     def draw_detected(
         self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
     ) -> tuple[Floats, Floats]:
-        """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out."""
+        """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out.
+
+        Of several intervals, those of the first that detected.
+        """
+        if self.intervals is not None:
+            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
+            column = chosen(first, rng.random((len(snrs),)))
+            snrs = np.take_along_axis(snrs, column[:, None], axis=1)
         if order is not None:
             cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
             return cfar.draw_detected(snrs[..., 0], order, rng)
         return detection.draw_detected_snr_swerling1(snrs[..., 0], self.pfa, self.n_reference, rng)
 
+    def _pd_each(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Probability of detection of each interval; (n, N)."""
+        if order is None:
+            return detection.pd_cfar_swerling1(snrs, self.pfa, self.n_reference)
+        orders = np.repeat(order, snrs.shape[1])
+        cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
+        return cfar.pd(snrs.ravel(), orders).reshape(snrs.shape)
+
+    def predict(self, targets: Targets) -> Prediction:
+        """Closed forms; over all places of the intervals in a beam that passes."""
+        if self.intervals is None or self.intervals.beam is None:
+            return super().predict(targets)
+        everywhere = np.zeros(len(targets), np.int64)
+        found = [
+            super(ActiveRadar, self).predict(replace(targets, t_utc_ns=everywhere + phase_ns))
+            for phase_ns in self.intervals.phases_ns
+        ]
+        return mean_prediction(found)
+
     def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
+        if self.intervals is not None:
+            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
+            one = replace(self, intervals=None)
+            columns = [one.inverse_detected(snr[:, None], order) for snr in snrs.T]
+            return np.asarray((first * np.stack(columns, axis=-1)).sum(axis=1))
         if order is not None:
             cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
             return cfar.inverse_detected(snrs[..., 0], order)

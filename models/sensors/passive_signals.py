@@ -134,6 +134,11 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         return float(self.pfa * np.array(self.alarm_cells) @ self.placed_shares)
 
     @property
+    def alarm_pfa(self) -> float:
+        """Probability of a false alarm of a cell in a scan."""
+        return self.pfa
+
+    @property
     def alarm_cells(self) -> tuple[float, ...]:
         """Cells that give its false alarms, by channel: those of more, if it is degraded so."""
         return tuple(cells * self.false_alarm_factor for cells in self.resolution_cells)

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,9 @@ from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.echo_effects import EchoPaths
+from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.false_alarms import cells_across
-from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
@@ -68,6 +69,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     elevation_floor_deg: float
     measures_elevation: bool
     measures_run_length: bool = True
+    intervals: PulseIntervals | None = None
+
+    alike: ClassVar[frozenset[str]] = EchoRadar.alike | {"intervals"}
 
     @abstractmethod
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
@@ -95,12 +99,39 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def n_signals(self) -> int:
         """K."""
 
+    @property
+    def furthest_told_m(self) -> float:
+        """The end of the ranges in plots: where they fold, if that is within cover."""
+        folds_at_m = None if self.intervals is None else self.intervals.folds_at_m
+        return self.range_max_m if folds_at_m is None else min(folds_at_m, self.range_max_m)
+
+    @property
+    def alarm_pfa(self) -> float:
+        """Probability of a false alarm of a cell in a scan."""
+        if self.intervals is None:
+            return self.pfa
+        return self.intervals.false_alarm_probability(self.pfa)
+
+    @property
+    def measures_range_rate(self) -> bool:
+        """Whether Doppler cells or filters of pulses are modelled."""
+        by_filters = self.intervals is not None and self.intervals.filters_rates
+        return by_filters or super().measures_range_rate
+
+    def mean_place(
+        self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Places with ranges as they fold; (n,) each."""
+        if self.intervals is not None:
+            range_m = self.intervals.folded_m(range_m)
+        return azimuth_deg, elevation_deg, range_m
+
     @cached_property
     def resolution_cells(self) -> float:
         """Range cells x azimuth beams x elevation beams x Doppler cells (eq 9, right form)."""
         elevation_span_deg = self.elevation_max_deg - self.elevation_min_deg
         return (
-            cells_across(self.range_max_m - self.range_min_m, self.range_resolution_m)
+            cells_across(self.furthest_told_m - self.range_min_m, self.range_resolution_m)
             * cells_across(self.azimuth_cover.span_deg, self.azimuth_beamwidth_deg)
             * cells_across(elevation_span_deg, self.elevation_beamwidth_deg)
             * self.doppler_cells
@@ -151,7 +182,14 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def look_snrs(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats:
         """Mean ratios of each signal's echo of those rows of targets, the model's own; (n, K)."""
         snrs = self.signal_snrs(targets.true_position_enu_m[rows], targets.rcs_m2(rows))
-        return self._with_effects(snrs, targets, rows)
+        snrs = self._with_effects(snrs, targets, rows)
+        if self.intervals is None:
+            return snrs
+        place_enu_m, rate_m_s = targets.true_position_enu_m[rows], None
+        if targets.velocity_enu_m_s is not None:
+            rate_m_s = range_rate_m_s(place_enu_m, targets.velocity_enu_m_s[rows])
+        range_m, t_utc_ns = distance_m(place_enu_m), targets.t_utc_ns[rows]
+        return snrs * self.intervals.power_factor(range_m, rate_m_s, t_utc_ns)
 
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])
@@ -254,7 +292,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             threshold,
             sigmas,
             t_utc_ns=echoes.t_utc_ns,
-            range_m=range_m + errors[0],
+            range_m=self._told_m(range_m + errors[0]),
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             **echoes.whose(),
@@ -262,6 +300,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         )
         inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
         return plots.rows(inside & (plots.range_m > 0))
+
+    def _told_m(self, range_m: Floats) -> Floats:
+        return range_m if self.intervals is None else self.intervals.folded_m(range_m)
 
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
         """Uniform in range and elevation (eqs 10 to 12; elevation is drawn, not height)."""
@@ -275,7 +316,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             threshold,
             self.sigmas(snr),
             t_utc_ns=t_utc_ns,
-            range_m=rng.uniform(self.range_min_m, self.range_max_m, n),
+            range_m=rng.uniform(self.range_min_m, self.furthest_told_m, n),
             azimuth_deg=azimuth_deg,
             elevation_deg=rng.uniform(self.elevation_min_deg, self.elevation_max_deg, n),
             **columns,

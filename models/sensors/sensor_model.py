@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -157,6 +157,25 @@ class Prediction:
     sigma_range_rate_m_s: Floats | None = None
 
 
+def mean_prediction(found: Sequence[Prediction]) -> Prediction:
+    """What to expect of looks that are of each kind alike often."""
+    pd = np.stack([each.pd for each in found])
+
+    def rms(name: str) -> Floats:
+        sigmas = np.stack([getattr(each, name) for each in found])
+        return np.asarray(np.sqrt((pd * sigmas**2).sum(axis=0) / pd.sum(axis=0)))
+
+    tells_rates = found[0].sigma_range_rate_m_s is not None
+    return Prediction(
+        snr=np.mean([each.snr for each in found], axis=0),
+        pd=pd.mean(axis=0),
+        sigma_range_m=rms("sigma_range_m"),
+        sigma_azimuth_deg=rms("sigma_azimuth_deg"),
+        sigma_elevation_deg=rms("sigma_elevation_deg"),
+        sigma_range_rate_m_s=rms("sigma_range_rate_m_s") if tells_rates else None,
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class SensorModel(Stackable, ABC):
     """A sensor, frozen: randomness is an argument. Nothing beyond `range_max_m` is looked at.
@@ -295,6 +314,11 @@ class CellSensor(SensorModel, ABC):
         """How many there are in a scan; not whole where cover is no multiple of beams."""
 
     @property
+    def alarm_pfa(self) -> float:
+        """Probability of a false alarm of a cell in a scan."""
+        return self.pfa
+
+    @property
     def alarm_cells(self) -> float:
         """Cells that give its false alarms: those of more, if it is degraded so."""
         return self.resolution_cells * self.false_alarm_factor
@@ -302,12 +326,12 @@ class CellSensor(SensorModel, ABC):
     @property
     def false_alarms_per_scan(self) -> float:
         """Mean number of false alarms in a scan (eq 9)."""
-        return self.alarm_cells * self.pfa
+        return self.alarm_cells * self.alarm_pfa
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over its cells, uniform in azimuth (eq 9)."""
         azimuth_deg = false_alarms.draw_azimuths(
-            self.alarm_cells, self.pfa, self.azimuth_cover, sector, rng
+            self.alarm_cells, self.alarm_pfa, self.azimuth_cover, sector, rng
         )
         if not len(azimuth_deg):
             return NO_PLOTS

@@ -132,7 +132,17 @@ def targets() -> Iterator[Row]:
         yield _row("pd_swerling_cfar", pd, **args)
 
 
+def pulses() -> Iterator[Row]:
+    """Gains of cancellers, close to a speed at which they are blind, at 3 cm."""
+    for kind, (gain, exponent) in {"single": (2, 2), "double": (F(8) / 3, 4)}.items():
+        for prf, off in (("1000", "1e-6"), ("1200", "0.3"), ("5000", "7")):
+            turns = 2 * F(off) / (F("0.03") * F(prf))
+            value = gain * mp.sinpi(turns) ** exponent
+            yield _row("canceller_gain", value, kind=kind, prf_hz=prf, off_m_s=off)
+
+
 def effects() -> Iterator[Row]:
     """All of them."""
+    yield from pulses()
     yield from antennas()
     yield from targets()

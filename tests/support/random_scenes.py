@@ -202,6 +202,17 @@ def _radar(dice: Dice) -> Keys:
 
 def _active(dice: Dice) -> Keys:
     pulsed = {"floor_m_s": 0.1, "prf_hz": dice.one_of(2000.0, 10_000.0)}
+    pulses = {
+        "prf_hz": dice.some_of(31_000.0, 42_000.0, 50_000.0),
+        "pulse_s": dice.one_of(0.0, 1e-6),
+        "stc_range_m": dice.one_of(0.0, 1000.0),
+    }
+    if dice.happens(0.3):
+        return _active_with(dice, doppler={"floor_m_s": 0.1}, pulses=pulses)
+    return _active_with(dice, doppler=pulsed)
+
+
+def _active_with(dice: Dice, *, doppler: Keys, pulses: Keys | None = None) -> Keys:
     return (
         _radar(dice)
         | {
@@ -210,7 +221,8 @@ def _active(dice: Dice) -> Keys:
             "report": dice.some_of("asterix-048", "asterix-015", "plots", "sapient"),
             "scan": _scan(dice, rotates=dice.happens(0.6)),
         }
-        | _effects(dice, doppler=pulsed)
+        | _effects(dice, doppler=doppler)
+        | ({"pulses": pulses} if pulses is not None else {})
     )
 
 

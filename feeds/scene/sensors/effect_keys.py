@@ -203,7 +203,7 @@ def readings_of(
 EFFECTS = frozenset(
     {
         *("bias", "drift", "degradation", "multipath", "doppler", "merging", "antenna"),
-        *("straddling", "weather", "jamming", "terrain"),
+        *("straddling", "pulses", "weather", "jamming", "terrain"),
     }
 )
 """Keys of what a sensor or a scene models only if it is named."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import (
     Beamwidth,
@@ -29,6 +29,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MultipathKeys,
     PulsedDopplerKeys,
 )
+from plotfeed.feeds.scene.sensors.pulse_keys import PulsesKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Scan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
@@ -44,6 +45,7 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     stated_or,
 )
 from plotfeed.models.effects.doppler import Doppler
+from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
 from plotfeed.models.sensors.polar_radar import PolarRadar
@@ -223,6 +225,8 @@ class ActiveRadarKeys(PolarRadarKeys):
     """How it scans."""
     power_w: Positive
     """Average."""
+    pulses: PulsesKeys | None = None
+    """Without it, nothing is ambiguous or blind, and a look is one interval."""
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
 
@@ -232,22 +236,50 @@ class ActiveRadarKeys(PolarRadarKeys):
             **self._polar(),
             power_w=self.power_w,
             gain_tx_dbi=self.gain_tx_dbi,
+            intervals=self._intervals(),
         )
         return self.in_the_world(model, site)
 
+    @model_validator(mode="after")
+    def _pulses_are_of_it(self) -> Self:
+        if self.pulses is not None and self.doppler is not None and self.doppler.prf_hz is not None:
+            raise ValueError("doppler.prf_hz: leave it out: pulses say it")
+        if self.pulses is not None and self.pulses.beam_passes and not self.scan.rotates:
+            raise ValueError("pulses.beam_passes: is of a radar that turns")
+        return self
+
+    def _intervals(self) -> PulseIntervals | None:
+        if self.pulses is None:
+            return None
+        return self.pulses.model(
+            interval_s=self.integration_s,
+            frequency_hz=self.frequency_hz,
+            beamwidth_deg=self.azimuth_beamwidth_deg,
+            turn_s=self.scan.period_s if self.scan.rotates else None,
+        )
+
+    def _doppler(self) -> Doppler | None:
+        if self.pulses is None or self.doppler is None:
+            return super()._doppler()
+        keys = self.doppler.model_copy(update={"prf_hz": self.pulses.folding_prf_hz})
+        return keys.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
+
     def warnings(self, site: Site, /) -> list[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""
-        return [*self._short_dwell(), *super().warnings(site)]
+        of_pulses = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
+        return [*self._short_dwell(), *of_pulses, *super().warnings(site)]
 
     def _short_dwell(self) -> list[str]:
-        if not self.scan.rotates:
+        if not self.scan.rotates or (self.pulses is not None and self.pulses.beam_passes):
             return []
         beam_deg = min(self.receive_beams * self.azimuth_beamwidth_deg, 360.0)
         on_target_s = self.scan.period_s * beam_deg / 360
-        if self.integration_s <= on_target_s:
+        intervals = 1 if self.pulses is None else self.pulses.count
+        if intervals * self.integration_s <= on_target_s:
             return []
+        times = f" times {intervals} intervals" if intervals > 1 else ""
         return [
-            f"integration_s is {self.integration_s:g}, but the beam is on a target for "
+            f"integration_s is {self.integration_s:g}{times}, but the beam is on a target for "
             f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
         ]
 

@@ -25,8 +25,8 @@ from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
-    r"|_detailed\b"
-    r"|readings is|\.errs\b|bias is|drift is|degradation is|echo_effects is|_with_effects"
+    r"|_detailed\b|echo_effects is|intervals is|_with_effects"
+    r"|readings is|\.errs\b|bias is|drift is|degradation is"
     r"|pd_factor|axes is not|layout is|classifier is|elevation_baseline_m is|measures_range_rate"
     r"|velocity_enu_m_s=?|readings="
     r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
@@ -75,6 +75,7 @@ EVERYTHING = {
     "layout": {"shape": "circle", "spacing_m": 0.4},
     "antenna": {"receive": {"elevation": {"kind": "gaussian", "beamwidth_deg": 60.0}}},
     "straddling": {"range": "hann"},
+    "pulses": {"prf_hz": [5000.0, 6000.0]},
 }
 
 
@@ -144,6 +145,8 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
         assert "classification" in stems
     if "layout" in known:
         assert "microphone_layout" in stems
+    if "pulses" in known:
+        assert "pulse_intervals" in stems
     if "antenna" in known:
         assert {"antenna", "echo_effects"} <= stems
     if "multipath" in known:

@@ -66,6 +66,7 @@ EFFECTS: list[dict[str, Any]] = [
     {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 1.0, "time_offset_s": 0.1}},
     {"drift": {"sigma_range_m": 3.0, "time_constant_s": 60.0}},
     {"antenna": {"receive": {"elevation": {"kind": "gaussian", "beamwidth_deg": 20.0}}}},
+    {"pulses": {"prf_hz": [5e3, 6e3], "needed": 2, "canceller": "single"}},
     {"degradation": {"pd_factor": 0.7, "false_alarm_factor": 3.0, "error_factor": 2.0}},
 ]
 EVENTS = [

@@ -1,0 +1,144 @@
+"""Folds, eclipses, blind speeds and M of N, beside closed forms and plain draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from support.effect_values import values_of
+from support.significance import assert_sum
+
+from plotfeed.models.effects.pulse_intervals import (
+    CANCELLERS,
+    PassingBeam,
+    PulseIntervals,
+    at_least,
+    chosen,
+    eclipse_factor,
+    filter_factor,
+    first_successes,
+    folded_range_m,
+)
+from plotfeed.models.propagation import C_M_S
+
+WAVELENGTH_M = 0.03
+
+
+def intervals(**more: object) -> PulseIntervals:
+    keys = {"prfs_hz": (5000.0,), "needed": 1, "interval_s": 1e-3, "pulse_s": 0.0}
+    return PulseIntervals(**(keys | {"wavelength_m": WAVELENGTH_M} | more))  # type: ignore[arg-type]
+
+
+@given(st.floats(0, 1e6), st.floats(10, 1e6))
+def test_ranges_fold_below_what_is_unambiguous_by_whole_folds(
+    range_m: float, prf_hz: float
+) -> None:
+    folds_at_m = C_M_S / (2 * prf_hz)
+    told_m = float(folded_range_m(range_m, prf_hz))
+    assert 0 <= told_m <= folds_at_m
+    folds = (range_m - told_m) / folds_at_m
+    assert folds == pytest.approx(round(folds), abs=1e-6 * max(folds, 1))
+
+
+def test_unambiguous_range_times_blind_speed_is_set_by_the_wavelength() -> None:
+    """2.25e6 m2/s at X: c times the wavelength over 4."""
+    for prf_hz in (500.0, 5000.0):
+        blind_m_s = WAVELENGTH_M * prf_hz / 2
+        assert C_M_S / (2 * prf_hz) * blind_m_s == pytest.approx(C_M_S * WAVELENGTH_M / 4)
+        assert float(filter_factor(3 * blind_m_s, prf_hz, WAVELENGTH_M, "single")) < 1e-25
+
+
+@pytest.mark.parametrize("duty", [0.01, 0.1, 0.5])
+def test_pulses_eclipse_four_thirds_of_the_duty_on_average(duty: float) -> None:
+    prf_hz = 5000.0
+    range_m = C_M_S / (2 * prf_hz) * (np.arange(400_000) + 0.5) / 400_000 * 3
+    factor = eclipse_factor(range_m, prf_hz, duty / prf_hz)
+    assert factor.mean() == pytest.approx(1 - 4 * duty / 3, abs=1e-5)
+    assert eclipse_factor(0.0, prf_hz, duty / prf_hz) == 0.0
+
+
+@pytest.mark.parametrize("canceller", CANCELLERS)
+def test_cancellers_leave_the_power_of_noise(canceller: str) -> None:
+    rate_m_s = WAVELENGTH_M * 5000.0 / 2 * (np.arange(10_000) + 0.5) / 10_000
+    gain = filter_factor(rate_m_s, 5000.0, WAVELENGTH_M, canceller)
+    assert gain.mean() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_close_to_a_blind_speed_no_digit_of_the_gain_is_lost() -> None:
+    for args, value in values_of("canceller_gain"):
+        prf_hz, off = float(args["prf_hz"]), float(args["off_m_s"])
+        blind_m_s = WAVELENGTH_M * prf_hz / 2
+        found = filter_factor(off, prf_hz, WAVELENGTH_M, args["kind"])
+        assert found == pytest.approx(value, rel=1e-12)
+        far = filter_factor(1024 * blind_m_s + off, prf_hz, WAVELENGTH_M, args["kind"])
+        assert far == pytest.approx(value, rel=1e-4)
+
+
+def test_staggered_frequencies_leave_no_speed_of_drones_blind() -> None:
+    """Blind at 17, 19 and 23 m/s with notches of 2: nowhere all at once from 2 to 40 m/s."""
+    blind_m_s = np.array([17.0, 19.0, 23.0])
+    stagger = intervals(prfs_hz=tuple(2 * blind_m_s / WAVELENGTH_M), notch_m_s=2.0)
+    rate_m_s = np.linspace(2.0, 40.0, 4000)
+    far = np.full(len(rate_m_s), 100.0)
+    factor = stagger.power_factor(far, rate_m_s, None)
+    assert (factor.max(axis=1) >= 1 - np.exp(-1) - 1e-12).all()
+    assert (factor.min(axis=0) < 1e-3).all()
+    assert stagger.folds_at_m is None
+    assert intervals().folds_at_m == pytest.approx(29_979.2458)
+
+
+def test_sensitivity_goes_with_the_time_since_the_latest_pulse() -> None:
+    held = intervals(stc_range_m=1000.0, stc_exponent=4.0)
+    range_m = np.array([250.0, 500.0, 1000.0, 5000.0, 29_979.2458 + 500.0])
+    factor = held.power_factor(range_m, None, None)[:, 0]
+    np.testing.assert_allclose(factor, [0.25**4, 0.5**4, 1.0, 1.0, 0.5**4], rtol=1e-9)
+
+
+def test_so_many_of_equal_trials_are_binomial_and_of_others_as_counted() -> None:
+    p = np.linspace(1e-9, 1 - 1e-9, 50)
+    for n, needed in ((1, 1), (3, 2), (8, 3), (8, 8)):
+        found = at_least(np.repeat(p[:, None], n, axis=1), needed)
+        np.testing.assert_allclose(found, stats.binom.sf(needed - 1, n, p), rtol=1e-12)
+        made = intervals(prfs_hz=(5000.0,) * n, needed=needed)
+        expected = stats.binom.sf(needed - 1, n, 1e-6)
+        assert made.false_alarm_probability(1e-6) == pytest.approx(expected, rel=1e-12)
+    chances = np.array([[0.9, 0.2, 0.5, 0.05]])
+    rng, n = np.random.default_rng(1), 200_000
+    hits = rng.random((n, 4)) < chances
+    for needed in (1, 2, 3, 4):
+        pd = float(at_least(chances, needed)[0])
+        assert_sum((hits.sum(axis=1) >= needed).sum(), n * pd, n * pd * (1 - pd), f"{needed}")
+
+
+def test_the_first_that_hits_is_as_often_each_as_counted() -> None:
+    chances, n = np.array([[0.7, 0.2, 0.5]]), 200_000
+    rng = np.random.default_rng(2)
+    hits = rng.random((n, 3)) < chances
+    enough = hits[hits.sum(axis=1) >= 2]
+    first = first_successes(chances, 2)
+    assert first.sum() == pytest.approx(1.0, rel=1e-12)
+    columns = chosen(np.repeat(first, n, axis=0), rng.random(n))
+    for k in range(3):
+        p = float(first[0, k])
+        assert_sum((enough.argmax(axis=1) == k).sum(), len(enough) * p, len(enough) * p + 1e-9, "")
+        assert_sum((columns == k).sum(), n * p, n * p * (1 - p) + 1e-9, f"chosen {k}")
+
+
+def test_a_passing_beam_leaves_the_mean_of_its_amplitude() -> None:
+    beam = PassingBeam(beamwidth_deg=2.0, step_deg=1.2)
+    for off in (-3.0, -0.4, 0.0, 1.1):
+        angle = off + 1.2 * ((np.arange(100_000) + 0.5) / 100_000 - 0.5)
+        amplitude = np.sqrt(0.5 ** ((2 * angle / 2.0) ** 2))
+        assert beam.power_factor(np.array([off])) == pytest.approx(amplitude.mean() ** 2, rel=1e-8)
+
+
+def test_intervals_lie_about_the_time_at_which_the_beam_meets_a_target() -> None:
+    """Wherever in one that time is, they are that far apart, and one of them holds it."""
+    beam = PassingBeam(beamwidth_deg=2.0, step_deg=0.5)
+    made = intervals(prfs_hz=(5000.0,) * 4, beam=beam)
+    for into_ns in (0, 250_000, 999_999):
+        off = made._offsets_deg(beam, np.array([into_ns]))[0]
+        np.testing.assert_allclose(np.diff(off), 0.5)
+        assert np.abs(off).min() <= 0.25 + 1e-12
