@@ -40,6 +40,8 @@ class Purpose(IntEnum):
     SCAN_TIMES = 5
     DRIFT = 6
     FORMATION = 7
+    MOVERS = 8
+    CLUTTER = 9
 
 
 class Chance:

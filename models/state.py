@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 NS = 1_000_000_000
 """Nanoseconds in a second."""
-
 FALSE_ALARM = -1
 """The drone index of a plot that no drone caused."""
-
 DRONE = "drone"
 """The class of targets of which nothing else is said."""
+OTHER = "/"
+"""What names of drones never have: before it stands what something else is, such as a bird."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

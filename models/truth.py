@@ -27,6 +27,7 @@ from plotfeed.models.live_samples import (
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
     NS,
+    OTHER,
     Floats,
     Ints,
     PlaceState,
@@ -69,6 +70,7 @@ class Trajectories:
         self._index: dict[str, int] = {}
         self._free: list[int] = []
         """A heap of rows below the last one in use."""
+        self._no_drones = 0
         self._live = LiveSamples(
             stale_after_ns=self.stale_after_ns,
             history_ns=round(history_s * NS),
@@ -189,7 +191,7 @@ class Trajectories:
 
     def __len__(self) -> int:
         """How many drones are known."""
-        return len(self._index)
+        return len(self._index) - self._no_drones
 
     def add_path(
         self,
@@ -208,7 +210,14 @@ class Trajectories:
         """All of a drone that has no samples yet."""
         rows = self._rows([drone])
         self._tracks[rows[0]] = TrackChain(track)
+        self._no_drones += OTHER in drone
         self._changed(np.array(rows), Signatures.of_one(signature))
+
+    def add_other(self, name: str) -> int:
+        """Row of what is no drone and is nowhere: it only has plots."""
+        if name not in self._index:
+            self.add_track(name, KnownTrack.straight([0, 1], np.zeros((2, 3))), Signature())
+        return self._index[name]
 
     def divert(self, drone: str, from_utc_ns: int, track: KnownTrack) -> None:
         """Have a drone of a known path leave it then for another."""

@@ -12,7 +12,7 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from plotfeed.models.state import FALSE_ALARM, Ints, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, OTHER, Ints, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.units import decibels
 from plotfeed.proto.varint import varint
@@ -49,6 +49,9 @@ class LedgerOctets:
         """The names that are in the tables: `self._names` may have grown since."""
         self._looked_at = TextTable()
         self._caused_by = TextTable([b""])  # the first one is of false alarms
+        self._others_looked_at = TextTable()
+        self._others_caused_by = TextTable([b""])
+        self._has_others = False
         self._topics = TextTable()
         self._topic_numbers: dict[str, int] = {}
 
@@ -105,22 +108,30 @@ class LedgerOctets:
             self._names = names
             if len(names) < len(tabled):
                 del tabled[len(names) :]
-                self._looked_at.cut(len(names))
-                self._caused_by.cut(len(names) + 1)
+                for table, first in self._tables():
+                    table.cut(len(names) + first)
             others = [i for i, (a, b) in enumerate(zip(tabled, names, strict=False)) if a != b]
             if others:
-                found = [names[i] for i in others]
-                self._looked_at.put(others, [text_field(_LOOK["drone"], n) for n in found])
-                self._caused_by.put(
-                    [i + 1 for i in others], [text_field(_PLOT["drone"], n) for n in found]
-                )
+                fields = _fields([names[i] for i in others])
+                for (table, first), found in zip(self._tables(), fields, strict=True):
+                    table.put([i + first for i in others], found)
                 for i in others:
                     tabled[i] = names[i]
         if len(names) > len(tabled):
             new = names[len(tabled) :]
-            self._looked_at.extend([text_field(_LOOK["drone"], name) for name in new])
-            self._caused_by.extend([text_field(_PLOT["drone"], name) for name in new])
+            for (table, _), found in zip(self._tables(), _fields(new), strict=True):
+                table.extend(found)
             tabled.extend(new)
+            self._has_others |= any(OTHER in name for name in new)
+
+    def _tables(self) -> Sequence[tuple[TextTable, int]]:
+        """Tables by the row of a drone, and the row in each at which the first one stands."""
+        return (
+            (self._looked_at, 0),
+            (self._caused_by, 1),
+            (self._others_looked_at, 0),
+            (self._others_caused_by, 1),
+        )
 
     def _looks(self, looks: Looks) -> tuple[bytes, Ints] | None:
         if len(looks) < MANY:
@@ -138,6 +149,8 @@ class LedgerOctets:
         ]
         if looks.emitted_utc_ns is not None:
             columns.append(Integers(_LOOK["emitted_utc_ns"], looks.emitted_utc_ns))
+        if self._has_others:
+            columns.append(self._others_looked_at.of(looks.drone))
         return submessages(_LEDGER["looks"], len(looks), columns)
 
     def _few_looks(self, looks: Looks) -> Iterator[pb.Look]:
@@ -151,8 +164,10 @@ class LedgerOctets:
         for (
             channel, t, range_m, azimuth_deg, elevation_deg, pd, detected, snr_db, drone, emitted_ns
         ) in zip(*columns, strict=True):  # fmt: skip
+            drone_id, other = _named(self._names[drone])
             yield pb.Look(
-                drone=self._names[drone],
+                drone=drone_id,
+                other=other,
                 time_utc_ns=t,
                 range_m=range_m,
                 azimuth_deg=azimuth_deg,
@@ -173,12 +188,15 @@ class LedgerOctets:
         ):
             truth = pb.PlotTruth(time_utc_ns=t)
             if drone != FALSE_ALARM:
+                is_somewhere = not np.isnan(range_m)
+                drone_id, other = _named(self._names[drone])
                 truth = pb.PlotTruth(
-                    drone=self._names[drone],
+                    drone=drone_id,
+                    other=other,
                     time_utc_ns=t,
-                    range_m=range_m,
-                    azimuth_deg=azimuth_deg,
-                    elevation_deg=elevation_deg,
+                    range_m=range_m if is_somewhere else None,
+                    azimuth_deg=azimuth_deg if is_somewhere else None,
+                    elevation_deg=elevation_deg if is_somewhere else None,
                 )
             if rates_m_s is not None and not np.isnan(rates_m_s[i]):
                 truth.range_rate_m_s = rates_m_s[i]
@@ -190,6 +208,8 @@ class LedgerOctets:
         if len(plots) < MANY:
             return _joined(_PLOTS, self._few_plots(plots)) if len(plots) else None
         is_true = plots.drone != FALSE_ALARM
+        if self._has_others:
+            is_true &= ~np.isnan(plots.true_range_m)
         columns: list[Field] = [
             self._caused_by.of(plots.drone + 1),
             Integers(_PLOT["time_utc_ns"], plots.t_utc_ns),
@@ -202,12 +222,26 @@ class LedgerOctets:
             columns.append(Doubles(_PLOT["range_rate_m_s"], rates_m_s, ~np.isnan(rates_m_s)))
         if plots.merged_drones is not None:
             columns.append(self._merged(plots.merged_drones.tolist()))
+        if self._has_others:
+            columns.append(self._others_caused_by.of(plots.drone + 1))
         return submessages(_LEDGER["plots"], len(plots), columns)
 
     def _merged(self, merged: Sequence[Sequence[int]]) -> Field:
         named, field = self._names, _PLOT["merged_drones"]
         fields = [b"".join(_repeated(field, named[i]) for i in some) for some in merged]
         return TextTable(fields).of(np.arange(len(fields)))
+
+
+def _named(name: str) -> tuple[str, str]:
+    """A name as that of a drone, and as that of something else; one of them is empty."""
+    return ("", name) if OTHER in name else (name, "")
+
+
+def _fields(names: Sequence[str]) -> Iterator[list[bytes]]:
+    """Octets of fields with those names, in the order of the tables; empty where it is another."""
+    for which, field in enumerate(("drone", "other")):
+        for numbers in (_LOOK, _PLOT):
+            yield [text_field(numbers[field], _named(name)[which]) for name in names]
 
 
 @lru_cache(maxsize=4096)

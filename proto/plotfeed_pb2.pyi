@@ -254,7 +254,7 @@ class Claim(_message.Message):
     def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., error_east_m: _Optional[float] = ..., error_north_m: _Optional[float] = ..., error_up_m: _Optional[float] = ..., faults: _Optional[_Iterable[str]] = ..., contingency: _Optional[str] = ...) -> None: ...
 
 class Look(_message.Message):
-    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel", "emitted_utc_ns")
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr_db", "pd", "detected", "channel", "emitted_utc_ns", "other")
     DRONE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
@@ -265,6 +265,7 @@ class Look(_message.Message):
     DETECTED_FIELD_NUMBER: _ClassVar[int]
     CHANNEL_FIELD_NUMBER: _ClassVar[int]
     EMITTED_UTC_NS_FIELD_NUMBER: _ClassVar[int]
+    OTHER_FIELD_NUMBER: _ClassVar[int]
     drone: str
     time_utc_ns: int
     range_m: float
@@ -275,10 +276,11 @@ class Look(_message.Message):
     detected: bool
     channel: int
     emitted_utc_ns: int
-    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ..., emitted_utc_ns: _Optional[int] = ...) -> None: ...
+    other: str
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., snr_db: _Optional[float] = ..., pd: _Optional[float] = ..., detected: _Optional[bool] = ..., channel: _Optional[int] = ..., emitted_utc_ns: _Optional[int] = ..., other: _Optional[str] = ...) -> None: ...
 
 class PlotTruth(_message.Message):
-    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s", "merged_drones")
+    __slots__ = ("drone", "time_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s", "merged_drones", "other")
     DRONE_FIELD_NUMBER: _ClassVar[int]
     TIME_UTC_NS_FIELD_NUMBER: _ClassVar[int]
     RANGE_M_FIELD_NUMBER: _ClassVar[int]
@@ -286,6 +288,7 @@ class PlotTruth(_message.Message):
     ELEVATION_DEG_FIELD_NUMBER: _ClassVar[int]
     RANGE_RATE_M_S_FIELD_NUMBER: _ClassVar[int]
     MERGED_DRONES_FIELD_NUMBER: _ClassVar[int]
+    OTHER_FIELD_NUMBER: _ClassVar[int]
     drone: str
     time_utc_ns: int
     range_m: float
@@ -293,7 +296,8 @@ class PlotTruth(_message.Message):
     elevation_deg: float
     range_rate_m_s: float
     merged_drones: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., range_rate_m_s: _Optional[float] = ..., merged_drones: _Optional[_Iterable[str]] = ...) -> None: ...
+    other: str
+    def __init__(self, drone: _Optional[str] = ..., time_utc_ns: _Optional[int] = ..., range_m: _Optional[float] = ..., azimuth_deg: _Optional[float] = ..., elevation_deg: _Optional[float] = ..., range_rate_m_s: _Optional[float] = ..., merged_drones: _Optional[_Iterable[str]] = ..., other: _Optional[str] = ...) -> None: ...
 
 class Sent(_message.Message):
     __slots__ = ("topic", "due_utc_ns", "sent_utc_ns", "octets", "delivered", "fate", "link_due_utc_ns", "number", "copy", "flipped_bit", "not_to")

@@ -23,6 +23,7 @@ from plotfeed.models.effects.weather import LOG_K, rain_coefficients
 from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.fluctuation import pd_fluctuating
 from plotfeed.models.frames import wrap_180
+from plotfeed.models.movers import wander_variance_m2
 from plotfeed.models.optics import task_probability
 
 CHANNEL = np.zeros(1, np.int64)
@@ -162,6 +163,22 @@ def between_carriers() -> Case:
         cure="the formula of P.838-3",
         ours=relative(k[12], exact),
         test="models/effects/test_weather.py::test_rain_weakens_as_the_formula_of_p838_says",
+    )
+
+
+def short_way() -> Case:
+    sigma, tau, t = 3.0, 10.0, 1e-6
+    u = mp.mpf(t) / mp.mpf(tau)
+    exact = 2 * mp.mpf(sigma) ** 2 * mp.mpf(tau) ** 2 * (u + mp.expm1(-u))
+    plain = 2 * sigma**2 * tau**2 * (t / tau + np.expm1(-t / tau))
+    return Case(
+        where="variance of a bird's way in 10⁻⁷ time constants",
+        plain_form="2σ²τ²(u + expm1(−u))",
+        plain=relative(plain, exact),
+        cure="its series below u = 0.02",
+        ours=relative(wander_variance_m2(sigma, tau, t), exact),
+        test="models/test_movers.py::"
+        "test_the_variance_of_a_way_is_right_to_the_last_digits_however_short",
     )
 
 
@@ -319,6 +336,7 @@ EFFECTS = (
     cut_off,
     along_azimuths,
     between_carriers,
+    short_way,
     hardly_any_alarm,
     very_large,
 )

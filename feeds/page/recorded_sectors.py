@@ -19,6 +19,7 @@ from plotfeed.feeds.recording.recorded_session import (
     Truth,
     WaitingPlots,
     measured_in,
+    name_in,
     sector_plots,
 )
 from plotfeed.feeds.scene.fields import frame_at
@@ -62,7 +63,7 @@ def plots_of(
     truth = Truth.of(truths)
     range_m, azimuth_deg, elevation_deg = np.where(truth.of_drone, truth.values.T, np.nan)
     return nobody_s(measured.but(t_utc_ns=truth.t_utc_ns)).but(
-        drone=_ints(drones.of(t.drone) if t.drone else FALSE_ALARM for t in truths),
+        drone=_ints(drones.of(name_in(t)) if name_in(t) else FALSE_ALARM for t in truths),
         merged_drones=merged,
         true_range_m=_within(MOST_M, range_m),
         true_azimuth_deg=_within(MOST_DEG, azimuth_deg),
@@ -86,7 +87,7 @@ def nobody_s(measured: MeasuredPlots) -> Plots:
 def looks_of(looks: Sequence[pb.Look], drones: DroneNumbers) -> Looks:
     """What the ledger says that sensors looked at."""
     return Looks(
-        drone=_ints(drones.of(look.drone) for look in looks),
+        drone=_ints(drones.of(name_in(look)) for look in looks),
         channel=_ints(look.channel for look in looks),
         t_utc_ns=_ints(look.time_utc_ns for look in looks),
         range_m=np.nan_to_num(_within(MOST_M, (look.range_m for look in looks))),

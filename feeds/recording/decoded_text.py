@@ -219,7 +219,7 @@ def _protobuf(message: ProtobufMessage) -> Iterator[str]:
         for look in message.looks:
             yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look, 'time_utc_ns')}"
         for truth in message.plots:
-            whose = truth.drone or "false alarm"
+            whose = truth.drone or truth.other or "false alarm"
             yield f"{place}  plot {iso_utc(truth.time_utc_ns)}  of {whose}"
     else:
         yield json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)

@@ -21,7 +21,8 @@ from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
-from plotfeed.models.state import Bools, Floats, Ints
+from plotfeed.models.clutter import CLUTTER
+from plotfeed.models.state import OTHER, Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import batch_in, plots_in_batch, plots_of_batch
 from plotfeed.proto.errors import DecodeError, PlotfeedError
@@ -174,6 +175,17 @@ TRUE_COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
 """Of plots, which the ledger has the truth of."""
 
 
+def name_in(entry: pb.Look | pb.PlotTruth) -> str:
+    """The name of what a look or plot is of, a drone or not; empty for a false alarm."""
+    return entry.drone or entry.other
+
+
+def target_of(plot: pb.PlotTruth) -> str:
+    """The name of what was looked at and gave a plot; empty for clutter, too, which nobody is."""
+    name = name_in(plot)
+    return "" if name.startswith(CLUTTER + OTHER) else name
+
+
 @dataclass(frozen=True, slots=True)
 class Truth:
     """The truth of a sector's plots, in their order."""
@@ -193,7 +205,7 @@ class Truth:
         ]
         return cls(
             np.array(rows, np.float64).reshape(-1, len(TRUE_COLUMNS)),
-            np.array([bool(plot.drone) for plot in plots], np.bool_),
+            np.array([bool(target_of(plot)) for plot in plots], np.bool_),
             np.array([plot.time_utc_ns for plot in plots], np.int64),
         )
 

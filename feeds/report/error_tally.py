@@ -15,7 +15,9 @@ from plotfeed.feeds.recording.recorded_session import (
     SectorKey,
     Truth,
     WaitingPlots,
+    name_in,
     sector_plots,
+    target_of,
 )
 from plotfeed.feeds.report.asked_sensors import AskedSensor
 from plotfeed.feeds.report.expected_plots import (
@@ -92,15 +94,15 @@ class SectorTruth(NamedTuple):
             look.HasField("emitted_utc_ns") for look in entry.looks[:1]
         ):
             for look in entry.looks:
-                looks.setdefault(look.drone, []).append(look)
+                looks.setdefault(name_in(look), []).append(look)
         echoes: list[tuple[float, ...]] = []
         plots: list[tuple[float, ...]] = []
         times_ns: list[int] = []
         for plot in entry.plots:
-            if not plot.drone:
+            if not target_of(plot):
                 continue
             n = len(times_ns)
-            drones = (plot.drone, *plot.merged_drones)
+            drones = (name_in(plot), *plot.merged_drones)
             times_ns.append(plot.time_utc_ns)
             rate_m_s = plot.range_rate_m_s if plot.HasField("range_rate_m_s") else math.nan
             plots.append((len(drones), rate_m_s))
@@ -136,7 +138,7 @@ def _echoes(
             for drone in drones
             for look in looks.get(drone, ())
         ]
-    for look in looks.get(plot.drone, ()):
+    for look in looks.get(name_in(plot), ()):
         if look.HasField("emitted_utc_ns") and look.time_utc_ns == plot.time_utc_ns:
             return [(n, -1, *_place(look), 1.0)]
     return [(n, -1, *_place(plot), 1.0)]

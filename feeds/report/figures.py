@@ -39,7 +39,9 @@ class SensorFigures:
     plots_from: str
     """Where plots were found: their kind and whether before or after the link; empty for none."""
     plots: int
-    """Of drones, by the ledger."""
+    """Of drones and what else was looked at, by the ledger."""
+    plots_of_others: Mapping[str, int]
+    """Of what is no drone, by what it is; of clutter, which is not looked at, too."""
     joined: int
     """Of these, the ones that were found with what was measured."""
     contradicted: int
@@ -137,6 +139,7 @@ def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
         looks_by_range=pd_by_range(tally.looks),
         plots_from=plots_from,
         plots=tally.plots,
+        plots_of_others=dict(sorted(tally.of_others.items())),
         joined=tally.errors.joined,
         contradicted=tally.errors.contradicted,
         not_compared=tally.errors.left_out,

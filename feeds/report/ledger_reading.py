@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,9 @@ from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.recording.recorded_session import (
     RecordedSettings,
     SectorKey,
+    name_in,
     plot_topics,
+    target_of,
 )
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_again import SessionRecord, recorded_scene
@@ -23,6 +25,7 @@ from plotfeed.feeds.report.asked_sensors import AskedByTime, AskedSensor, asked_
 from plotfeed.feeds.report.error_tally import ErrorsTally, MeasuredBesideTruth, SectorTruth
 from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
 from plotfeed.feeds.report.plot_tally import CELL_M, MAX_CELLS, AlarmsTally, SectorsTally
+from plotfeed.models.state import OTHER
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -41,7 +44,9 @@ class SensorTally:
         self.sensor = sensor
         self.entries = 0
         self.plots = 0
-        """Of drones, by the ledger."""
+        """Of drones and what else was looked at, by the ledger."""
+        self.of_others: Counter[str] = Counter()
+        """Plots of what is no drone, by what it is."""
         self.links: dict[str, LinkTally] = {}
         """By the JSON of their keys, in the order in which they came into force."""
         self.left_out = 0
@@ -68,9 +73,9 @@ class SensorTally:
             looks = list({(look.pd, look.channel): look for look in looks}.values())
         odds, detected = [look.pd for look in looks], [look.detected for look in looks]
         self.looks.add([look.range_m for look in looks], odds, detected)
-        drones = sum(bool(plot.drone) for plot in entry.plots)
-        self.plots += drones
-        self.alarms.add(len(entry.plots) - drones, asked)
+        self.plots += sum(bool(target_of(plot)) for plot in entry.plots)
+        self.of_others.update(plot.other.partition(OTHER)[0] for plot in entry.plots if plot.other)
+        self.alarms.add(sum(not name_in(plot) for plot in entry.plots), asked)
         link = self._link(entry.link)
         if link is None:
             self.left_out += 1

@@ -263,6 +263,11 @@ def _false_alarms(told: LedgerReport) -> Iterator[str]:
         header = ("sensor", "scans", *PAIR[:2], *PAIR)
         groups = {2: "in all", 4: "a scan"}
         yield from table("False alarms", header, rows, "<>>>>>>", groups)
+    for sensor in told.sensors:
+        if sensor.plots_of_others:
+            counts = (f"{n} of {printable(what)}" for what, n in sensor.plots_of_others.items())
+            told_of = f"  {printable(sensor.sensor)}: plots of no drone and no false alarms: "
+            yield told_of + ", ".join(counts)
 
 
 def _verdicts(found: Verdicts) -> Iterator[str]:

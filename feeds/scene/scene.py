@@ -37,8 +37,8 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
 from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
-from plotfeed.feeds.scene.terrain_keys import TerrainKeys
-from plotfeed.feeds.scene.weather_keys import JammerSpell, WeatherSpell, with_spells
+from plotfeed.feeds.scene.weather_keys import with_spells
+from plotfeed.feeds.scene.world_keys import WorldKeys
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -118,7 +118,7 @@ def _or_of_a_preset(schema: dict[str, Any]) -> None:
     schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
 
 
-class Scene(DestinationTables):
+class Scene(DestinationTables, WorldKeys):
     """Everything that a session models. What is not named here costs nothing."""
 
     scene: General
@@ -136,12 +136,6 @@ class Scene(DestinationTables):
     swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
     target: Targets = ()
     cooperative: CooperativeKeys | None = None
-    terrain: TerrainKeys | None = None
-    """The ground and buildings; without it, nothing stands in the way."""
-    weather: Annotated[tuple[WeatherSpell, ...], Field(strict=False)] = ()
-    """Of all sensors, by time; it counts over a sensor's own."""
-    jammer: Annotated[tuple[JammerSpell, ...], Field(strict=False)] = ()
-    """Of all sensors, by time."""
     page: PageKeys = PageKeys()
 
     _path: Path = PrivateAttr(default=Path())

@@ -79,6 +79,8 @@ class EmulatedSensors:
         self._sites = [self._site_of(i) for i in range(len(self.sensors))]
         self.world = World(scene)
         self._models = [self.world.model_of(sensor) for sensor in self.sensors]
+        for i in range(len(self.sensors)):
+            self._see_clutter(i)
         self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
         self._numbers: dict[Any, int] = {}
         """Of groups, by what their sensors have in common."""
@@ -229,8 +231,15 @@ class EmulatedSensors:
             self._enabled[i] = sensor.enabled
             self._sites[i] = self._site_of(i)
             self._models[i] = self.world.model_of(sensor)
+            self._see_clutter(i)
             self._at_work.false_alarms.forget(i)
         self._group(sensors)
+
+    def _see_clutter(self, i: int) -> None:
+        maps = self.world.clutter_of(self._models[i], self._sites[i].axes, self._trajectories)
+        self._at_work.false_alarms.clutter[i] = maps
+        if not maps:
+            del self._at_work.false_alarms.clutter[i]
 
     def _site_of(self, i: int) -> SensorSite:
         chance = self._at_work.chances[i]

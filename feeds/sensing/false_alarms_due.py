@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from plotfeed.models.beam import Sectors, Timetable
+from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.clutter import ClutterMap
+from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel
 from plotfeed.models.state import Plots
 
@@ -29,6 +31,8 @@ class FalseAlarmsDue:
         """The last one of each sensor whose alarms are drawn."""
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
+        self.clutter: dict[int, Sequence[ClutterMap]] = {}
+        """Maps of sensors that see any, whose plots come as false alarms do."""
 
     def forget(self, sensor: int) -> None:
         """Draw those of the scan under way anew: the sensor's model is another one now."""
@@ -40,8 +44,7 @@ class FalseAlarmsDue:
         """False alarms of scans of sensors that stare, by sensor."""
         found = []
         for row, sensor in enumerate(sectors.sensor.tolist()):
-            rng = self._chances[sensor].rng(Purpose.FALSE_ALARMS, int(sectors.scan[row]))
-            alarms = models[sensor].draw_false_alarms(sectors.one(row), rng)
+            alarms = self._drawn(sensor, int(sectors.scan[row]), sectors.one(row), models[sensor])
             if len(alarms):
                 found.append((sensor, alarms))
         return found
@@ -65,10 +68,19 @@ class FalseAlarmsDue:
         ]
 
     def _draw(self, sensor: int, scan: int, model: SensorModel) -> None:
-        rng = self._chances[sensor].rng(Purpose.FALSE_ALARMS, scan)
-        alarms = model.draw_false_alarms(self._timetables[sensor].turn(scan), rng)
+        alarms = self._drawn(sensor, scan, self._timetables[sensor].turn(scan), model)
         self._scan[sensor] = scan
         self._keep(sensor, Plots.joined([self._due.get(sensor, NO_PLOTS), alarms]))
+
+    def _drawn(self, sensor: int, scan: int, sector: Sector, model: SensorModel) -> Plots:
+        """False alarms of a scan, and what clutter adds to them."""
+        chance = self._chances[sensor]
+        alarms = model.draw_false_alarms(sector, chance.rng(Purpose.FALSE_ALARMS, scan))
+        if sensor not in self.clutter or not isinstance(model, PolarRadar):
+            return alarms
+        rng = chance.rng(Purpose.CLUTTER, scan)
+        found = [each.plots(model, sector, rng) for each in self.clutter[sensor]]
+        return Plots.joined([alarms, *found])
 
     def _taken(self, sensor: int, sectors: Sectors) -> Plots:
         of_sensor = sectors.sensor == sensor

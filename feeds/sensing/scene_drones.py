@@ -28,6 +28,7 @@ from plotfeed.feeds.sensing.drone_routes import (
     signature_of,
     tells_echoes,
 )
+from plotfeed.feeds.sensing.other_movers import launch_others
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
 from plotfeed.models.known_track import MAX_TRACKS, Segment
@@ -61,8 +62,13 @@ def trajectories_of(scene: Scene) -> Trajectories:
 
 
 def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> SceneDrones:
-    """Put the scene's own drones on their way; raises `PlotfeedError` for a flight without use."""
-    return SceneDrones(scene, trajectories, start_utc_ns)
+    """Put the scene's own drones on their way, and all else that moves.
+
+    Raises `PlotfeedError` for a flight without use.
+    """
+    drones = SceneDrones(scene, trajectories, start_utc_ns)
+    launch_others(scene, trajectories, start_utc_ns)  # what is drawn for drones goes by their rows
+    return drones
 
 
 class SceneDrones:

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
+from plotfeed.feeds.scene.fields import enu_from, frame_at, geodetic, site_frame
+from plotfeed.feeds.scene.mover_keys import ClutterKeys
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.clutter import CLUTTER, ClutterMap, inside
 from plotfeed.models.effects.echo_effects import EchoEffects
 from plotfeed.models.effects.jamming import Jamming, behind
+from plotfeed.models.effects.pillars import Pillar
 from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
+from plotfeed.models.frames import Axes, geodetic_to_ecef
+from plotfeed.models.movers import other_name
 from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf_receiver import RfReceiver
-from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.sensors.sensor_model import RadioSensor, SensorModel
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.errors import PlotfeedError
 
 
 def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
@@ -25,6 +38,7 @@ def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
     return replace(effects, in_the_world=met)
 
 
+MAX_CELLS = 1_000_000
 SUNK_M = 1.0
 """By which rasters and masts may disagree about the ground."""
 
@@ -34,7 +48,7 @@ class World:
 
     def __init__(self, scene: Scene) -> None:
         """Raises `PlotfeedError` for a file without use."""
-        self._site = scene.scene.site
+        self._scene, self._site = scene, scene.scene.site
         self._horizons = None
         if scene.terrain is not None:
             from plotfeed.feeds.sensing.horizons import Horizons
@@ -44,15 +58,76 @@ class World:
     def model_of(self, sensor: Sensor) -> SensorModel:
         """The model of a sensor where it stands; raises `PlotfeedError`."""
         model = sensor.model(self._site)
-        if self._horizons is None:
+        met: list[OnTheWay] = list(self._towers(sensor, model))
+        obstruction = None
+        if self._horizons is not None:
+            obstruction = self._horizons.around(sensor, model)
+            met.append(obstruction)
+        if met:
+            model = replace(model, surroundings=Surroundings(tuple(met)))
+        if obstruction is None:
             return model
-        obstruction = self._horizons.around(sensor, model)
-        model = replace(model, surroundings=Surroundings((obstruction,)))
         if isinstance(model, RfReceiver):
             return replace(model, jammers=behind(model.jammers, obstruction))
         if isinstance(model, EchoRadar) and model.echo_effects is not None:
             return replace(model, echo_effects=_behind(model.echo_effects, obstruction))
         return model
+
+    def clutter_of(
+        self, model: SensorModel, axes: Axes, trajectories: Trajectories
+    ) -> list[ClutterMap]:
+        """Clutter that a sensor with those axes sees; the regions get names among the drones."""
+        if not self._scene.clutter or not isinstance(model, PolarRadar):
+            return []
+        return [self._clutter_map(keys, model, axes, trajectories) for keys in self._scene.clutter]
+
+    def _clutter_map(
+        self, keys: ClutterKeys, model: PolarRadar, axes: Axes, trajectories: Trajectories
+    ) -> ClutterMap:
+        """The map of a region, which is that of the seed, as far as nothing hides it."""
+        site = site_frame(self._site)
+        corners = [geodetic(self._site, place) for place in keys.area]
+        corners_m = site.from_ecef(geodetic_to_ecef(*np.array(corners).T))
+        low, high = corners_m.min(axis=0), corners_m.max(axis=0)
+        east, north = (np.arange(a, b, keys.cell_m) for a, b in zip(low[:2], high[:2], strict=True))
+        if len(east) * len(north) > MAX_CELLS:
+            raise PlotfeedError(
+                f"clutter {keys.id!r}: cell_m: {len(east) * len(north)} cells, of which at most "
+                f"{MAX_CELLS} are taken"
+            )
+        east_m, north_m = (column.ravel() for column in np.meshgrid(east, north))
+        half_m = keys.cell_m / 2
+        within = inside(east_m + half_m, north_m + half_m, corners_m[:, :2])
+        east_m, north_m = east_m[within], north_m[within]
+        name = other_name(CLUTTER, keys.id)
+        mean = keys.plots_per_km2 * keys.cell_m**2 / 1e6
+        rng = Chance(self._scene.scene.seed, name).rng(Purpose.CLUTTER, 0)
+        rates = mean / keys.shape * rng.standard_gamma(keys.shape, len(east_m))
+        latitude_deg, longitude_deg, _ = site.to_geodetic(
+            np.stack([east_m, north_m, np.zeros(len(east_m))], axis=-1)
+        )
+        height_m = np.mean([corner[2] for corner in corners])
+        place_m = axes.from_ecef(geodetic_to_ecef(latitude_deg, longitude_deg, height_m))
+        seen = model.has_sight_of(place_m)
+        return ClutterMap(
+            east_m=place_m[seen, 0],
+            north_m=place_m[seen, 1],
+            up_m=place_m[seen, 2],
+            side_m=keys.cell_m,
+            rates=rates[seen],
+            rate_m_s=keys.rate_m_s,
+            whose=trajectories.add_other(name),
+        )
+
+    def _towers(self, sensor: Sensor, model: SensorModel) -> Iterator[Pillar]:
+        """Towers that stand in the way of radio waves."""
+        if not isinstance(model, RadioSensor):
+            return
+        for turbine in self._scene.turbine:
+            if turbine.tower_width_m:
+                frame = frame_at(self._site, sensor.position_enu_m)
+                east_m, north_m, up_m = enu_from(frame, self._site, turbine).tolist()
+                yield Pillar((east_m, north_m, up_m), turbine.tower_width_m)
 
     def warnings(self, sensor: Sensor) -> list[str]:
         """What is legal and still looks wrong, for `check`."""

@@ -69,17 +69,40 @@ EFFECTS: dict[str, dict[str, Any]] = {
             }
         }
     },
+    "a bird for each ten drones": {"birds": "a tenth"},
+    "clutter, ten plots a scan": {
+        "clutter": [
+            {
+                "id": "woods",
+                "plots_per_km2": 5.0,
+                "area": [
+                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
+                ],
+            }
+        ]
+    },
     "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
     "out of reach": {"range_max_m": 1000.0},
 }
 """Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
 away."""
-OF_SCENE = frozenset({"terrain", "target"})
+FLOCK = {
+    "id": "gulls",
+    "path": [
+        {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 80.0},
+        {"east_m": 4000.0, "north_m": 100.0, "above_site_m": 80.0},
+    ],
+}
+OF_SCENE = frozenset({"terrain", "target", "birds", "clutter"})
 
 
 def station_of(n: int, named: dict[str, Any]) -> Station:
     """A station of n drones, as `_at_work` has it."""
     of_scene = {key: table for key, table in named.items() if key in OF_SCENE}
+    if "birds" in of_scene:
+        of_scene["birds"] = [FLOCK | {"count": max(n // 10, 1)}]
     of_radar = {key: value for key, value in named.items() if key not in OF_SCENE}
     with tempfile.TemporaryDirectory() as folder:
         write_ridge(Path(folder), height_m=700)
