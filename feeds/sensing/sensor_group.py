@@ -21,9 +21,11 @@ from plotfeed.feeds.sensing.sensor_site import SensorSite
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
+from plotfeed.models.dwell_agenda import Agenda
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at
 from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
 from plotfeed.models.sensors.stacking import stacked
@@ -71,6 +73,7 @@ class SensorGroup:
         self._frames = self.site.frame if self._is_alone else at_work.frames
         self._model = stacked(models)
         self._merges = getattr(self._model, "merging", None) is not None
+        self._agenda = Agenda.empty()
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
         reach_m = np.zeros(max(sensors) + 1)
@@ -107,7 +110,12 @@ class SensorGroup:
         ]
         targets, row = self._targets(truth, row, sectors.sensor)
         rng: Any = generators[0] if self._is_alone else DrawsBySensor(generators, row)
-        if isinstance(self._model, JointSensor):
+        if isinstance(self._model, ElectronicRadar):
+            looks, detections, self._agenda = self._model.observe_period(
+                self._agenda, targets, sectors.one(0), rng
+            )
+            looks = self._as_they_were(looks)
+        elif isinstance(self._model, JointSensor):
             looks, detections = self._model.observe_scan(targets, sectors.one(0), rng)
             looks = self._as_they_were(looks)
         else:

@@ -270,6 +270,10 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             sigma_range_rate_m_s=sigma_rate_m_s,
         )
 
+    def measured(self, hits: Hits, targets: Targets) -> Plots:
+        """Plots of echoes that another detector found, at least one."""
+        return self._measure(hits, targets)
+
     def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng

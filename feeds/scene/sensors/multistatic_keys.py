@@ -17,7 +17,9 @@ from plotfeed.models.sensors.passive_radar import PassiveRadar
 
 FEWEST_PAIRS = 3
 MOST_PAIRS = 32
-NOT_MODELLED = ("doppler", "merging", "antenna", "straddling", "drift", "tracks")
+NOT_MODELLED = (
+    *("doppler", "merging", "antenna", "straddling", "drift", "tracks", "weather", "jamming"),
+)
 """Of one receiver alone."""
 
 

@@ -30,7 +30,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     PulsedDopplerKeys,
 )
 from plotfeed.feeds.scene.sensors.pulse_keys import PulsesKeys
-from plotfeed.feeds.scene.sensors.scan_keys import Scan, StaringScan
+from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
@@ -48,6 +48,7 @@ from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class PolarRadarKeys(EchoRadarKeys):
     report: Reports = ()
     """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
     else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
-    scan: Scan
+    scan: AnyScan
     """How it scans."""
     frequency_hz: Frequency
     """Of the carrier."""
@@ -114,7 +115,7 @@ class PolarRadarKeys(EchoRadarKeys):
         rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
         return ("asterix-048" if rotates else "asterix-015", "plots")
 
-    def model(self, site: Site, /) -> PolarRadar:
+    def model(self, site: Site, /) -> PolarRadar | ElectronicRadar:
         """The model that these keys make, at that site."""
         raise NotImplementedError
 
@@ -221,7 +222,7 @@ class ActiveRadarKeys(PolarRadarKeys):
 
     type: Literal["active_radar"]
     """Which model."""
-    scan: Scan
+    scan: AnyScan
     """How it scans."""
     power_w: Positive
     """Average."""
@@ -230,15 +231,25 @@ class ActiveRadarKeys(PolarRadarKeys):
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
 
-    def model(self, site: Site, /) -> ActiveRadar:
+    @model_validator(mode="after")
+    def _is_steered(self) -> Self:
+        if isinstance(self.scan, ElectronicScan):
+            self.scan.refuse_what_cannot_be(self)
+        return self
+
+    def model(self, site: Site, /) -> ActiveRadar | ElectronicRadar:
         """The model; a receive gain that is not given follows from the beamwidths."""
-        model = ActiveRadar(
+        plain = ActiveRadar(
             **self._polar(),
             power_w=self.power_w,
             gain_tx_dbi=self.gain_tx_dbi,
             intervals=self._intervals(),
         )
-        return self.in_the_world(model, site)
+        model = self.in_the_world(plain, site)
+        if not isinstance(self.scan, ElectronicScan):
+            return model
+        steering = self.scan.steering
+        return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
 
     @model_validator(mode="after")
     def _pulses_are_of_it(self) -> Self:
@@ -267,7 +278,8 @@ class ActiveRadarKeys(PolarRadarKeys):
     def warnings(self, site: Site, /) -> list[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""
         of_pulses = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
-        return [*self._short_dwell(), *of_pulses, *super().warnings(site)]
+        of_time = self.scan.warnings() if isinstance(self.scan, ElectronicScan) else []
+        return [*self._short_dwell(), *of_time, *of_pulses, *super().warnings(site)]
 
     def _short_dwell(self) -> list[str]:
         if not self.scan.rotates or (self.pulses is not None and self.pulses.beam_passes):

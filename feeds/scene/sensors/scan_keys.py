@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, SceneTable
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.models.dwell_agenda import Steering
 from plotfeed.proto.utc import NS
 
 
@@ -79,4 +81,76 @@ class StaringScan(_Periodic):
         return 1
 
 
+class ElectronicScan(_Periodic):
+    """A beam that is steered dwell by dwell: search, confirmation, and tracks looked at again."""
+
+    kind: Literal["electronic"]
+    """Which way of scanning."""
+    dwell_s: Annotated[float, Field(ge=1e-5, le=10)]
+    """How long the beam rests in a direction; a period has a whole number of dwells."""
+    beam_spacing: Annotated[float, Field(ge=0.2, le=2)] = 1.0
+    """Between neighbouring beams of search, in beamwidths."""
+    max_tracks: Annotated[int, Field(ge=0, le=10_000)] = 20
+    """Looked at again; with as many, others are found by search alone."""
+    search_share: Annotated[float, Field(ge=0.01, le=1)] = 0.2
+    """Of the dwells, that search has at least: tracks that are due wait, and none is begun for
+    which there is no time."""
+    revisit_s: Annotated[float, Field(gt=0, le=100)] | None = None
+    """After which a track is looked at again; without it, by the three keys that follow."""
+    manoeuvre_m_s2: Annotated[float, Field(ge=0.01, le=1000)] = 5.0
+    """Standard deviation of accelerations that are expected of targets."""
+    manoeuvre_s: Annotated[float, Field(ge=0.01, le=1000)] = 5.0
+    """For which such an acceleration lasts."""
+    error_ratio: Annotated[float, Field(ge=0.05, le=1)] = 0.5
+    """Of the error of a track's prediction to that of one measurement, when it is looked at."""
+    drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
+    """Looks in a row without a detection after which a track is given up."""
+
+    @model_validator(mode="after")
+    def _has_dwells(self) -> Self:
+        if self.period_s / self.dwell_s < FEWEST_DWELLS:
+            raise ValueError(f"dwell_s: a period has at least {FEWEST_DWELLS} dwells")
+        return self
+
+    @property
+    def rotates(self) -> bool:
+        """Whether a beam turns."""
+        return False
+
+    @property
+    def sectors(self) -> int:
+        """Reports a period."""
+        return 1
+
+    @property
+    def steering(self) -> Steering:
+        """How dwells are shared, for a model."""
+        return Steering(**self.model_dump(exclude={"kind", "jitter_ms"}))
+
+    def refuse_what_cannot_be(self, keys: Any) -> None:
+        """Raise ValueError for keys of a radar that are not modelled of a steered beam."""
+        if keys.integration_s > self.dwell_s:
+            raise ValueError("integration_s: must not exceed scan.dwell_s")
+        for name in ("doppler", "merging", "pulses"):
+            if getattr(keys, name) is not None:
+                raise ValueError(f"{name}: not modelled of a beam that is steered")
+        for name in keys.report:
+            if REPORT_FORMATS[name].tells_tracks:
+                raise ValueError(f"report: {name} is not for a beam that is steered")
+
+    def warnings(self) -> list[str]:
+        """More tracks than there is time for."""
+        every_s = self.revisit_s or self.period_s
+        load = self.max_tracks * self.dwell_s / every_s
+        if load <= 1 - self.search_share:
+            return []
+        return [
+            f"scan.max_tracks is {self.max_tracks}: looked at every {every_s:g} s they would take "
+            f"{load:.3g} of all dwells, and search has {self.search_share:g}: fewer are begun"
+        ]
+
+
+FEWEST_DWELLS = 4
 Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
+AnyScan = Annotated[RotatingScan | StaringScan | ElectronicScan, Field(discriminator="kind")]
+"""Of radars with one beam, which may be steered."""

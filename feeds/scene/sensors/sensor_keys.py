@@ -30,7 +30,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, DriftKeys
 from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
-from plotfeed.feeds.scene.sensors.scan_keys import Event, Scan
+from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, Event
 from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
@@ -66,7 +66,7 @@ class SensorKeys(SceneTable):
     if TYPE_CHECKING:  # keys of every sensor, which stand where each of them has them
         type: str
         report: tuple[str, ...]
-        scan: Scan
+        scan: AnyScan
         range_max_m: float
 
     id: Name
@@ -331,7 +331,7 @@ def gain_or_of_beam(
     return float(beam_gain_dbi(azimuth_deg, elevation_deg, efficiency)) - shape_loss_db
 
 
-def long_integration(integration_s: float, scan: Scan) -> list[str]:
+def long_integration(integration_s: float, scan: AnyScan) -> list[str]:
     """Warnings of an integration that is longer than a scan."""
     if integration_s <= scan.period_s:
         return []
