@@ -342,7 +342,7 @@ class Refusal(_message.Message):
     def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., topic: _Optional[str] = ..., drone: _Optional[str] = ..., reason: _Optional[str] = ..., detail: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class SensorStatus(_message.Message):
-    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient", "latitude_deg", "longitude_deg", "height_m", "undelivered_to", "drones", "forgotten", "refused_by_reason")
+    __slots__ = ("sensor", "state", "time_utc", "scan", "plots", "missed_scans", "refused", "undelivered", "lateness_p50_us", "lateness_p99_us", "lost", "duplicated", "on_the_way", "waiting", "enabled", "conflated", "flooded", "late", "intake_behind_s", "sapient", "latitude_deg", "longitude_deg", "height_m", "undelivered_to", "drones", "forgotten", "refused_by_reason", "mount")
     class State(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
         __slots__ = ()
         STATE_UNSPECIFIED: _ClassVar[SensorStatus.State]
@@ -392,6 +392,7 @@ class SensorStatus(_message.Message):
     DRONES_FIELD_NUMBER: _ClassVar[int]
     FORGOTTEN_FIELD_NUMBER: _ClassVar[int]
     REFUSED_BY_REASON_FIELD_NUMBER: _ClassVar[int]
+    MOUNT_FIELD_NUMBER: _ClassVar[int]
     sensor: str
     state: SensorStatus.State
     time_utc: _timestamp_pb2.Timestamp
@@ -419,7 +420,24 @@ class SensorStatus(_message.Message):
     drones: int
     forgotten: int
     refused_by_reason: _containers.ScalarMap[str, int]
-    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., undelivered_to: _Optional[_Mapping[str, int]] = ..., drones: _Optional[int] = ..., forgotten: _Optional[int] = ..., refused_by_reason: _Optional[_Mapping[str, int]] = ...) -> None: ...
+    mount: MountStatus
+    def __init__(self, sensor: _Optional[str] = ..., state: _Optional[_Union[SensorStatus.State, str]] = ..., time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., scan: _Optional[int] = ..., plots: _Optional[int] = ..., missed_scans: _Optional[int] = ..., refused: _Optional[int] = ..., undelivered: _Optional[int] = ..., lateness_p50_us: _Optional[float] = ..., lateness_p99_us: _Optional[float] = ..., lost: _Optional[int] = ..., duplicated: _Optional[int] = ..., on_the_way: _Optional[int] = ..., waiting: _Optional[int] = ..., enabled: _Optional[bool] = ..., conflated: _Optional[int] = ..., flooded: _Optional[int] = ..., late: _Optional[int] = ..., intake_behind_s: _Optional[float] = ..., sapient: _Optional[_Union[SapientStatus, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., height_m: _Optional[float] = ..., undelivered_to: _Optional[_Mapping[str, int]] = ..., drones: _Optional[int] = ..., forgotten: _Optional[int] = ..., refused_by_reason: _Optional[_Mapping[str, int]] = ..., mount: _Optional[_Union[MountStatus, _Mapping]] = ...) -> None: ...
+
+class MountStatus(_message.Message):
+    __slots__ = ("time_utc", "pan_deg", "tilt_deg", "horizontal_fov_deg", "settled", "cued_by")
+    TIME_UTC_FIELD_NUMBER: _ClassVar[int]
+    PAN_DEG_FIELD_NUMBER: _ClassVar[int]
+    TILT_DEG_FIELD_NUMBER: _ClassVar[int]
+    HORIZONTAL_FOV_DEG_FIELD_NUMBER: _ClassVar[int]
+    SETTLED_FIELD_NUMBER: _ClassVar[int]
+    CUED_BY_FIELD_NUMBER: _ClassVar[int]
+    time_utc: _timestamp_pb2.Timestamp
+    pan_deg: float
+    tilt_deg: float
+    horizontal_fov_deg: float
+    settled: bool
+    cued_by: str
+    def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., pan_deg: _Optional[float] = ..., tilt_deg: _Optional[float] = ..., horizontal_fov_deg: _Optional[float] = ..., settled: _Optional[bool] = ..., cued_by: _Optional[str] = ...) -> None: ...
 
 class SapientStatus(_message.Message):
     __slots__ = ("reporting", "connections", "stalls", "refusals", "errors", "tasks", "rejected")

@@ -13,6 +13,7 @@ from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.mission_keys import Contingency
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
+from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.scene.sensors.scan_keys import Event
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
@@ -50,11 +51,21 @@ def changed(sensor: Sensor, *changes: Mapping[str, Any]) -> Sensor:
             raise ChangeError([(key, "cannot change while the sensor is at work") for key in fixed])
         tree = merged(tree, _with_pfa(sensor, change))
     try:
-        return sensor_of(tree)
+        made = sensor_of(tree)
     except ValidationError as error:
         variant = f"{sensor.type}."  # pydantic says which of all sensors it took it for
         problems = [(k.removeprefix(variant), text) for k, text in problems_of(error, tree)]
         raise ChangeError(problems) from None
+    if _cuers(made) != _cuers(sensor):
+        key = "mount.cued_by" if _cuers(made) and _cuers(sensor) else "mount"
+        raise ChangeError([(key, "cannot change while the sensor is at work")])
+    return made
+
+
+def _cuers(sensor: Sensor) -> tuple[str, ...] | None:
+    """The sensors that cue one; None without a mount."""
+    mount = mount_of(sensor)
+    return None if mount is None else mount.cuers
 
 
 def merged(

@@ -175,6 +175,12 @@ TRACK_FORMATS = tuple(sorted(name for name, row in REPORT_FORMATS.items() if row
 """Those that sensors of range and azimuth may report tracks in."""
 
 
+CUE_TOPIC = "cue"
+"""End of the topics on which sensors with a mount are told where to look."""
+
+
 def is_inbox(topic: str) -> bool:
     """Whether sensors are asked something on a topic, in the words of one of their formats."""
+    if topic.endswith(f"/{CUE_TOPIC}"):
+        return True
     return any(row.inbox and topic.endswith(f"/{row.inbox}") for row in REPORT_FORMATS.values())

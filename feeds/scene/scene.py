@@ -34,6 +34,7 @@ from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_sy
 from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.mount_keys import check_cues
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
 from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
@@ -172,6 +173,7 @@ class Scene(DestinationTables, WorldKeys):
             if sensor.id in TOPICS_OF_SESSION:
                 raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session")
         check_sources(self.sensor)
+        check_cues(self.sensor)
         return self
 
     @model_validator(mode="after")

@@ -10,7 +10,9 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.user_properties import type_of
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE
+from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.sensors.mount_keys import Cue
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.proto.content_types import JSON, PROTOBUF, asterix_content_type
 
@@ -58,7 +60,7 @@ def flows() -> list[Flow]:
             before = found.get(flow.name, flow)
             sensors = sorted({*flow.sensors, *before.sensors})
             found[flow.name] = replace(flow, sensors=tuple(sensors))
-    return [*found.values(), *_of_session(), *_telemetry(), _control()]
+    return [*found.values(), *_of_session(), *_telemetry(), _control(), _cue()]
 
 
 def types_that_report(name: str) -> tuple[str, ...]:
@@ -263,6 +265,18 @@ def _control() -> Flow:
         summary="What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
         inbound=True,
         schema=_inlined(Command.model_json_schema()),
+    )
+
+
+def _cue() -> Flow:
+    return Flow(
+        name="cue",
+        address=f"{{prefix}}/{{sensor}}/{CUE_TOPIC}",
+        content_type=JSON,
+        summary="Where the mount of a sensor is to look, for a while.",
+        sensors=tuple(kind for kind, keys in SENSORS.items() if "mount" in keys.model_fields),
+        inbound=True,
+        schema=_inlined(Cue.model_json_schema()),
     )
 
 

@@ -21,6 +21,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue
 from plotfeed.feeds.sensing.sensor_group import SensorGroup, SensorsAtWork
 from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.steered_sensors import Cueing
 from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
@@ -65,6 +66,7 @@ class EmulatedSensors:
         ]
         frames = [frame_at(self._scene_site, s.position_enu_m) for s in self.sensors]
         self._frames = frames
+        self.cueing = Cueing(self._scene_site, self.sensors, frames)
         self._at_work = SensorsAtWork(
             frames=LocalFrames.of(frames),
             trajectories=trajectories,
@@ -73,6 +75,7 @@ class EmulatedSensors:
             draws=ScanDraws(chances, Purpose.DETECTION),
             borders=Borders(len(frames)),
             false_alarms=FalseAlarmsDue(chances, timetables),
+            cueing=self.cueing,
         )
         self._next = Timetables(timetables)
         self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
@@ -98,6 +101,7 @@ class EmulatedSensors:
         """Begin each with its first whole sector after that time."""
         self._start_ns = start_utc_ns
         self._next.start(start_utc_ns)
+        self.cueing.start(start_utc_ns)
         self._script = sorted(
             (
                 (start_utc_ns + after_ns, i)
@@ -189,9 +193,15 @@ class EmulatedSensors:
             yield group.look(sectors)
             return
         of_group = self._group_of[sectors.sensor]
-        for number in np.unique(of_group).tolist():
+        numbers = np.unique(of_group).tolist()
+        if len(self.cueing):  # those that cue before those that are cued
+            numbers.sort(key=lambda number: self.cueing.rank[self._groups[number].sensors[0]])
+        for number in numbers:
             mine = of_group == number
-            yield self._groups[number].look(sectors if mine.all() else sectors.rows(mine))
+            seen = self._groups[number].look(sectors if mine.all() else sectors.rows(mine))
+            if len(self.cueing):
+                self.cueing.take(seen)
+            yield seen
 
     def _reports_of(self, found: Sighting) -> list[SectorReport]:
         """Sectors with their messages, in the order of sensors and time."""
@@ -233,6 +243,7 @@ class EmulatedSensors:
             self._models[i] = self.world.model_of(sensor)
             self._see_clutter(i)
             self._at_work.false_alarms.forget(i)
+            self.cueing.change(i, sensor)
         self._group(sensors)
 
     def _see_clutter(self, i: int) -> None:
@@ -277,4 +288,6 @@ class EmulatedSensors:
             grouping_key(model),
             self.sensors[i].scan.rotates,
             self._sites[i].tells_heights,
+            self._sites[i].is_steered,
+            self.cueing.rank[i],
         )

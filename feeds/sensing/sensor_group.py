@@ -18,6 +18,7 @@ from plotfeed.feeds.formats.seen import of_parts
 from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
 from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
@@ -52,6 +53,7 @@ class SensorsAtWork:
     draws: ScanDraws
     borders: Borders
     false_alarms: FalseAlarmsDue
+    cueing: Cueing
 
 
 class SensorGroup:
@@ -103,12 +105,18 @@ class SensorGroup:
     def _stare(self, sectors: Sectors) -> Sighting:
         """Looks at all drones that are there when a scan ends; one scan of each sensor."""
         row, truth = self._there_at_the_end(sectors)
+        aims = None
+        if self.site.is_steered:
+            aims = self._at_work.cueing.at(sectors)
+            row, truth = row[aims.sees[row]], truth.rows(aims.sees[row])
         chances, scans = self._at_work.chances, sectors.scan.tolist()
         generators = [
             chances[sensor].rng(Purpose.DETECTION, scan)
             for sensor, scan in zip(sectors.sensor.tolist(), scans, strict=True)
         ]
         targets, row = self._targets(truth, row, sectors.sensor)
+        if aims is not None:
+            targets = aims.by_mount(targets, row)
         rng: Any = generators[0] if self._is_alone else DrawsBySensor(generators, row)
         if isinstance(self._model, ElectronicRadar):
             looks, detections, self._agenda = self._model.observe_period(
@@ -119,8 +127,14 @@ class SensorGroup:
             looks, detections = self._model.observe_scan(targets, sectors.one(0), rng)
             looks = self._as_they_were(looks)
         else:
-            looks, detections = self._observed(targets, rng)
+            looks, detections = self._observed(targets, rng, aims)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
+        if aims is not None:
+            alarms = [
+                (sensor, aims.of_alarms(found, sensor, self.models[sensor]))
+                for sensor, found in alarms
+                if aims.sees[np.searchsorted(sectors.sensor, sensor)]
+            ]
         return self._sighting(sectors, looks, detections, alarms)
 
     def _turn(self, sectors: Sectors) -> Sighting:
@@ -261,9 +275,13 @@ class SensorGroup:
     def _model_of(self, sensor: Ints) -> SensorModel:
         return self._model if self._is_alone else self._model.rows(self._place[sensor])
 
-    def _observed(self, targets: Targets, rng: Any) -> tuple[Looks, Plots]:
+    def _observed(
+        self, targets: Targets, rng: Any, aims: Aims | None = None
+    ) -> tuple[Looks, Plots]:
         model = self._model if targets.sensor is None else self._model_of(targets.sensor)
         looks, plots = model.observe(targets, rng)
+        if aims is not None:
+            looks, plots = aims.back(looks), aims.back(plots)
         return self._as_they_were(looks), plots
 
     def _as_they_were(self, looks: Looks) -> Looks:

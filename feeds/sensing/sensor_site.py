@@ -10,6 +10,7 @@ import numpy as np
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
+from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
@@ -34,6 +35,8 @@ class SensorSite:
     reads_bistatic_ranges: bool
     errs: bool
     tells_heights: bool
+    is_steered: bool
+    """Whether a mount turns it."""
     trajectories: Trajectories
 
     @classmethod
@@ -49,6 +52,7 @@ class SensorSite:
             clock_ahead_ns=sensor.clock_ahead_ns,
             errs=sensor.bias is not None or sensor.drift is not None,
             tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),
+            is_steered=mount_of(sensor) is not None,
             trajectories=trajectories,
         )
 

@@ -20,6 +20,8 @@ from plotfeed.feeds.scene.changes import (
     command_of,
     parsed,
 )
+from plotfeed.feeds.scene.report_formats import CUE_TOPIC
+from plotfeed.feeds.scene.sensors.mount_keys import CueError, mount_of
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
@@ -59,7 +61,13 @@ class SessionInputs:
         self._control_topic = f"{prefix}/control"
         self._commands.know(self._control_topic)  # whatever sensors are asked meanwhile
         self._inboxes = inboxes_of(context.scene)
-        self._inbox_ends = tuple(sorted({_end_of(prefix, topic) for topic in self._inboxes}))
+        self._cued = {
+            f"{prefix}/{sensor.id}/{CUE_TOPIC}": sensor.id
+            for sensor in context.scene.sensor
+            if mount_of(sensor) is not None
+        }
+        every = [*self._inboxes, *self._cued]
+        self._inbox_ends = tuple(sorted({_end_of(prefix, topic) for topic in every}))
         self._trajectories = trajectories
         self._clock = context.clock
         self._totals = context.totals
@@ -161,9 +169,11 @@ class SessionInputs:
                 try:
                     if topic == self._control_topic:
                         self._obey(parsed(payload), as_of_ns)
+                    elif topic.endswith(f"/{CUE_TOPIC}"):
+                        self._cue(topic, payload, as_of_ns)
                     else:
                         self._ask(topic, payload, as_of_ns)
-                except (ControlError, ChangeError) as error:
+                except (ControlError, ChangeError, CueError) as error:
                     self._refuse(topic, Refused(Reason.CONTROL, str(error)), as_of_ns)
 
     def _is_command(self, topic: str) -> bool:
@@ -178,6 +188,17 @@ class SessionInputs:
         if len(payload) > MAX_COMMAND_OCTETS:
             raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
         self._sensor_tasks[sensor].asked(payload, as_of_ns)
+
+    def _cue(self, topic: str, payload: bytes, as_of_ns: int) -> None:
+        """Have a sensor's mount look somewhere."""
+        sensor = self._cued.get(topic)
+        if sensor is None:
+            known = ", ".join(self._cued.values())
+            raise ControlError(f"there is no sensor that a mount turns; expected one of {known}")
+        if len(payload) > MAX_COMMAND_OCTETS:
+            raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
+        self._sensor_tasks[sensor].cue(payload, as_of_ns)
+        self._totals.controls += 1
 
     def _refuse_dropped(self, as_of_ns: int) -> None:
         """Count what could not even wait to be taken in, and tell of it by topic."""

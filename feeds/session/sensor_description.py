@@ -10,6 +10,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
+from plotfeed.models.cueing import CuedState
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import asterix_content_type
@@ -31,6 +32,8 @@ LIMITS = (
 """Keys of cover that not all sensors have."""
 DEGREE_DIGITS, METRE_DIGITS = 9, 4
 """Digits after the point of places: 0.1 mm."""
+MOUNT_DIGITS = 4
+"""Of where mounts point, degrees."""
 
 
 class SensorDescriber:
@@ -99,6 +102,21 @@ def status_of(description: pb.SensorDescription) -> pb.SensorStatus:
         longitude_deg=description.longitude_deg,
         height_m=description.height_m,
     )
+
+
+def mount_status(sensor: Sensor, state: CuedState) -> pb.MountStatus:
+    """Where a sensor's mount points; of a camera, with its field of view."""
+    at = state.pointing
+    told = pb.MountStatus(
+        pan_deg=round(at.pan_deg, MOUNT_DIGITS),
+        tilt_deg=round(at.tilt_deg, MOUNT_DIGITS),
+        settled=state.sees(at.t_utc_ns),
+        cued_by=state.source,
+    )
+    told.time_utc.FromNanoseconds(at.t_utc_ns)
+    if hasattr(sensor, "horizontal_fov_deg"):
+        told.horizontal_fov_deg = round(at.field_deg, MOUNT_DIGITS)
+    return told
 
 
 def _outputs(prefix: str, sensor: Sensor) -> Iterator[pb.SensorOutput]:

@@ -19,10 +19,11 @@ from plotfeed.feeds.scene.changes import instants_ns, merged
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.mount_keys import cue_of
 from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
 from plotfeed.feeds.session.observer import SessionContext
-from plotfeed.feeds.session.sensor_description import status_of
+from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
@@ -127,6 +128,11 @@ class SensorTask:
         node.count("tasks" if reply.accepted else "rejected")
         self.outbox.send_past_link(*reply.messages)
 
+    def cue(self, payload: bytes, as_of_ns: int) -> None:
+        """Look where somebody asks; raises `CueError`."""
+        position_enu_m = self.sensor.position_enu_m
+        self._sensors.cueing.cue(self._i, cue_of(payload), position_enu_m, as_of_ns)
+
     def _follow_script(self, at_utc_ns: int) -> None:
         """Be as script and control have it then, however late it is done."""
         sensor = self._sensors.as_of(self._i, self._controlled, at_utc_ns)
@@ -193,6 +199,8 @@ class SensorTask:
         status.on_the_way = self.outbox.on_the_way
         status.waiting = self.outbox.waiting
         status.enabled = self.sensor.enabled
+        if (state := self._sensors.cueing.state_of(self._i)) is not None:
+            status.mount.CopyFrom(mount_status(self.sensor, state))
         if counts.sapient is not None:
             node = counts.sapient
             for told in pb.SapientStatus.DESCRIPTOR.fields:

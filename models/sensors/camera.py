@@ -56,12 +56,32 @@ class HotSpot:
         return np.asarray(left_k * np.minimum(filled, 1.0) / self.noise_k)
 
 
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Fields of view and the angle of a pixel, each a number, or (n,) of as many looks."""
+
+    horizontal_deg: Any
+    vertical_deg: Any
+    pixel_angle_rad: Any
+
+    def rows(self, which: NDArray[Any]) -> Lens:
+        """Lens of some of the looks."""
+        return Lens(
+            *(
+                value[which] if isinstance(value, np.ndarray) and value.ndim else value
+                for value in (self.horizontal_deg, self.vertical_deg, self.pixel_angle_rad)
+            )
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Camera(CellSensor):
     """What the equations need. Cycles are those with which each task is done every other time.
 
     `panoramic` pictures have equal angles a pixel, others are flat. `pfa` is that of a pixel.
-    `classes` are those that it tells apart; its claims are right with `class_probability`.
+    `classes` are those that it tells apart; its claims are right with `class_probability`. One that
+    is `steered` is turned by its mount, from the direction that it has here, and by it zoomed; of
+    targets that come without, all are in its picture.
     """
 
     pan_deg: float
@@ -71,6 +91,7 @@ class Camera(CellSensor):
     pixels_across: float
     pixels_down: float
     panoramic: bool
+    steered: bool
     detect_cycles: float
     recognise_cycles: float
     identify_cycles: float
@@ -81,7 +102,7 @@ class Camera(CellSensor):
     contrast: LostContrast | None
     hot_spot: HotSpot | None
 
-    alike: ClassVar[frozenset[str]] = frozenset({"panoramic", "classes", "surroundings"})
+    alike: ClassVar[frozenset[str]] = frozenset({"panoramic", "steered", "classes", "surroundings"})
 
     @cached_property
     def resolution_cells(self) -> float:
@@ -95,40 +116,57 @@ class Camera(CellSensor):
             return float(np.radians(self.horizontal_fov_deg) / self.pixels_across)
         return float(optics.pixel_angle_rad(self.horizontal_fov_deg, self.pixels_across))
 
-    def in_view(self, position_enu_m: Floats) -> Bools:
+    @property
+    def lens(self) -> Lens:
+        """Lens as the camera's own keys have it."""
+        return Lens(self.horizontal_fov_deg, self.vertical_fov_deg, self.pixel_angle_rad)
+
+    def zoomed(self, field_deg: Floats) -> Lens:
+        """The lens at other horizontal fields of view; (n,)."""
+        larger = self._enlarged(field_deg)
+        half_deg = np.radians(self.vertical_fov_deg) / 2
+        vertical_deg = 2 * np.degrees(np.arctan(np.tan(half_deg) * larger))
+        return Lens(field_deg, vertical_deg, self.pixel_angle_rad * larger)
+
+    def _enlarged(self, field_deg: Floats) -> Floats:
+        """Ratio by which a flat picture of that field of view is larger than its own; (n,)."""
+        own_deg = np.radians(self.horizontal_fov_deg)
+        return np.asarray(np.tan(np.radians(field_deg) / 2) / np.tan(own_deg / 2))
+
+    def in_view(self, position_enu_m: Floats, lens: Lens) -> Bools:
         """Whether places (n, 3) are in the picture."""
         if not self.panoramic:
-            fields_deg = self.horizontal_fov_deg, self.vertical_fov_deg
+            fields_deg = lens.horizontal_deg, lens.vertical_deg
             return optics.in_picture(position_enu_m, self.pan_deg, self.tilt_deg, *fields_deg)
         azimuth_deg, elevation_deg, _ = enu_to_aer(position_enu_m)
         above_deg = np.abs(elevation_deg - self.tilt_deg)
         return self.azimuth_cover.holds(azimuth_deg) & (above_deg <= self.vertical_fov_deg / 2)
 
-    def task_probabilities(self, size_m: Floats, range_m: Floats) -> Floats:
+    def task_probabilities(self, size_m: Floats, range_m: Floats, lens: Lens) -> Floats:
         """Probabilities of detection, recognition and identification, rows; (3, n).
 
         None is above the one before it. 0 for targets of unknown size.
         """
-        cycles = optics.cycles_on_target(size_m, range_m, self.pixel_angle_rad)
+        cycles = optics.cycles_on_target(size_m, range_m, lens.pixel_angle_rad)
         if self.contrast is not None:
             cycles *= self.contrast.resolved_share(range_m)
         tasks = (self.detect_cycles, self.recognise_cycles, self.identify_cycles)
         found = np.stack([optics.task_probability(cycles, needed) for needed in tasks])
         if self.hot_spot is not None:
-            filled = (size_m / (range_m * self.pixel_angle_rad)) ** 2
+            filled = (size_m / (range_m * lens.pixel_angle_rad)) ** 2
             ratio = self.hot_spot.ratio(filled, range_m)
             found[0] = optics.hot_spot_pd(ratio, self.pfa)
         return np.minimum.accumulate(np.nan_to_num(found), axis=0)
 
-    def sigma_azimuth_deg(self, elevation_deg: Floats) -> Floats:
+    def sigma_azimuth_deg(self, elevation_deg: Floats, lens: Lens) -> Floats:
         """Standard deviation of azimuths at those elevations: of the mount, and of the picture."""
-        of_pixels_deg = np.degrees(self.pixel_error * self.pixel_angle_rad)
+        of_pixels_deg = np.degrees(self.pixel_error * lens.pixel_angle_rad)
         level = np.cos(np.radians(elevation_deg))
         return accuracy.with_floor(of_pixels_deg / level, self.pointing_error_deg)
 
-    def sigma_elevation_deg(self, n: int) -> Floats:
+    def sigma_elevation_deg(self, n: int, lens: Lens) -> Floats:
         """Standard deviation of elevations, the same everywhere; (n,)."""
-        of_pixels_deg = np.degrees(self.pixel_error * self.pixel_angle_rad)
+        of_pixels_deg = np.degrees(self.pixel_error * lens.pixel_angle_rad)
         return np.zeros(n) + accuracy.with_floor(of_pixels_deg, self.pointing_error_deg)
 
     def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
@@ -137,9 +175,12 @@ class Camera(CellSensor):
         size_m = targets.size_m()
         near = (range_m > 0) & (range_m <= self.range_max_m) & ~np.isnan(size_m)
         near &= self.has_sight_of(targets.true_position_enu_m)
-        seen = np.flatnonzero(near & self.in_view(targets.position_enu_m))
-        of_seen, rng = self.rows(seen), of_rows(rng, seen)
-        probabilities = of_seen.task_probabilities(size_m[seen], range_m[seen])
+        lens = self.lens if targets.field_deg is None else self.zoomed(targets.field_deg)
+        if not self.steered or targets.field_deg is not None:
+            near &= self.in_view(targets.position_enu_m, lens)
+        seen = np.flatnonzero(near)
+        of_seen, rng, lens = self.rows(seen), of_rows(rng, seen), lens.rows(seen)
+        probabilities = of_seen.task_probabilities(size_m[seen], range_m[seen], lens)
         drawn = rng.random((len(seen),))
         detected = drawn < probabilities[0]
         unknown = np.full(len(seen), np.nan)
@@ -148,14 +189,16 @@ class Camera(CellSensor):
             return looks, NO_PLOTS
         hits, rng, rows = looks.rows(detected), of_rows(rng, detected), seen[detected]
         errors = rng.standard_normal((2, len(hits)))
-        sigma_azimuth_deg, sigma_elevation_deg = of_seen.rows(detected)._sigmas(hits.elevation_deg)
+        of_hits, lens = of_seen.rows(detected), lens.rows(detected)
+        sigma_azimuth_deg = of_hits.sigma_azimuth_deg(hits.elevation_deg, lens)
+        sigma_elevation_deg = of_hits.sigma_elevation_deg(len(hits), lens)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
             + errors[0] * sigma_azimuth_deg,
             hits.elevation_deg + errors[1] * sigma_elevation_deg,
         )
         tasks_done = (drawn[detected] < probabilities[1:, detected]).sum(axis=0)
-        claims = of_seen.rows(detected)._claims(targets, hits.drone, tasks_done, rng)
+        claims = of_hits._claims(targets, hits.drone, tasks_done, rng)
         return looks, Plots.of(
             t_utc_ns=hits.t_utc_ns,
             azimuth_deg=azimuth_deg,
@@ -166,9 +209,6 @@ class Camera(CellSensor):
             **hits.whose(),
             **targets.true_geometry(hits, rows),
         )
-
-    def _sigmas(self, elevation_deg: Floats) -> tuple[Floats, Floats]:
-        return self.sigma_azimuth_deg(elevation_deg), self.sigma_elevation_deg(len(elevation_deg))
 
     def _claims(
         self, targets: Targets, drone: Ints, tasks_done: Ints, rng: np.random.Generator
@@ -219,17 +259,31 @@ class Camera(CellSensor):
             t_utc_ns=t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg),
-            sigma_elevation_deg=self.sigma_elevation_deg(n),
+            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg, self.lens),
+            sigma_elevation_deg=self.sigma_elevation_deg(n, self.lens),
             kind=np.full(n, UNRECOGNISED, np.object_),
             kind_probability=np.full(n, np.nan),
+        )
+
+    def zoomed_alarms(self, alarms: Plots, field_deg: float) -> Plots:
+        """False alarms of a flat picture by its own axes, with another field of view."""
+        lens = self.zoomed(np.full(len(alarms), field_deg))
+        azimuth, elevation = np.radians(alarms.azimuth_deg), np.radians(alarms.elevation_deg)
+        larger = self._enlarged(np.full(len(alarms), field_deg))
+        right, above = np.tan(azimuth) * larger, np.tan(elevation) / np.cos(azimuth) * larger
+        azimuth_deg, elevation_deg, _ = enu_to_aer(optics.directions_enu(right, above, 0.0, 0.0))
+        return alarms.but(
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg, lens),
+            sigma_elevation_deg=self.sigma_elevation_deg(len(alarms), lens),
         )
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:  # noqa: ARG002
         """Errors on the horizontal, where they depend on no ratio."""
         return {
-            "sigma_azimuth_deg": float(self.sigma_azimuth_deg(np.zeros(1))[0]),
-            "sigma_elevation_deg": float(self.sigma_elevation_deg(1)[0]),
+            "sigma_azimuth_deg": float(self.sigma_azimuth_deg(np.zeros(1), self.lens)[0]),
+            "sigma_elevation_deg": float(self.sigma_elevation_deg(1, self.lens)[0]),
         }
 
     def predict(self, targets: Targets) -> Prediction:
@@ -238,9 +292,9 @@ class Camera(CellSensor):
         unknown = np.full(len(range_m), np.nan)
         return Prediction(
             snr=unknown,
-            pd=self.task_probabilities(targets.size_m(), range_m)[0]
+            pd=self.task_probabilities(targets.size_m(), range_m, self.lens)[0]
             * self.has_sight_of(targets.true_position_enu_m),
             sigma_range_m=unknown,
-            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg),
-            sigma_elevation_deg=self.sigma_elevation_deg(len(range_m)),
+            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg, self.lens),
+            sigma_elevation_deg=self.sigma_elevation_deg(len(range_m), self.lens),
         )

@@ -52,6 +52,8 @@ class Targets:
     readings: Readings | None = None
     emitted_utc_ns: Ints | None = None
     sensor: Ints | None = None
+    field_deg: Floats | None = None
+    """Fields of view of steered cameras, each then."""
 
     @classmethod
     def of_one(

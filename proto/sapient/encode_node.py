@@ -89,6 +89,8 @@ class Node:
     tells_location: bool
     has_threshold: bool
     """Whether it can be made more or less sensitive."""
+    steers: bool
+    """Whether it can be told where to look."""
     capabilities: tuple[SapientQuantity, ...] = ()
     performance: tuple[SapientQuantity, ...] = ()
     objects: tuple[SapientQuantity, ...] = ()
@@ -237,6 +239,8 @@ def _task(node: Node) -> Registration.TaskDefinition:
     commands: dict[str, Iterable[str]] = {"REQUEST": REQUESTS, "MODE_CHANGE": (MODE, STANDBY)}
     if node.has_threshold:
         commands["DETECTION_THRESHOLD"] = THRESHOLDS
+    if node.steers:
+        commands["LOOK_AT"] = ("degrees from true north", "latitude, longitude and height")
     return Registration.TaskDefinition(
         concurrent_tasks=1,
         region_definition=Registration.RegionDefinition(

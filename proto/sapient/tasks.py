@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
@@ -13,6 +14,7 @@ from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
 from plotfeed.proto.sapient.envelope import envelope
 
 MAX_REASON = 300
@@ -40,6 +42,9 @@ class AskedTask:
     """The node that it is for; empty for whoever gets it."""
     limits: tuple[str, ...]
     """Which of `LIMITS` it has."""
+    look_at: Mapping[str, float] | None = None
+    """Of that command: azimuth_deg, elevation_deg and horizontal_fov_deg, as far as given, or
+    latitude_deg, longitude_deg and height_m; None where it says so in other units."""
 
 
 def decode_task(data: bytes) -> AskedTask:
@@ -72,7 +77,28 @@ def decode_task(data: bytes) -> AskedTask:
         start_utc_ns=start_utc_ns,
         destination_id=message.destination_id,
         limits=tuple(name for name in LIMITS if name in present),
+        look_at=_look_at(task.command.look_at) if command == "look_at" else None,
     )
+
+
+def _look_at(asked: Any) -> Mapping[str, float] | None:
+    """Where a task asks to look, in degrees from true north or on the ellipsoid."""
+    if asked.HasField("range_bearing"):
+        cone = asked.range_bearing
+        if (cone.coordinate_system, cone.datum) != (DEG_M, TRUE_NORTH):
+            return None
+        found = {"azimuth_deg": cone.azimuth} if cone.HasField("azimuth") else {}
+        if cone.HasField("elevation"):
+            found["elevation_deg"] = cone.elevation
+        if cone.HasField("horizontal_extent"):
+            found["horizontal_fov_deg"] = cone.horizontal_extent
+        return found
+    if len(asked.location_list.locations) != 1:
+        return None
+    (place,) = asked.location_list.locations
+    if (place.coordinate_system, place.datum) != (LAT_LNG, ELLIPSOID):
+        return None
+    return {"latitude_deg": place.y, "longitude_deg": place.x, "height_m": place.z}
 
 
 def _threshold(number: int) -> str:

@@ -13,6 +13,7 @@ from plotfeed.feeds.scene.fields import Site, frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.beam import Sector
 from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
 from plotfeed.models.frames import aer_to_enu, wrap_360
@@ -121,6 +122,7 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         latency_s=groups_of(sensor).longest_ns / NS,
         status_interval_s=scene.sapient.status_interval_s,
         tells_location=tells_location(scene, measures),
+        steers=mount_of(sensor) is not None,
         has_threshold=sensor.false_alarm_probability is not None,
         capabilities=(
             SapientQuantity(name="range", units="m", value=f"{sensor.range_max_m:g}"),

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from plotfeed.feeds.scene.changes import PFA_FACTOR
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.mount_keys import LookAt, mount_of
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.sapient.encode_node import MODE, REQUESTS, STANDBY, THRESHOLDS
 from plotfeed.proto.sapient.tasks import AskedTask
@@ -77,7 +78,9 @@ class SapientTasks:
         if task.command == "detection_threshold":
             factor = _one_of(PFA_FACTORS, task.command, task.value)
             return self._begin(task, {PFA_FACTOR: factor}, {PFA_FACTOR: None}, change)
-        expected = "expected request, mode_change or detection_threshold"
+        if task.command == "look_at":
+            return self._begin(task, *_looking(task, sensor), change)
+        expected = "expected request, mode_change, detection_threshold or look_at"
         raise TaskRejectedError(f"command {task.command or 'is missing'}: {expected}")
 
     def _request(self, asked: str, change: Change) -> DoneTask:
@@ -119,6 +122,20 @@ class SapientTasks:
         if number >= MAX_TASKS_PER_S:
             raise TaskRejectedError(f"more than {MAX_TASKS_PER_S} tasks in a second")
         self._in_second = (second, number + 1)
+
+
+def _looking(task: AskedTask, sensor: Sensor) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """The keys of a sensor that looks somewhere, and those that take that back."""
+    if mount_of(sensor) is None:
+        raise TaskRejectedError("look_at: no mount turns this sensor")
+    if task.look_at is None:
+        raise TaskRejectedError(
+            "look_at: expected degrees from true north, or one place by latitude, longitude and "
+            "height above the ellipsoid"
+        )
+    unsaid = {name: field.default for name, field in LookAt.model_fields.items()}
+    keys = {**unsaid, **task.look_at}  # what an earlier task said is not to stay
+    return {"mount": {"look_at": keys}}, {"mount": {"look_at": None}}
 
 
 def _one_of(known: Mapping[str, Any], what: str, asked: str) -> Any:

@@ -56,6 +56,8 @@ class Member(CatalogueTable):
     preset: str
     note: str
     """What the source says of it."""
+    cued_by: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Of a sensor with a mount: those of the system that cue it, unless its keys say otherwise."""
 
 
 class SystemPreset(CatalogueTable):
@@ -152,7 +154,18 @@ def _sensors(table: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
         for of in ("every", name):
             own = table.get(of, {})
             keys |= own if isinstance(own, dict) else {}
+        cuers = [of for of in member.cued_by if of not in table.get("without", ())]
+        keys = _cued(keys, [f"{table.get('id')}-{of}" for of in cuers])
         yield name, _turned(keys, table.get("facing_deg", 0.0))
+
+
+def _cued(keys: dict[str, Any], cuers: list[str]) -> dict[str, Any]:
+    """Keys of a sensor that those cue, if it has a mount and says nothing else."""
+    of_preset = preset(keys["preset"]).keys if keys.get("preset") in names() else {}
+    mount = keys.get("mount", of_preset.get("mount"))
+    if not cuers or not isinstance(mount, dict) or "cued_by" in mount:
+        return keys
+    return {**keys, "mount": {**mount, "cued_by": cuers}}
 
 
 def _turned(keys: dict[str, Any], by_deg: Any) -> dict[str, Any]:

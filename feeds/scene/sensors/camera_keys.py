@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Elevation, Name, Site
+from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
 from plotfeed.feeds.scene.sensors.scan_keys import Scan
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys
 from plotfeed.models import optics
@@ -84,6 +85,8 @@ class CameraKeys(SensorKeys):
     """Meteorological optical range: where a twentieth of contrast is left; without it, clear."""
     hotter_k: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Of drones than their background: a camera of heat detects spots smaller than a pixel."""
+    mount: MountKeys | None = None
+    """Motors that turn the camera to cues, and home to pan_deg and tilt_deg; without it, fixed."""
     netd_mk: Annotated[float, Field(ge=1, le=10_000)] = 50.0
     """Noise of a pixel of heat; some 50 mK without a cooler, 20 to 25 with one."""
 
@@ -96,6 +99,8 @@ class CameraKeys(SensorKeys):
     def _sees_something(self) -> Self:
         if self.scan.rotates and self.horizontal_fov_deg < 360:
             raise ValueError("scan.kind: a camera turns to see all around: horizontal_fov_deg 360")
+        if self.mount is not None and (self.scan.rotates or self.is_panoramic):
+            raise ValueError("mount: only of a camera with flat pictures that does not turn")
         if self.nyquist_contrast <= self.threshold_contrast:
             raise ValueError("nyquist_contrast: must be above threshold_contrast")
         if UNRECOGNISED in self.tells_apart:
@@ -121,23 +126,29 @@ class CameraKeys(SensorKeys):
 
     @property
     def azimuth_min_deg(self) -> float:
-        """Where the picture begins."""
+        """Where the picture begins, or what a mount can see."""
+        if self.mount is not None:
+            return -180.0
         return self.pan_deg - self.horizontal_fov_deg / 2
 
     @property
     def azimuth_max_deg(self) -> float:
         """Where the picture ends."""
+        if self.mount is not None:
+            return 180.0
         return self.pan_deg + self.horizontal_fov_deg / 2
 
     @property
     def elevation_min_deg(self) -> float:
-        """Lowest elevation in the picture."""
-        return max(self.tilt_deg - self.vertical_field_deg / 2, -90.0)
+        """Lowest elevation in the picture, or that a mount can have in it."""
+        lowest_deg = self.tilt_deg if self.mount is None else self.mount.tilt_min_deg
+        return max(lowest_deg - self.vertical_field_deg / 2, -90.0)
 
     @property
     def elevation_max_deg(self) -> float:
-        """Highest elevation in the picture."""
-        return min(self.tilt_deg + self.vertical_field_deg / 2, 90.0)
+        """Highest elevation in the picture, likewise."""
+        highest_deg = self.tilt_deg if self.mount is None else self.mount.tilt_max_deg
+        return min(highest_deg + self.vertical_field_deg / 2, 90.0)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -153,6 +164,8 @@ class CameraKeys(SensorKeys):
         """The model."""
         pixels = float(self.pixels_across) * self.pixels_down
         visibility_m = self.visibility_m or NO_LIMIT_M
+        steered = self.mount is not None
+        middle_deg, half_deg = 0.0 if steered else self.pan_deg, self.horizontal_fov_deg / 2
         hot_spot = None
         if self.hotter_k is not None:
             hot_spot = HotSpot(
@@ -160,11 +173,14 @@ class CameraKeys(SensorKeys):
             )
         converted = {
             "pfa": self.false_alarms_per_frame / pixels,
-            "azimuth_cover": AzimuthCover(self.azimuth_min_deg, self.azimuth_max_deg),
+            "pan_deg": 0.0 if steered else self.pan_deg,
+            "tilt_deg": 0.0 if steered else self.tilt_deg,
+            "azimuth_cover": AzimuthCover(middle_deg - half_deg, middle_deg + half_deg),
             "vertical_fov_deg": self.vertical_field_deg,
             "pixels_across": float(self.pixels_across),
             "pixels_down": float(self.pixels_down),
             "panoramic": self.is_panoramic,
+            "steered": steered,
             "classes": self.tells_apart,
             "recognise_cycles": self.detect_cycles * self.recognise_factor,
             "identify_cycles": self.detect_cycles * self.identify_factor,

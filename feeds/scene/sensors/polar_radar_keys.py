@@ -29,6 +29,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     MultipathKeys,
     PulsedDopplerKeys,
 )
+from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
 from plotfeed.feeds.scene.sensors.pulse_keys import PulsesKeys
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
@@ -230,6 +231,8 @@ class ActiveRadarKeys(PolarRadarKeys):
     """Without it, nothing is ambiguous or blind, and a look is one interval."""
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
+    mount: MountKeys | None = None
+    """Motors that turn a staring radar to cues: its cover is then about where these point."""
 
     @model_validator(mode="after")
     def _is_steered(self) -> Self:

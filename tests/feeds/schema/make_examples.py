@@ -24,6 +24,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 FILE = Path(__file__).parents[3] / "feeds" / "schema" / "message_examples.json"
 MOST_OCTETS = 1200
+CUE = {"azimuth_deg": 45.0, "elevation_deg": 5.0, "dwell_s": 4.0}
 COMMAND = {"sensor": "active_radar", "set": {"link": {"latency_ms": 250.0}}}
 
 
@@ -44,6 +45,7 @@ def main() -> None:
         "telemetryJson": [report],
         "telemetryAsterix129": payloads["asterix129"],
         "control": [json.dumps(COMMAND).encode()],
+        "cue": [json.dumps(CUE).encode()],
         "sapientTask": [task(described.ONE, request="Registration")],
     }
     examples = {}

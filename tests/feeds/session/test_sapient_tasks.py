@@ -203,7 +203,7 @@ def test_start_stop_and_reset_are_those_of_control() -> None:
 @pytest.mark.parametrize(
     ("asked", "reason"),
     [
-        (task(look_at={"range_bearing": {"azimuth": 5.0}}), "command look_at: expected request"),
+        (task(look_at={"range_bearing": {"azimuth": 5.0}}), "look_at: no mount turns this sensor"),
         (task(follow={"follow_object_id": "x"}), "command follow: expected"),
         (task(detection_report_rate="DISCRETE_THRESHOLD_LOW"), "command detection_report_rate"),
         (task(), "command is missing"),

@@ -73,7 +73,7 @@ RF = RfDirectionFinder(
 CAMERA = Camera(
     pfa=1e-7, azimuth_cover=AzimuthCover(-85.0, 85.0), range_max_m=8000.0, pan_deg=0.0,
     tilt_deg=20.0, horizontal_fov_deg=170.0, vertical_fov_deg=160.0, pixels_across=9e5,
-    pixels_down=8000.0, panoramic=False, detect_cycles=1.0, recognise_cycles=4.0,
+    pixels_down=8000.0, panoramic=False, steered=False, detect_cycles=1.0, recognise_cycles=4.0,
     identify_cycles=6.4, pointing_error_deg=0.05, pixel_error=0.5, classes=("drone", "bird"),
     class_probability=0.9, contrast=None, hot_spot=None,
 )  # fmt: skip
