@@ -122,7 +122,7 @@ def test_the_airport_s_radars_disagree_by_their_registration() -> None:
         sigma_deg = float(np.nanmedian(plots.sigma_azimuth_deg[of_drones]))
         six_sigma_deg = 6 * sigma_deg / len(error_deg) ** 0.5
         assert np.mean(error_deg) == pytest.approx(expected_deg, abs=six_sigma_deg)
-    of_gulls = [name.startswith("gull") for name in found.drones]
+    of_gulls = [name.startswith("bird/gulls-") for name in found.drones]
     assert sum(of_gulls) == 12
     plots = found["north"].plots.drone
     assert np.isin(plots, np.flatnonzero(of_gulls)).sum() > 5 * (plots == 0).sum()
