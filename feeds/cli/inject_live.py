@@ -40,13 +40,20 @@ def settings_of_source(
     """The keys of a source as options give them; raises `PlotfeedError`."""
     if settings.speed != 1 or settings.shift or settings.raw:
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
-    tree = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
-    tree |= {name: options[name] for name in ("altitude", "ask_hz")}
+    tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
+    tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa")}
+    if options["view"] is not None:
+        try:
+            tree["view"] = [float(text) for text in options["view"].split(",")]
+        except ValueError:
+            raise PlotfeedError(
+                f"--view: expected LAT,LON,LAT,LON, not {options['view']!r}"
+            ) from None
     try:
         return TelemetrySource.model_validate(tree)
     except ValidationError as error:
         key, text = next(iter(problems_of(error, tree)))
-        option = {"url": url, "drone": "--drone"}.get(key, url)
+        option = {"drone": "--drone", "view": "--view", "qnh_hpa": "--qnh-hpa"}.get(key, url)
         raise PlotfeedError(f"{option}: {text}") from None
 
 

@@ -173,7 +173,8 @@ def inject(flight: str, broker: str, **options: Any) -> int:
     FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), a log of ArduPilot (.bin),
     MAVLink (.tlog) or PX4 (.ulg), a GPX (.gpx) or KML (.kml) track, or NMEA sentences (.nmea).
 
-    SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or remote-id:-.
+    SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or remote-id:-, of the
+    kinds mavlink, remote-id, sbs1, beast and asterix-021.
     """
     from plotfeed.feeds.cli.inject import InjectSettings, publish_flight
     from plotfeed.feeds.cli.inject_live import publish_source, settings_of_source

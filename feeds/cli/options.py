@@ -238,6 +238,17 @@ source_options = together(
         help="Take this altitude of a MAVLink source: above the sea, or above home.",
     ),
     click.option(
+        "--view",
+        metavar="LAT,LON,LAT,LON",
+        help="Send these two corners to a service of network Remote ID.",
+    ),
+    click.option(
+        "--qnh-hpa",
+        type=click.FloatRange(850, 1100),
+        metavar="HPA",
+        help="Take this pressure at sea level for pressure altitudes of ADS-B.",
+    ),
+    click.option(
         "--ask-hz",
         type=click.FloatRange(0.1, 50),
         metavar="HERTZ",
@@ -279,7 +290,9 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
 
 def take_source_options(options: dict[str, Any]) -> dict[str, Any]:
     """What `source_options` gave, likewise."""
-    return {name: options.pop(name) for name in ("duration", "altitude", "ask_hz")}
+    return {
+        name: options.pop(name) for name in ("duration", "altitude", "ask_hz", "view", "qnh_hpa")
+    }
 
 
 def udp_destination(to: str, ttl: int = 1, interface: str | None = None) -> UdpDestination:

@@ -9,14 +9,11 @@ import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plotfeed.feeds.scene.fields import (
-    Positive,
-    SceneTable,
-    split_address,
-)
+from plotfeed.feeds.scene.fields import Latitude, Longitude, Positive, SceneTable, split_address
 
 LOOPBACK_4 = "127.0.0.1"
 USUAL_BAUD = 57_600
@@ -25,6 +22,8 @@ _TRANSPORTS = {
     "udp": "udpin",
     "mcast": "udpin",
     "tcpout": "tcp",
+    "http": "http",
+    "https": "http",
     **{name: name for name in OCTETS - {"stdin"}},
 }
 """By the names that users know; mcast is a group to join."""
@@ -45,7 +44,11 @@ class SourceKind:
 
 KINDS: Mapping[str, SourceKind] = {
     "mavlink": SourceKind("mav-{system}", frozenset({"system", "component", "host", "port"})),
-    "remote-id": SourceKind("{id}", frozenset({"id"})),
+    "remote-id": SourceKind("{id}", frozenset({"id"}), OCTETS | {"http"}),
+    **{
+        name: SourceKind("{icao}", frozenset({"icao", "callsign"}), is_traffic=True)
+        for name in ("sbs1", "beast", "asterix-021")
+    },
 }
 
 
@@ -73,6 +76,8 @@ class SourceAddress:
             where = f"serial:{where}"
         scheme, _, place = where.partition(":")
         transport = _TRANSPORTS.get(scheme)
+        if transport == "http" and transport in KINDS[kind].transports:
+            return cls(kind, transport, path=_base_url(where))
         if transport is None or transport not in KINDS[kind].transports:
             known = sorted(n for n, t in _TRANSPORTS.items() if t in KINDS[kind].transports)
             raise ValueError(
@@ -100,6 +105,8 @@ class SourceAddress:
             return f"{self.kind}:{self.path},{self.baud}"
         if self.transport == "file":
             return f"{self.kind}:file:{self.path}"
+        if self.transport == "http":
+            return f"{self.kind}:{self.path}"
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.kind}:{self.transport}:{host}:{self.port}"
 
@@ -127,6 +134,14 @@ def _serial(place: str, text: str) -> tuple[str, int]:
     return path, int(rate)
 
 
+def _base_url(text: str) -> str:
+    """The address of a service, without what might be a secret."""
+    parts = urlsplit(text)
+    if not parts.hostname or parts.username or parts.password or parts.query or parts.fragment:
+        raise ValueError("expected http://HOST/PATH or https://, without user, ? and #")
+    return text
+
+
 def _checked_host(transport: str, host: str) -> str:
     """The host, of which sockets that listen need the number."""
     if transport == "tcp":
@@ -149,6 +164,9 @@ def _braces(template: str) -> set[str]:
     return {part.partition("}")[0] for part in template.split("{")[1:]}
 
 
+View = tuple[Latitude, Longitude, Latitude, Longitude]
+
+
 class TelemetrySource(SceneTable):
     """A live source that the session itself listens to: autopilots, receivers, other systems."""
 
@@ -161,6 +179,13 @@ class TelemetrySource(SceneTable):
     """Of its drones; without it, telemetry.rcs_m2."""
     altitude: Literal["mean_sea_level", "above_takeoff"] = "mean_sea_level"
     """Which of an autopilot's altitudes is taken: above the sea, or above home."""
+    qnh_hpa: Annotated[float, Field(ge=850, le=1100)] | None = None
+    """Pressure at sea level, by which pressure altitudes of ADS-B become such above it; without it,
+    that of the standard atmosphere."""
+    view: Annotated[View, Field(strict=False)] | None = None
+    """Of network Remote ID, which is asked for two corners: latitude, longitude and again."""
+    poll_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
+    """How often a service of network Remote ID is asked."""
     ask_hz: Annotated[float, Field(ge=0.1, le=50)] | None = None
     """How often autopilots are asked to send their positions; without it nothing is asked, and
     nothing sent but over udpout, where nobody knows of us before."""
@@ -172,6 +197,10 @@ class TelemetrySource(SceneTable):
         if unknown:
             known = ", ".join(f"{{{name}}}" for name in sorted(KINDS[kind].fields))
             raise ValueError(f"drone: {{{unknown[0]}}} is not known of {kind}; expected {known}")
+        if (self.address.transport == "http") != (self.view is not None):
+            raise ValueError("view: network Remote ID is asked for one, and nothing else")
+        if self.qnh_hpa is not None and not KINDS[kind].is_traffic:
+            raise ValueError("qnh_hpa: only for ADS-B")
         for key in ("ask_hz", "altitude"):
             if kind != "mavlink" and getattr(self, key) != type(self).model_fields[key].default:
                 raise ValueError(f"{key}: only for mavlink")

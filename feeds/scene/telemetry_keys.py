@@ -7,7 +7,8 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Decibels, Height, NotNegative, Positive, SceneTable, Size
-from plotfeed.feeds.scene.source_keys import TelemetrySource
+from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
+from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
 
 
 class Telemetry(SceneTable):
@@ -49,6 +50,18 @@ class Telemetry(SceneTable):
     """Size across of a drone that states none, and of those that telemetry brings."""
     source: Annotated[tuple[TelemetrySource, ...], Field(strict=False, max_length=64)] = ()
     """Live sources that the session listens to itself, beside what comes by MQTT."""
+    mapping: Annotated[tuple[TelemetryMapping, ...], Field(strict=False, max_length=64)] = ()
+    """JSON that other systems publish on the session's broker, and how it becomes telemetry."""
+
+    @model_validator(mode="after")
+    def _aircraft_are_fast(self) -> Self:
+        is_traffic = any(KINDS[source.address.kind].is_traffic for source in self.source)
+        if is_traffic and "max_speed_m_s" not in self.model_fields_set:
+            raise ValueError(
+                "max_speed_m_s: must be stated beside ADS-B, since aircraft fly faster than 150 "
+                "m/s; 350 takes airliners"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_sea_level(self) -> Self:

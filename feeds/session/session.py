@@ -28,9 +28,13 @@ from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
 from plotfeed.feeds.session.ticks import Ticks
+from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
+from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto.content_types import PROTOBUF
 from plotfeed.proto.utc import NS
 
 FIRST_CONNECTION_S = 5.0
@@ -161,7 +165,8 @@ class Session:
         )
         self._outputs = Outputs(context, addresses)
         self._presence = SessionPresence(scene, clock, totals, self._publish)
-        topics = [*self._inputs.topics, self._presence.topic]
+        self._mapped = MappedReports(scene.telemetry.mapping)
+        topics = [*self._inputs.topics, self._presence.topic, *self._mapped.topics]
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
         sensors = EmulatedSensors(scene, self.trajectories)
@@ -238,8 +243,20 @@ class Session:
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self._presence.topic:
             self._presence.hear(payload)
-        else:
+        elif not self._hear_mapped(topic, payload):
             self._loop.queue_input(topic, payload, content_type)
+
+    def _hear_mapped(self, topic: str, payload: bytes) -> bool:
+        """Take what another system published as if its drone had; whether its topic is mapped."""
+        heard = self._mapped.hear(topic, payload, self.clock.now_ns())
+        if heard is None:
+            return False
+        to = f"{self.scene.mqtt.prefix}/telemetry/{heard.drone}" if heard.drone else topic
+        if isinstance(heard.said, Refused):
+            self._inputs.refuse_later(to, heard.said)
+        else:
+            self._loop.queue_input(to, encode_protobuf(heard.said), PROTOBUF)
+        return True
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)

@@ -9,10 +9,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-from plotfeed.feeds.scene.source_keys import SourceAddress, TelemetrySource
+from plotfeed.feeds.scene.source_keys import KINDS, SourceAddress, TelemetrySource
+from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import Listener
+from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
 from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
+from plotfeed.feeds.transport.http_polling import PolledOctets
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, TcpOctets, UdpOctets
 from plotfeed.feeds.transport.serial_port import PipedOctets, SerialOctets
 
@@ -57,7 +60,12 @@ class LiveSource:
         self._settings = settings
         self._now_utc_ns, self._take, self._refuse = now_utc_ns, take, refuse
         self._listener = listener_of(settings)
-        self._octets = octets_of(self.address, self)
+        self._octets: _Octets
+        if settings.view is None:
+            self._octets = octets_of(self.address, self)
+        else:
+            view = ",".join(f"{degrees:.6f}" for degrees in settings.view)
+            self._octets = PolledOctets(self.address, self, view, settings.poll_s)
 
     @property
     def bound_port(self) -> int:
@@ -124,6 +132,10 @@ def listener_of(settings: TelemetrySource) -> Listener:
         from plotfeed.feeds.telemetry.live.mavlink_reports import MavlinkReports
 
         return MavlinkReports(settings.template, settings.altitude)
+    if KINDS[settings.address.kind].is_traffic:
+        return AircraftReports(settings.address.kind, settings.template, settings.qnh_hpa)
+    if settings.address.transport == "http":
+        return NetworkRemoteIdReports(settings.template)
     return RemoteIdReports(settings.template)
 
 

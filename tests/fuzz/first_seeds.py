@@ -43,6 +43,12 @@ TABLE = """time,latitude_deg,longitude_deg,altitude_m
 2026-01-01T12:00:01.5Z,40.46,-3.74,901
 """
 AIRBORNE = bytes.fromhex("ff12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
+SBS_1 = b"MSG,3,1,1,484412,1,,,,,,10000,,,52.25,3.9,,,,,,0\r\n"
+BEAST = b"".join(
+    b"\x1a3" + bytes(7) + bytes.fromhex(text)
+    for text in ("8D40621D58C386435CC412692AD6", "8D40621D58C382D690C8AC2863A7")
+)
+A_021 = bytes.fromhex("1500160319400e666666feaf385348441200004003e8")
 COMMANDS = (
     {"sensor": "active", "set": {"pfa": 1e-4, "link": {"latency_ms": 70.0}}},
     {"sensor": "active", "reset": True},
@@ -118,6 +124,17 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "scene": lambda: [scene_text(port=1883, drones=DRONE).encode()],
     "live-remote-id": lambda: [AIRBORNE, b"\x19aa:bb " + AIRBORNE[1:].hex().encode() + b"\n"],
     "live-mavlink": _mavlink,
+    "live-sbs1": lambda: [b"\x10" + SBS_1],
+    "live-beast": lambda: [b"\x10" + BEAST],
+    "live-asterix-021": lambda: [b"\x09" + A_021],
+    "mapped": lambda: [
+        b'{"a": {"latitude": 40, "longitude": 3, "altitude": 9, "speed": 2,'
+        b' "time": "2026-01-01T00:00:00Z"}, "c": [1, 2]}'
+    ],
+    "network-remote-id": lambda: [
+        b'{"flights": [{"id": "a", "current_state": {"timestamp": {"value": "2026-01-01T00:00:00Z"'
+        b'}, "position": {"lat": 40, "lng": 3, "alt": 90, "accuracy_h": "HA3m"}, "speed": 3}}]}'
+    ],
     "flight-srt": lambda: [SRT.encode()],
     "flight-ulg": lambda: [(GOLDEN / "flights" / "part.ulg").read_bytes()],
     "flight-gpx": lambda: [GPX.encode()],

@@ -11,6 +11,7 @@ from pathlib import Path
 from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
+from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
@@ -18,6 +19,8 @@ from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions
 from plotfeed.feeds.telemetry.flights.flight import Log
+from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -144,7 +147,21 @@ def flight(suffix: str) -> Target:
     return read
 
 
+def mapped(data: bytes) -> None:
+    """JSON of another system, by a mapping."""
+    keys = {name: f"a.{name}" for name in ("latitude", "longitude", "altitude", "time", "speed")}
+    tree = {"topic": "a/{drone}", "altitude_reference": "ellipsoid", "course": "c.1", **keys}
+    MappedReports([TelemetryMapping.model_validate(tree)]).hear("a/b", data, NS_2026)
+
+
+def network_remote_id(data: bytes) -> None:
+    """An answer of a service provider."""
+    list(NetworkRemoteIdReports("{id}").hear("", data, NS_2026))
+
+
 TARGETS: Mapping[str, Target] = {
+    "mapped": mapped,
+    "network-remote-id": network_remote_id,
     "asterix": asterix,
     "plots": plots,
     "telemetry": telemetry,

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port
+from paho.mqtt.publish import single
+from support.brokers import free_port, mosquitto
 from support.command import plotfeed
 from support.scene_files import radar, scene_text
 from support.sessions import AtWork
@@ -135,6 +136,68 @@ async def test_a_session_is_run_again_from_its_record_without_the_source(tmp_pat
 
 
 @pytest.mark.asyncio
+async def test_aircraft_are_seen_beside_drones() -> None:
+    port = free_port()
+    text = f"""max_speed_m_s = 350.0
+[[telemetry.source]]
+url = "sbs1:udpin:127.0.0.1:{port}"
+"""
+    of = parsed(
+        scene_text(sensors=radar(period_s=0.5), telemetry=text).encode(), Path("scene.toml")
+    )
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(
+        asyncio.DatagramProtocol, remote_addr=("127.0.0.1", port)
+    )
+    line = "MSG,3,1,1,484412,1,,,,,,{},,,40.47,-3.73,,,,,,0\r\n"
+    async with session(of) as at_work:
+
+        def flies() -> bool:
+            transport.sendto(line.format(3000 + at_work.totals.telemetry).encode())
+            return at_work.totals.telemetry > 20
+
+        await until(flies)
+        assert sorted(at_work.session.trajectories.names) == ["484412", "visitor"]
+    transport.close()
+
+
+@pytest.mark.asyncio
+async def test_what_another_system_publishes_is_taken_by_its_mapping(tmp_path: Path) -> None:
+    port = free_port()
+    text = """[[telemetry.mapping]]
+topic = "fleet/{drone}/state"
+latitude = "lat"
+longitude = "lon"
+altitude = "alt"
+altitude_reference = "ellipsoid"
+"""
+    of = parsed(
+        scene_text(sensors=radar(period_s=0.5), drones="", telemetry=text).encode(),
+        Path("scene.toml"),
+    )
+    clock, stop = WallClock(), asyncio.Event()
+    at_work = AtWork(clock)
+    with mosquitto(tmp_path, port):
+        broker = f"mqtt://127.0.0.1:{port}"
+        running = asyncio.create_task(
+            run(of, clock=clock, broker=broker, stop=stop, observers=[at_work])
+        )
+        await at_work.begins.wait()
+        where = {"hostname": "127.0.0.1", "port": port}
+        for n in range(3):
+            said = json.dumps({"lat": 40.46 + n * 1e-6, "lon": -3.73, "alt": 900})
+            await asyncio.to_thread(single, "fleet/u7/state", said, qos=1, **where)
+        await asyncio.to_thread(single, "fleet/u8/state", '{"lat": "n/a"}', qos=1, **where)
+        await until(lambda: at_work.totals.telemetry == 3 and at_work.totals.refused == 1)
+        assert at_work.session.trajectories.names == ["u7"]
+        assert at_work.totals.last_refusal == (
+            "plotfeed/telemetry/u8: lat is 'n/a'; expected a number"
+        )
+        stop.set()
+        await running
+
+
+@pytest.mark.asyncio
 async def test_simulated_time_has_no_live_sources() -> None:
     with pytest.raises(PlotfeedError, match=r"telemetry\.source: live sources need real time"):
         await run(scene('url = "mavlink:udp://:14550"'), clock=InstantClock(), broker="none")
@@ -148,6 +211,10 @@ async def test_simulated_time_has_no_live_sources() -> None:
         ('url = "mavlink:pigeon:1"', "telemetry.source[0].url: expected one of"),
         ('url = "mavlink:udp::1"\ndrone = "{serial}"', "{serial} is not known of mavlink"),
         ('url = "remote-id:-"\nask_hz = 1.0', "telemetry.source[0].ask_hz: only for mavlink"),
+        ('url = "beast:tcp:a:1"', "telemetry.max_speed_m_s: must be stated beside ADS-B"),
+        ('url = "remote-id:http://a/b"', "telemetry.source[0].view: network Remote ID"),
+        ('url = "remote-id:http://u:p@a/b"\nview = [1, 2, 3, 4]', "without user"),
+        ('url = "mavlink:udp::1"\nqnh_hpa = 1000.0', "telemetry.source[0].qnh_hpa: only"),
         ('url = "mavlink:udp::1"\nask_hz = 1000.0', "telemetry.source[0].ask_hz"),
     ],
 )

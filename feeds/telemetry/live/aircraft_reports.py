@@ -1,0 +1,288 @@
+"""Reports of aircraft from ADS-B, as receivers hand it on: SBS-1, Beast, and ASTERIX 021."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from plotfeed.feeds.telemetry.live.heard import HeardReport, named
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.asterix.decode_021 import FOOT_M, AircraftReport, read_021
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.mode_s import (
+    BeastSplitter,
+    CprPosition,
+    GroundVelocity,
+    Said,
+    global_position,
+    local_position,
+    read_squitter,
+)
+from plotfeed.proto.utc import NS, nearest_utc_ns
+
+KNOT_M_S, FOOT_MIN_M_S = 1852 / 3600, FOOT_M / 60
+PAIR_NS, KNOWN_NS, VELOCITY_NS = 10 * NS, 30 * NS, 5 * NS
+"""For how long halves make a pair, a place helps to find the next, and a velocity holds."""
+OFF_NS = 5 * NS
+"""A time of the day that is further from now is of a clock that is off."""
+MAX_AIRCRAFT, MAX_PEERS = 20_000, 256
+MAX_LINE_OCTETS = 1024
+STANDARD_HPA = 1013.25
+METRES_PER_HPA = 8.23
+"""At sea level in the standard atmosphere."""
+RCS_M2 = {
+    "light": 1.0,
+    "small": 2.0,
+    "large": 20.0,
+    "heavy": 100.0,
+    "fast": 6.0,
+    "rotorcraft": 3.0,
+    "glider": 0.5,
+    "unmanned": None,
+}
+"""By kind: Skolnik, Introduction to Radar Systems, 3rd edition, table 2.2; a glider is assumed."""
+_OF_CATEGORY = {
+    "A1": "light",
+    "A2": "small",
+    "A3": "large",
+    "A4": "large",
+    "A5": "heavy",
+    "A6": "fast",
+    "A7": "rotorcraft",
+    "B1": "glider",
+    "B4": "glider",
+    "B6": "unmanned",
+}
+_OF_EMITTER = {
+    1: "light",
+    2: "small",
+    3: "large",
+    4: "large",
+    5: "heavy",
+    6: "fast",
+    10: "rotorcraft",
+    11: "glider",
+    13: "unmanned",
+    16: "glider",
+}
+
+
+@dataclass(slots=True)
+class _Aircraft:
+    """What is remembered of one, which says one thing at a time."""
+
+    callsign: str = ""
+    kind: str = ""
+    halves: dict[bool, tuple[int, CprPosition]] = field(default_factory=dict)
+    place: tuple[float, float] | None = None
+    place_ns: int = 0
+    velocity: tuple[float, float, float] = (math.nan,) * 3
+    velocity_ns: int = 0
+    geometric_less_pressure_m: float = math.nan
+
+
+class _Heights:
+    """Heights of aircraft: over the ellipsoid where they say it, else by pressure."""
+
+    def __init__(self, qnh_hpa: float | None) -> None:
+        self._over_sea_m = ((qnh_hpa or STANDARD_HPA) - STANDARD_HPA) * METRES_PER_HPA
+
+    def of(self, geometric_m: float, pressure_m: float) -> tuple[float, AltitudeReference]:
+        if not math.isnan(geometric_m):
+            return geometric_m, AltitudeReference.ELLIPSOID
+        return pressure_m + self._over_sea_m, AltitudeReference.MEAN_SEA_LEVEL
+
+
+class AircraftReports:
+    """Hears one of three protocols, of several receivers; an aircraft is one, whoever heard it."""
+
+    def __init__(self, kind: str, template: str, qnh_hpa: float | None = None) -> None:
+        """`kind` is sbs1, beast or asterix-021; names have {icao} and {callsign}.
+
+        `qnh_hpa` is the pressure at sea level, by which altitudes of pressure become such above it.
+        """
+        self._kind, self._template, self._heights = kind, template, _Heights(qnh_hpa)
+        self._aircraft: dict[str, _Aircraft] = {}
+        self._lines: dict[str, bytes] = {}
+        self._frames: dict[str, BeastSplitter] = {}
+
+    def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        """The reports in octets of a receiver."""
+        if self._kind == "sbs1":
+            yield from self._hear_lines(peer, data, now_utc_ns)
+        elif self._kind == "beast":
+            yield from self._hear_frames(peer, data, now_utc_ns)
+        else:
+            yield from self._hear_blocks(peer, data, now_utc_ns)
+
+    def forget(self, peer: str) -> None:
+        """Drop the beginning of a line, frame or block."""
+        self._lines.pop(peer, None)
+        self._frames.pop(peer, None)
+
+    def notes(self) -> list[str]:
+        """Nothing."""
+        return []
+
+    def _of(self, icao: str) -> _Aircraft:
+        found = self._aircraft.pop(icao, None) or _Aircraft()
+        if len(self._aircraft) >= MAX_AIRCRAFT:
+            del self._aircraft[next(iter(self._aircraft))]
+        self._aircraft[icao] = found  # the last that was heard is the last to be forgotten
+        return found
+
+    def _hear_lines(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        *lines, rest = (self._lines.pop(peer, b"") + data).split(b"\n")
+        if len(rest) > MAX_LINE_OCTETS:
+            detail = f"a line of more than {MAX_LINE_OCTETS} octets"
+            yield HeardReport("", Refused(Reason.OVERSIZED, detail))
+        elif len(self._lines) < MAX_PEERS:
+            self._lines[peer] = rest
+        for line in lines:
+            if line.strip():  # an empty one says that the receiver is there
+                yield from self._line(line.decode("latin-1").strip().split(","), now_utc_ns)
+
+    def _line(self, cells: list[str], now_utc_ns: int) -> Iterator[HeardReport]:
+        """A line of SBS-1; its dates are local times without a zone, so it is of when it comes."""
+        if cells[0] != "MSG" or len(cells) < 17:
+            if cells[0] not in ("SEL", "ID", "AIR", "STA", "CLK", "MSG"):
+                detail = f"a line {','.join(cells)[:60]!a}; expected SBS-1"
+                yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
+            return
+        icao = cells[4].strip().lower()
+        aircraft = self._of(icao)
+        aircraft.callsign = cells[10].strip() or aircraft.callsign
+        speed, track, climb = (_number(cells[n]) for n in (12, 13, 16))
+        if not math.isnan(speed) and not math.isnan(track):
+            course, speed_m_s = math.radians(track), speed * KNOT_M_S
+            aircraft.velocity = (
+                *(speed_m_s * math.sin(course), speed_m_s * math.cos(course)),
+                climb * FOOT_MIN_M_S,
+            )
+            aircraft.velocity_ns = now_utc_ns
+        place = _number(cells[14]), _number(cells[15])
+        if not any(map(math.isnan, place)):
+            pressure_m = _number(cells[11]) * FOOT_M
+            yield self._report(icao, aircraft, now_utc_ns, place, (math.nan, pressure_m))
+
+    def _hear_frames(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        splitter = self._frames.get(peer)
+        if splitter is None:
+            if len(self._frames) >= MAX_PEERS:
+                del self._frames[next(iter(self._frames))]
+            splitter = self._frames[peer] = BeastSplitter()
+        damaged = splitter.damaged
+        for message in splitter.split(data):
+            found = read_squitter(message)
+            if found is not None:
+                yield from self._said(*found, now_utc_ns)
+        if splitter.damaged > damaged:
+            detail = f"{splitter.damaged - damaged} octets that are no frame of Beast"
+            yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
+
+    def _said(self, icao: str, said: Said, now_utc_ns: int) -> Iterator[HeardReport]:
+        aircraft = self._of(icao)
+        if isinstance(said, CprPosition):
+            aircraft.halves[said.is_odd] = now_utc_ns, said
+            place = _place(aircraft, said, now_utc_ns)
+            if place is not None:
+                aircraft.place, aircraft.place_ns = place, now_utc_ns
+                altitude_m = said.altitude_ft * FOOT_M
+                geometric_m = altitude_m
+                if not said.is_geometric:
+                    geometric_m += aircraft.geometric_less_pressure_m
+                yield self._report(icao, aircraft, now_utc_ns, place, (geometric_m, altitude_m))
+        elif isinstance(said, GroundVelocity):
+            aircraft.velocity = (
+                *(said.east_kt * KNOT_M_S, said.north_kt * KNOT_M_S),
+                said.climb_ft_min * FOOT_MIN_M_S,
+            )
+            aircraft.velocity_ns = now_utc_ns
+            aircraft.geometric_less_pressure_m = said.geometric_less_pressure_ft * FOOT_M
+        else:
+            aircraft.callsign = said.callsign or aircraft.callsign
+            aircraft.kind = _OF_CATEGORY.get(said.category, aircraft.kind)
+
+    def _hear_blocks(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
+        """Data blocks: of a datagram, or of a stream that is cut anywhere."""
+        buffer = self._lines.pop(peer, b"") + data
+        end = 0
+        while end + 3 <= len(buffer) and buffer[end] == 21:
+            octets = int.from_bytes(buffer[end + 1 : end + 3], "big")
+            if octets <= 3 or end + octets > len(buffer):
+                break
+            end += octets
+        rest = buffer[end:]
+        try:
+            reports = read_021(buffer[:end])
+        except DecodeError as error:
+            reports = []
+            yield HeardReport("", Refused(Reason.UNDECODABLE, f"no ASTERIX 021: {error}"))
+        if rest[:1] == b"\x15" and len(self._lines) < MAX_PEERS and rest[1:3] != b"\0\0":
+            self._lines[peer] = rest
+        elif rest:
+            detail = f"{len(rest)} octets that are no block of ASTERIX 021"
+            yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
+        for report in reports:
+            yield self._of_block(report, now_utc_ns)
+
+    def _of_block(self, said: AircraftReport, now_utc_ns: int) -> HeardReport:
+        aircraft = self._of(said.icao)
+        aircraft.callsign = said.callsign or aircraft.callsign
+        aircraft.kind = _OF_EMITTER.get(said.emitter, aircraft.kind)
+        velocity = said.velocity_east_m_s, said.velocity_north_m_s, said.climb_m_s
+        if not all(map(math.isnan, velocity)):
+            aircraft.velocity, aircraft.velocity_ns = velocity, now_utc_ns
+        t_utc_ns = now_utc_ns
+        if not math.isnan(said.t_of_day_s):
+            t_utc_ns = nearest_utc_ns(round(said.t_of_day_s * NS), now_utc_ns)
+            t_utc_ns = t_utc_ns if abs(t_utc_ns - now_utc_ns) <= OFF_NS else now_utc_ns
+        place = said.latitude_deg, said.longitude_deg
+        heights_m = said.height_m, said.flight_level_m
+        return self._report(said.icao, aircraft, t_utc_ns, place, heights_m)
+
+    def _report(
+        self,
+        icao: str,
+        aircraft: _Aircraft,
+        t_utc_ns: int,
+        place: tuple[float, float],
+        heights_m: tuple[float, float],
+    ) -> HeardReport:
+        names: Mapping[str, str] = {"icao": icao, "callsign": aircraft.callsign or icao}
+        name = named(self._template, names)
+        altitude_m, reference = self._heights.of(*heights_m)
+        if math.isnan(altitude_m):
+            return HeardReport(name, Refused(Reason.ALTITUDE, "it says no altitude"))
+        has_velocity = abs(t_utc_ns - aircraft.velocity_ns) <= VELOCITY_NS
+        report = PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=place[0],
+            longitude_deg=place[1],
+            altitude_m=altitude_m,
+            altitude_reference=reference,
+            velocity_enu_m_s=aircraft.velocity if has_velocity else None,
+            rcs_m2=RCS_M2.get(aircraft.kind, RCS_M2["small"]),
+        )
+        return HeardReport.checked(name, report)
+
+
+def _place(aircraft: _Aircraft, half: CprPosition, now_utc_ns: int) -> tuple[float, float] | None:
+    """The place of an aircraft: near the one that is known, else by halves of both kinds."""
+    if aircraft.place is not None and 0 <= now_utc_ns - aircraft.place_ns <= KNOWN_NS:
+        return local_position(half, aircraft.place)
+    other_ns, other = aircraft.halves.get(not half.is_odd, (0, half))
+    if other is half or not 0 <= now_utc_ns - other_ns <= PAIR_NS:
+        return None
+    even, odd = (other, half) if half.is_odd else (half, other)
+    return global_position(even, odd, latest_is_odd=half.is_odd)
+
+
+def _number(cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan

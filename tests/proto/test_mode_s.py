@@ -1,0 +1,136 @@
+"""Extended squitters are read as another decoder reads them, and found in any stream of Beast."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.proto.mode_s import (
+    BeastSplitter,
+    CprPosition,
+    GroundVelocity,
+    Identification,
+    global_position,
+    is_whole,
+    local_position,
+    longitude_zones,
+    read_squitter,
+)
+
+rs1090 = pytest.importorskip("rs1090")
+EVEN = bytes.fromhex("8D40621D58C382D690C8AC2863A7")
+ODD = bytes.fromhex("8D40621D58C386435CC412692AD6")
+VELOCITY = bytes.fromhex("8D485020994409940838175B284F")
+CALLSIGN = bytes.fromhex("8D4840D6202CC371C32CE0576098")
+
+
+def beast(message: bytes, time: bytes = bytes(6)) -> bytes:
+    body = (time + b"\x50" + message).replace(b"\x1a", b"\x1a\x1a")
+    return b"\x1a" + {2: b"1", 7: b"2", 14: b"3"}[len(message)] + body
+
+
+def with_parity(first: bytes) -> bytes:
+    """88 bits and the 24 that make the message whole."""
+    value = int.from_bytes(first, "big") << 24
+    for shift in range(87, -1, -1):
+        if value >> (shift + 24) & 1:
+            value ^= 0x1FFF409 << shift
+    return first + value.to_bytes(3, "big")
+
+
+def half(latitude_deg: float, longitude_deg: float, *, odd: bool) -> CprPosition:
+    """As an aircraft encodes where it is: DO-260B, A.1.7.3."""
+    zone_deg = 360 / (60 - odd)
+    across = round((1 << 17) * (latitude_deg % zone_deg) / zone_deg)
+    seen_deg = zone_deg * (across / (1 << 17) + math.floor(latitude_deg / zone_deg))
+    part_deg = 360 / max(longitude_zones(seen_deg) - odd, 1)
+    along = round((1 << 17) * (longitude_deg % part_deg) / part_deg)
+    whole = 1 << 17
+    return CprPosition(odd, across % whole / whole, along % whole / whole, 1000.0, False)
+
+
+def test_known_messages_say_what_they_are_known_to_say() -> None:
+    found = [read_squitter(m) for m in (EVEN, ODD, VELOCITY, CALLSIGN)]
+    (icao, even), (_, odd), (_, velocity), (_, who) = (each or ("", None) for each in found)
+    assert icao == "40621d"
+    assert isinstance(even, CprPosition)
+    assert isinstance(odd, CprPosition)
+    assert even.altitude_ft == 38_000
+    assert global_position(even, odd, latest_is_odd=False) == pytest.approx((52.2572021, 3.9193725))
+    theirs = rs1090.decode([EVEN.hex(), ODD.hex()], timestamp=[1.0, 2.0])[-1]
+    expected = theirs["latitude"], theirs["longitude"]
+    assert global_position(even, odd, latest_is_odd=True) == pytest.approx(expected)
+    assert isinstance(velocity, GroundVelocity)
+    told = rs1090.decode(VELOCITY.hex())
+    speed_kt = math.hypot(velocity.east_kt, velocity.north_kt)
+    assert speed_kt == pytest.approx(told["groundspeed"])
+    assert math.degrees(math.atan2(velocity.east_kt, velocity.north_kt)) % 360 == pytest.approx(
+        told["track"]
+    )
+    assert velocity.climb_ft_min == told["vertical_rate"] == -832
+    assert velocity.geometric_less_pressure_ft == told["geo_minus_baro"] == 550
+    assert who == Identification("KLM1023", "A0")
+
+
+@given(st.integers(0, 2**56 - 1), st.sampled_from([9, 11, 18, 19, 20, 22]))
+def test_any_message_says_what_another_decoder_reads(field: int, kind: int) -> None:
+    field = field & ((1 << 51) - 1) | kind << 51
+    message = with_parity(b"\x8d\x40\x62\x1d" + field.to_bytes(7, "big"))
+    assert is_whole(message)
+    found, theirs = read_squitter(message), rs1090.decode(message.hex()) or {}
+    if found is None:
+        return
+    said = found[1]
+    if isinstance(said, CprPosition) and "lat_cpr" in theirs:
+        assert round(said.latitude * (1 << 17)) == theirs["lat_cpr"]
+        assert round(said.longitude * (1 << 17)) == theirs["lon_cpr"]
+        assert theirs["parity"] == ("odd" if said.is_odd else "even")
+        if not math.isnan(said.altitude_ft) and not said.is_geometric and said.altitude_ft >= 0:
+            assert theirs["altitude"] == said.altitude_ft
+    if isinstance(said, GroundVelocity) and "groundspeed" in theirs:
+        speed_kt = math.hypot(said.east_kt, said.north_kt)
+        assert speed_kt == pytest.approx(theirs["groundspeed"])
+
+
+@given(st.floats(-86, 86), st.floats(-180, 179.99), st.booleans())
+def test_a_place_comes_back_from_its_halves(lat: float, lon: float, latest_is_odd: bool) -> None:
+    even, odd = half(lat, lon, odd=False), half(lat, lon, odd=True)
+    found = global_position(even, odd, latest_is_odd=latest_is_odd)
+    near = local_position(odd if latest_is_odd else even, (lat + 0.05, lon))
+    for place in (found, near):
+        if place is not None:  # where the halves are of different numbers of zones
+            assert place[0] == pytest.approx(lat, abs=1e-4)
+            apart_deg = (place[1] - lon + 180) % 360 - 180
+            assert abs(apart_deg) * math.cos(math.radians(lat)) < 3e-3 * (abs(lat) > 80) + 2e-4
+
+
+@given(st.integers(0, 111))
+def test_a_message_with_a_wrong_bit_is_none(bit: int) -> None:
+    damaged = (int.from_bytes(EVEN, "big") ^ 1 << bit).to_bytes(14, "big")
+    assert read_squitter(damaged) is None
+
+
+@given(st.lists(st.integers(0, 400), max_size=10), st.binary(max_size=20))
+def test_a_stream_cut_anywhere_gives_every_message_once(cuts: list[int], garbage: bytes) -> None:
+    messages = [EVEN, bytes(2), ODD, bytes([0x1A]) * 7, VELOCITY, CALLSIGN]
+    stream = b"".join(beast(m, b"\x1a\x00\x1a\x1a\x00\x33") for m in messages)
+    lead = garbage.replace(b"\x1a", b"")
+    at = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
+    splitter = BeastSplitter()
+    found = list(splitter.split(lead))
+    found += [m for a, b in pairwise(at) for m in splitter.split(stream[a:b])]
+    assert found == messages
+    assert splitter.damaged == len(lead)
+
+
+@given(st.lists(st.binary(max_size=200), max_size=6))
+def test_whatever_comes_is_taken_and_little_of_it_is_kept(pieces: list[bytes]) -> None:
+    splitter = BeastSplitter()
+    for piece in pieces:
+        for message in splitter.split(piece):
+            read_squitter(message)
+    assert len(splitter._left) <= 50
