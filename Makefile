@@ -30,7 +30,7 @@ demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
 # In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test .venv-docs/.ready $(TOOLS)
+test: .venv/.ready-test .venv-docs/.ready .venv-tables/.ready $(TOOLS)
 	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
 
 # With the lowest versions that pyproject.toml allows; what skips for want of tools runs in `test`.

@@ -18,7 +18,13 @@ from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
 from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
-from plotfeed.replay.recorded import Damage, Recorded, RecordingReader, RecordingWriter
+from plotfeed.replay.recorded import (
+    Damage,
+    Recorded,
+    RecordingReader,
+    RecordingWriter,
+    TableName,
+)
 
 MCAP_MAGIC = b"\x89MCAP"
 PACKED_MCAP = "an MCAP file is read by its index, not from gzip: gunzip it first"
@@ -36,6 +42,7 @@ class FileFormat(StrEnum):
     RAW = "raw"
     JSON = "jsonl"
     CSV = "csv"
+    PARQUET = "parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +106,16 @@ def _csv_writer(file: BinaryIO) -> RecordingWriter:
     return PlotsCsvWriter(file)
 
 
+def _parquet_writer(file: BinaryIO, table: TableName) -> RecordingWriter:
+    try:
+        from plotfeed.replay.parquet_tables import ParquetWriter
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] != "pyarrow":
+            raise
+        raise PlotfeedError("Parquet needs pyarrow: pip install 'plotfeed[parquet]'") from None
+    return ParquetWriter(file, table)
+
+
 FORMATS: Mapping[FileFormat, FormatFacts] = {
     FileFormat.MCAP: FormatFacts(
         suffixes=(".mcap",),
@@ -140,6 +157,11 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
         has_dates=False,
     ),
     FileFormat.CSV: FormatFacts(suffixes=(".csv",), writer=_csv_writer),
+    FileFormat.PARQUET: FormatFacts(
+        suffixes=(".parquet",),
+        begins=lambda head: head.startswith(b"PAR1"),
+        writer=lambda file: _parquet_writer(file, TableName.PLOTS),
+    ),
 }
 """In the order in which a file's beginning is tried: lines of JSON can look like raw blocks."""
 SUFFIXES = {suffix: form for form in FileFormat for suffix in FORMATS[form].suffixes}
@@ -193,8 +215,15 @@ def format_of_suffix(path: Path) -> FileFormat:
     return found
 
 
-def writer_to(file: BinaryIO, form: FileFormat) -> RecordingWriter:
-    """Writes that format to a file; raises `PlotfeedError` for one that is only read."""
+def writer_to(
+    file: BinaryIO, form: FileFormat, table: TableName = TableName.PLOTS
+) -> RecordingWriter:
+    """Writes that format to a file; raises `PlotfeedError` for one that is only read.
+
+    `table` is for Parquet, which holds one.
+    """
+    if form is FileFormat.PARQUET:
+        return _parquet_writer(file, table)
     writer = FORMATS[form].writer
     if writer is None:
         raise PlotfeedError(f"{form} is only read; pcap holds the same")

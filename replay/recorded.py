@@ -134,6 +134,16 @@ class RecordingReader(ABC):
         return None
 
 
+class TableName(StrEnum):
+    """What a table has a row for each of."""
+
+    PLOTS = "plots"
+    TRUTHS = "truths"
+    LOOKS = "looks"
+    MESSAGES = "messages"
+    FATES = "fates"
+
+
 class RecordingWriter(ABC):
     """Writes a recording to a file, which stays open."""
 

@@ -24,7 +24,7 @@ from plotfeed.feeds.cli.options import (
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv"]
+FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv", "parquet"]
 replay_options = together(
     click.option(
         "--broker",
@@ -218,6 +218,11 @@ def replay(recording: Path, **options: Any) -> int:
     type=click.Choice(FORMATS),
     help="Write OUT in this format; without it its suffix says which.",
 )
+@click.option(
+    "--table",
+    type=click.Choice(["plots", "truths", "looks", "messages", "fates"]),
+    help="Write this table of Parquet; without it that in which the name of OUT ends, else plots.",
+)
 @topic_option
 @stage_option(
     "Take only this stage of a session's record; may be repeated. Without it a format that has no "
@@ -231,7 +236,7 @@ def convert(source: Path, target: Path, **options: Any) -> int:
     """Convert the recording IN to OUT.
 
     What is whole of a damaged file is converted. MCAP, pcap, FINAL, raw ASTERIX and JSON lines go
-    both ways; pcapng is read, and CSV (of plots) is written.
+    both ways; pcapng is read, CSV (of plots) and Parquet (a table) are written.
     """
     from plotfeed.feeds.recording.convert import ConvertSettings, convert_recording
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ from plotfeed.replay.files import (
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage, TableName
 
 MAX_REASONS = 100
 MAX_NOTES = 20
@@ -56,6 +57,8 @@ class ConvertSettings:
     """Without it, what the suffix says."""
     date: datetime | None = None
     """The day on which a file without dates begins."""
+    table: str | None = None
+    """Of Parquet; without it the one that the file's name ends in, else plots."""
     force: bool = False
     as_json: bool = False
 
@@ -86,6 +89,9 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     )
     from_format = FileFormat(settings.from_format) if settings.from_format else None
     form = FileFormat(settings.to_format) if settings.to_format else format_of_suffix(target)
+    table = TableName(settings.table) if settings.table else _table_of(target)
+    if settings.table and form is not FileFormat.PARQUET:
+        raise PlotfeedError(f"--table: only of Parquet, and {target} is to be {form}")
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
@@ -96,7 +102,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     ):
         if not recording.has_dates and date is None:
             counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
-        writer, reader = writer_to(file, form), recording.reader
+        writer, reader = writer_to(file, form, table), recording.reader
         for name in dict.fromkeys(entry.name for entry in reader.attachments()):
             attachment = reader.attachment(name)
             if attachment is not None and not writer.attach(attachment):
@@ -119,6 +125,12 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         raise PlotfeedError(f"{source}: nothing in it is whole; {target} is not written")
     (_print_json if settings.as_json else _print)(source, target, recording, form, counts)
     return 0
+
+
+def _table_of(target: Path) -> TableName:
+    """The table in which a file's name ends, such as looks.parquet or site-looks.parquet."""
+    last = re.split(r"[-_. ]", target.stem)[-1].lower()
+    return TableName(last) if last in list(TableName) else TableName.PLOTS
 
 
 @contextmanager

@@ -1,0 +1,247 @@
+"""Tables in Parquet for those who compute: plots, their truth, looks, messages or fates; written.
+
+Needs pyarrow, the extra `parquet`. Angles are degrees, lengths metres, times UTC to the nanosecond;
+null is what was not told. Text is as it came: no spreadsheet opens such a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from plotfeed.models.state import Floats
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import message_type
+from plotfeed.proto.measured_plots import NOT_TOLD
+from plotfeed.replay.plots_csv import COLUMNS, plots_in
+from plotfeed.replay.recorded import Recorded, RecordingWriter, TableName
+
+GROUP_ROWS = 1 << 16
+GROUP_OCTETS = 32 << 20
+"""Of payloads: what is held before a group of rows is written."""
+TIME = pa.timestamp("ns", tz="UTC")
+WHOLE, REAL, TEXT, TRUTH = pa.int64(), pa.float64(), pa.string(), pa.bool_()
+MOST_NS = (1 << 63) - 1
+Row = dict[str, Any]
+
+
+_WHOLE_PLOT_COLUMNS = frozenset({"category", "sac", "sic", "channel", "track"})
+_TEXT_PLOT_COLUMNS = frozenset({"topic", "sensor", "kind", "identity", "mode_3a", "address"})
+_OF_SECTOR = {"sensor": TEXT, "scan": WHOLE, "sector": WHOLE}
+_GEOMETRY = dict.fromkeys(("range_m", "azimuth_deg", "elevation_deg"), REAL)
+
+
+def _kind_of(column: str) -> pa.DataType:
+    if column in _WHOLE_PLOT_COLUMNS:
+        return WHOLE
+    return TEXT if column in _TEXT_PLOT_COLUMNS else REAL
+
+
+FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
+    TableName.PLOTS: {
+        **{name: TIME if name == "time_utc" else _kind_of(name) for name in COLUMNS},
+        "log_time_utc": TIME,
+    },
+    TableName.TRUTHS: {
+        **_OF_SECTOR,
+        "plot": WHOLE,
+        "drone": TEXT,
+        "time_utc": TIME,
+        **_GEOMETRY,
+        "range_rate_m_s": REAL,
+        "merged_drones": pa.list_(TEXT),
+    },
+    TableName.LOOKS: {
+        **_OF_SECTOR,
+        "drone": TEXT,
+        "time_utc": TIME,
+        "emitted_utc": TIME,
+        **_GEOMETRY,
+        "snr_db": REAL,
+        "pd": REAL,
+        "detected": TRUTH,
+        "channel": WHOLE,
+    },
+    TableName.MESSAGES: {
+        "log_time_utc": TIME,
+        "publish_time_utc": TIME,
+        "topic": TEXT,
+        "content_type": TEXT,
+        "stage": TEXT,
+        "qos": WHOLE,
+        "retain": TRUTH,
+        "octets": WHOLE,
+        "payload": pa.binary(),
+    },
+    TableName.FATES: {
+        **_OF_SECTOR,
+        "topic": TEXT,
+        "fate": TEXT,
+        "due_utc": TIME,
+        "link_due_utc": TIME,
+        "sent_utc": TIME,
+        "octets": WHOLE,
+        "number": WHOLE,
+        "copy": WHOLE,
+        "flipped_bit": WHOLE,
+        "not_to": pa.list_(TEXT),
+    },
+}
+"""Columns of each table, in their order."""
+
+
+class ParquetWriter(RecordingWriter):
+    """Rows of one table; a message that has none for it is left out."""
+
+    def __init__(self, file: BinaryIO, table: TableName) -> None:
+        self._schema = pa.schema(list(FIELDS[table].items()))
+        self._table = table
+        self._rows_of = _ROWS_OF[table]
+        self._columns: dict[str, list[Any]] = {name: [] for name in FIELDS[table]}
+        self._octets = 0
+        self._file = pq.ParquetWriter(file, self._schema, compression="zstd")
+
+    def write(self, message: Recorded) -> str | None:
+        """Write the rows of a message, if any; why it cannot have any, or None."""
+        rows = self._rows_of(message)
+        if rows is None:
+            return f"no {self._table}"
+        for row in rows:
+            for name, column in self._columns.items():
+                column.append(row.get(name))
+        if self._table is TableName.MESSAGES:
+            self._octets += len(message.payload)
+        if len(next(iter(self._columns.values()))) >= GROUP_ROWS or self._octets >= GROUP_OCTETS:
+            self._flush()
+        return None
+
+    def notes(self) -> list[str]:
+        """What such a table is not."""
+        others = ", ".join(name for name in TableName if name is not self._table)
+        return [f"it holds the table {self._table}, and is not read back; --table: {others}"]
+
+    def close(self) -> None:
+        """Write the last rows and the index."""
+        self._flush()
+        self._file.close()
+
+    def _flush(self) -> None:
+        if next(iter(self._columns.values())):
+            self._file.write_table(pa.table(self._columns, schema=self._schema))
+        self._columns = {name: [] for name in self._columns}
+        self._octets = 0
+
+
+def _plot_rows(message: Recorded) -> Iterable[Row] | None:
+    found = plots_in(message)
+    if found is None:
+        return None
+    levels = message.topic.split("/")
+    sensor = levels[-3] if len(levels) > 2 and levels[-2] == "asterix" else ""
+    held = vars(found) | {"doppler_m_s": found.range_rate_m_s}
+    columns = {name: _told(held[name]) for name in COLUMNS if name in held}
+    columns["time_utc"] = [_ns(t_ns) for t_ns in found.t_utc_ns.tolist()]
+    columns["sensor"] = [own or sensor or None for own in found.sensor.tolist()]
+    columns["category"] = [category or None for category in found.category.tolist()]
+    columns["topic"] = [message.topic] * len(found)
+    columns["log_time_utc"] = [_ns(message.log_time_ns)] * len(found)
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _told(column: np.ndarray[Any, Any]) -> list[Any]:
+    values: list[Any] = column.tolist()
+    if column.dtype == np.int64:
+        return [None if value == NOT_TOLD else value for value in values]
+    if column.dtype == np.object_:
+        return [value or None for value in values]
+    return _or_null(column)
+
+
+def _or_null(column: Floats) -> list[float | None]:
+    nothing = np.isnan(column).tolist()
+    return [None if no else value for value, no in zip(column.tolist(), nothing, strict=True)]
+
+
+def _ns(t_utc_ns: int | None) -> int | None:
+    """A time, if a table can hold it and it was told."""
+    return t_utc_ns if t_utc_ns is not None and 0 < t_utc_ns <= MOST_NS else None
+
+
+def _ledger_rows(
+    rows_of: Callable[[pb.Ledger, Row], Iterable[Row]],
+) -> Callable[[Recorded], Iterable[Row] | None]:
+    """Rows of what the ledger says, by the sector that it says it of."""
+
+    def rows(message: Recorded) -> Iterable[Row] | None:
+        said = message_type(message.content_type)
+        if said != "plotfeed.v1.Ledger" and (said or not message.topic.endswith("/truth")):
+            return None
+        try:
+            ledger = pb.Ledger.FromString(message.payload)
+        except Exception:  # noqa: BLE001 - of protobuf's own, in each of its implementations
+            return None
+        of = {"sensor": ledger.sensor, "scan": ledger.scan, "sector": ledger.sector}
+        return list(rows_of(ledger, of))
+
+    return rows
+
+
+def _fields(message: Any, names: Iterable[str]) -> Row:
+    """Fields by name, those that are absent left out."""
+    told = {field.name for field in message.DESCRIPTOR.fields if field.has_presence}
+    return {n: getattr(message, n) for n in names if n not in told or message.HasField(n)}
+
+
+def _look_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
+    names = ("drone", *_GEOMETRY, "snr_db", "pd", "detected", "channel")
+    for look in ledger.looks:
+        times = {"time_utc": _ns(look.time_utc_ns), "emitted_utc": _ns(look.emitted_utc_ns)}
+        yield of | times | _fields(look, names)
+
+
+def _truth_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
+    names = (*_GEOMETRY, "range_rate_m_s")
+    for number, plot in enumerate(ledger.plots):
+        row = of | {"plot": number, "drone": plot.drone or None, "time_utc": _ns(plot.time_utc_ns)}
+        yield row | _fields(plot, names) | {"merged_drones": list(plot.merged_drones)}
+
+
+def _fate_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
+    names = ("topic", "octets", "number", "copy", "flipped_bit")
+    for sent in ledger.messages:
+        times = {
+            "due_utc": _ns(sent.due_utc_ns),
+            "link_due_utc": _ns(sent.link_due_utc_ns),
+            "sent_utc": _ns(sent.sent_utc_ns),
+        }
+        fate = {"fate": pb.Fate.Name(sent.fate), "not_to": list(sent.not_to)}
+        yield of | times | fate | _fields(sent, names)
+
+
+def _message_rows(message: Recorded) -> Iterable[Row]:
+    return [
+        {
+            "log_time_utc": _ns(message.log_time_ns),
+            "publish_time_utc": _ns(message.publish_time_ns),
+            "topic": message.topic,
+            "content_type": message.content_type or None,
+            "stage": str(message.stage),
+            "qos": message.qos,
+            "retain": message.retain,
+            "octets": len(message.payload),
+            "payload": message.payload,
+        }
+    ]
+
+
+_ROWS_OF: Mapping[TableName, Callable[[Recorded], Iterable[Row] | None]] = {
+    TableName.PLOTS: _plot_rows,
+    TableName.TRUTHS: _ledger_rows(_truth_rows),
+    TableName.LOOKS: _ledger_rows(_look_rows),
+    TableName.MESSAGES: _message_rows,
+    TableName.FATES: _ledger_rows(_fate_rows),
+}
