@@ -79,7 +79,7 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-.venv-audit/.ready .venv-docs/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
+.venv-audit/.ready .venv-docs/.ready .venv-tables/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
 	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
 	touch $@

@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from plotfeed.models.state import Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import message_type
 from plotfeed.proto.measured_plots import NOT_TOLD
@@ -161,7 +160,7 @@ def _told(column: np.ndarray[Any, Any]) -> list[Any]:
     return _or_null(column)
 
 
-def _or_null(column: Floats) -> list[float | None]:
+def _or_null(column: np.ndarray[Any, Any]) -> list[float | None]:
     nothing = np.isnan(column).tolist()
     return [None if no else value for value, no in zip(column.tolist(), nothing, strict=True)]
 

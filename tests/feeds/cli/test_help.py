@@ -33,13 +33,14 @@ FRAGMENT = re.compile(
 FILES = [
     "MCAP" if name == "mcap" else "JSON lines" if name == "jsonl" else name for name in FORMATS
 ]
+READ = [name for name in FILES if name not in ("csv", "parquet")]
 SPOKEN = {
     "demo": ["ASTERIX", "SAPIENT", "protobuf", "MQTT"],
     "run": ["TOML", "MCAP", "ASTERIX", "SAPIENT", "protobuf", "MQTT", "UDP"],
     "inject": [*BY_SUFFIX, *KINDS],
     "check": ["TOML", ".png", ".svg", ".pdf", "JSON"],
-    "show": [name for name in FILES if name != "csv"],
-    "replay": [name for name in FILES if name != "csv"],
+    "show": READ,
+    "replay": READ,
     "convert": FILES,
     "record": ["mqtt://", "udp://", "MCAP"],
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
