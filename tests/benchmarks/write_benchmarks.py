@@ -28,6 +28,7 @@ BENCHMARKS = {
     "bench_sapient.py": "SAPIENT messages",
     "bench_formats.py": "Formats",
     "bench_telemetry.py": "Telemetry",
+    "bench_live.py": "Live sources, beside pymavlink",
     "bench_impairment.py": "Impaired links",
     "bench_start.py": "Start",
     "bench_lateness.py": "Lateness",
