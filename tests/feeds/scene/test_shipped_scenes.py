@@ -149,6 +149,16 @@ def test_the_city_s_direction_finders_lose_who_sinks_into_a_street() -> None:
     assert np.abs(((camera.azimuth_deg[its] + 180.0) % 360.0) - 180.0).max() < 1.8  # its picture
 
 
+def test_the_city_s_turret_turns_to_what_is_heard() -> None:
+    found = seen("city", 60.0)
+    turret, courier = found["turret"], found.drones.index("courier")
+    its = turret.looks.drone == courier
+    assert after_s(turret)[its].min() > 2.0  # it was in the street, and then it took the way there
+    assert turret.looks.detected[its].sum() > 100
+    assert np.ptp((turret.looks.azimuth_deg[its] + 180.0) % 360.0) > 5.0
+    assert "Phantom 4" in turret.plots.kind[turret.plots.drone == courier].tolist()
+
+
 def test_the_ground_is_what_its_command_makes() -> None:
     command = ROOT / "docs" / "commands" / "write_example_ground.py"
     made = runpy.run_path(str(command))
