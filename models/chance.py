@@ -42,6 +42,7 @@ class Purpose(IntEnum):
     FORMATION = 7
     MOVERS = 8
     CLUTTER = 9
+    FLUCTUATION = 10
 
 
 class Chance:

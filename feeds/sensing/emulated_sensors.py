@@ -280,6 +280,7 @@ class EmulatedSensors:
         model = self._models[i]
         alone = (
             self._sites[i].errs
+            or self._sites[i].strengths is not None
             or getattr(model, "merging", None) is not None
             or type(model).alike is None
         )

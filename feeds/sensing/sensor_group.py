@@ -240,6 +240,7 @@ class SensorGroup:
             signatures=self._at_work.trajectories.signatures,
             velocity_enu_m_s=velocity_enu_m_s,
             readings=self.site.readings,
+            strengths=self.site.strengths,
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )

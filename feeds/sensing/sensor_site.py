@@ -13,10 +13,12 @@ from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.chance import Chance
+from plotfeed.models.effects.decorrelation import TargetStrengths
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.state import Ints, Looks, PlaceState, TruthState
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +26,15 @@ class SensorSite:
     """Where a sensor stands among the drones.
 
     `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
-    reads in place of what it finds, None if that is the same. Its clock may be ahead. `errs` says
+    reads in place of what it finds, None if that is the same, `strengths` those of targets where
+    they last from scan to scan. Its clock may be ahead. `errs` says
     whether there is any of this; `tells_heights`, whether any of its formats has heights.
     """
 
     frame: LocalFrame
     axes: LocalFrame
     readings: Readings | None
+    strengths: TargetStrengths | None
     clock_ahead_ns: int
     reads_bistatic_ranges: bool
     errs: bool
@@ -48,6 +52,7 @@ class SensorSite:
             frame=frame,
             axes=frame if sensor.bias is None else sensor.bias.axes(frame),
             readings=readings_of(sensor.bias, sensor.drift, chance, sensor.scan.period_ns),
+            strengths=strengths_of(sensor, chance),
             reads_bistatic_ranges=sensor.geometry is SensorGeometry.BISTATIC,
             clock_ahead_ns=sensor.clock_ahead_ns,
             errs=sensor.bias is not None or sensor.drift is not None,
@@ -90,3 +95,11 @@ class SensorSite:
             position_ecef_m=self.frame.to_ecef(place_enu_m),
             velocity_ecef_m_s=self.frame.rotate_to_ecef(velocity_enu_m_s),
         )
+
+
+def strengths_of(sensor: Sensor, chance: Chance) -> TargetStrengths | None:
+    """How strong targets are to a sensor for which they stay so for a while; None to others."""
+    tau_s: float | None = getattr(sensor, "decorrelation_s", None)
+    if tau_s is None:
+        return None
+    return TargetStrengths(chance, step_ns=sensor.scan.period_ns, time_constant_ns=tau_s * NS)

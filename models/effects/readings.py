@@ -59,8 +59,16 @@ INDEPENDENT = 64.0
 class Drift:
     """Several independent processes at once, constant within steps of time."""
 
-    def __init__(self, chance: Chance, *, step_ns: int, time_constant_ns: float, n: int) -> None:
-        self._chance = chance
+    def __init__(
+        self,
+        chance: Chance,
+        *,
+        step_ns: int,
+        time_constant_ns: float,
+        n: int,
+        purpose: Purpose = Purpose.DRIFT,
+    ) -> None:
+        self._chance, self._purpose = chance, purpose
         self._step_ns = step_ns
         self._steps = step_ns / time_constant_ns  # of time, in time constants
         self._halvings = max(ceil(log2(INDEPENDENT / self._steps)), 0)
@@ -90,7 +98,7 @@ class Drift:
         return at_low
 
     def _draw(self, step: int) -> Floats:
-        return self._chance.rng(Purpose.DRIFT, step).standard_normal(self._n)
+        return self._chance.rng(self._purpose, step).standard_normal(self._n)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -217,6 +217,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         covered = rows_where(self.in_cover(range_m, azimuth_deg, elevation_deg))
         of_covered = self.rows(covered)
         snrs, order = of_covered.look_snrs(targets, covered), of_covered.orders(targets, covered)
+        if targets.strengths is not None:
+            of_looks = targets.drone[covered], targets.t_utc_ns[covered]
+            snrs, order = targets.strengths.applied(snrs, order, *of_looks)
         return of_covered._looks_and_plots(
             targets,
             covered,

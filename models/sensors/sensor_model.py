@@ -17,6 +17,7 @@ from plotfeed.models.sensors.stacking import Stackable
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures, endless
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.degradation import Degradation
     from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
@@ -38,8 +39,8 @@ class Targets:
     `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
     `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
     is sound that comes from where the drone was at `emitted_utc_ns`, or the sensor stands askew.
-    Velocities are east,
-    north and up, for sensors that measure them; `readings` for sensors that err in them. `sensor`,
+    Velocities are east, north and up, for sensors that measure them; `readings` for those that err
+    in them, `strengths` for those to which targets stay as strong for a while. `sensor`,
     an index, is given where several sensors share a pass: each row is seen from its own.
     """
 
@@ -50,6 +51,7 @@ class Targets:
     signatures: Signatures
     velocity_enu_m_s: Floats | None = None
     readings: Readings | None = None
+    strengths: TargetStrengths | None = None
     emitted_utc_ns: Ints | None = None
     sensor: Ints | None = None
     field_deg: Floats | None = None

@@ -54,6 +54,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "pulses": {"pulses": {"prf_hz": [4000.0], "pulse_s": 1e-6, "canceller": "single"}},
     "2 of 3 intervals": {"pulses": {"prf_hz": [4e3, 4.5e3, 5.2e3], "needed": 2}},
     "Swerling 3": {"target": [{"swerling": 3}]},
+    "lasting strengths": {"decorrelation_s": 1.0},
     "aspect": {"target": [{"aspect": {"kind": "lobes", "depth_db": 6.0}}]},
     "straddling": {"straddling": {"range": "sinc"}},
     "rain": {"weather": {"rain_mm_h": 25.0}},

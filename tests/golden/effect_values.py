@@ -141,8 +141,36 @@ def pulses() -> Iterator[Row]:
             yield _row("canceller_gain", value, kind=kind, prf_hz=prf, off_m_s=off)
 
 
+def together() -> Iterator[Row]:
+    """Two looks at one amplitude: what of the second is left given the first, integrated."""
+    s, pfa = F(10) ** F("1.3"), F("1e-6")
+    y, mean = -mp.log(pfa), 1 + s
+    for rho in ("0", "0.5", "0.9", "0.99"):
+        r2 = (F(rho) * s / mean) ** 2  # of the two powers, which are exponential
+        wide = mean * (1 - r2)
+
+        def second(x: Any, r2: Any = r2, wide: Any = wide) -> Any:
+            at, hit = r2 * x / wide, F(0)  # Poisson numbers of a gamma law
+            weight, k = mp.exp(-at), 0
+            term = tail = mp.exp(-y / wide)
+            while k < at or weight > F("1e-20"):
+                hit += weight * tail
+                k += 1
+                weight *= at / k
+                term *= y / wide / k
+                tail += term
+            return hit
+
+        with mp.workdps(20):
+            joint = mp.quad(
+                lambda x: mp.exp(-x / mean) / mean * second(x), [y, 3 * mean, 40 * mean]
+            )
+        yield _row("joint_hit_gauss_markov", mp.nstr(joint, 12), snr_db=13, pfa="1e-6", rho=rho)
+
+
 def effects() -> Iterator[Row]:
     """All of them."""
+    yield from together()
     yield from pulses()
     yield from antennas()
     yield from targets()

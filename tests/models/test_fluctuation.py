@@ -17,6 +17,7 @@ from plotfeed.models.detection import (
 from plotfeed.models.fluctuation import (
     FluctuatingCfar,
     inverse_detected_fluctuating,
+    joint_hit_gauss_markov,
     miss_fluctuating,
     order_of,
     pd_fluctuating,
@@ -109,3 +110,13 @@ def test_no_draw_of_a_target_depends_on_how_others_fluctuate() -> None:
     alike = cfar.draw_detected(snr, np.ones(6), np.random.default_rng(3))
     for a, b in zip(together, alike, strict=True):
         np.testing.assert_array_equal(a[[0, 3]], b[[0, 3]])
+
+
+def test_two_hits_at_one_amplitude_are_as_likely_as_integrated() -> None:
+    for args, value in values_of("joint_hit_gauss_markov"):
+        snr = 10 ** (float(args["snr_db"]) / 10)
+        found = joint_hit_gauss_markov(snr, float(args["pfa"]), float(args["rho"]))
+        assert found == pytest.approx(value, rel=1e-10)
+    pd = 1e-6 ** (1 / (1 + snr))
+    after = [joint_hit_gauss_markov(snr, 1e-6, rho) / pd for rho in (0.0, 0.5, 0.9, 0.99)]
+    np.testing.assert_allclose(after, [0.517, 0.574, 0.757, 0.845], atol=5e-4)

@@ -229,6 +229,9 @@ class ActiveRadarKeys(PolarRadarKeys):
     """Average."""
     pulses: PulsesKeys | None = None
     """Without it, nothing is ambiguous or blind, and a look is one interval."""
+    decorrelation_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
+    """After which 1/e of a target's amplitude is left, on average, so that soon after a hit comes
+    another; without it, each scan finds it anew. Of Swerling 1 and 3."""
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
     mount: MountKeys | None = None
@@ -260,6 +263,8 @@ class ActiveRadarKeys(PolarRadarKeys):
             raise ValueError("doppler.prf_hz: leave it out: pulses say it")
         if self.pulses is not None and self.pulses.beam_passes and not self.scan.rotates:
             raise ValueError("pulses.beam_passes: is of a radar that turns")
+        if self.pulses is not None and self.pulses.count > 1 and self.decorrelation_s is not None:
+            raise ValueError("decorrelation_s: echoes of several pulses.intervals fluctuate anew")
         return self
 
     def _intervals(self) -> PulseIntervals | None:

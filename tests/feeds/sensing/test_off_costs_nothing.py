@@ -25,7 +25,7 @@ from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
-    r"|_detailed\b|echo_effects is|intervals is|_with_effects"
+    r"|_detailed\b|echo_effects is|strengths|intervals is|_with_effects"
     r"|readings is|\.errs\b|bias is|drift is|degradation is"
     r"|pd_factor|axes is not|layout is|classifier is|elevation_baseline_m is|measures_range_rate"
     r"|velocity_enu_m_s=?|readings="
@@ -75,7 +75,8 @@ EVERYTHING = {
     "layout": {"shape": "circle", "spacing_m": 0.4},
     "antenna": {"receive": {"elevation": {"kind": "gaussian", "beamwidth_deg": 60.0}}},
     "straddling": {"range": "hann"},
-    "pulses": {"prf_hz": [5000.0, 6000.0]},
+    "pulses": {"prf_hz": [5000.0]},
+    "decorrelation_s": 1.0,
 }
 
 
@@ -146,7 +147,7 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     if "layout" in known:
         assert "microphone_layout" in stems
     if "pulses" in known:
-        assert "pulse_intervals" in stems
+        assert {"pulse_intervals", "decorrelation"} <= stems
     if "antenna" in known:
         assert {"antenna", "echo_effects"} <= stems
     if "multipath" in known:
