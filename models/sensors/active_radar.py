@@ -21,7 +21,8 @@ from plotfeed.models.effects.pulse_intervals import at_least, chosen, first_succ
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
-from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
+from plotfeed.models.sensors.echo_radar import mean_over_signals
+from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import Prediction, Targets, mean_prediction
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats

@@ -25,26 +25,10 @@ from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.echo_radar import EchoRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
 from plotfeed.models.sensors.stacking import EVERY_ROW, sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
-
-FEW_SIGNALS = 8
-"""Below, one addition after the other is what NumPy's sum along a row does, many times as fast."""
-
-
-def mean_over_signals(snrs: Floats) -> Floats:
-    """The mean ratio of each look (eq 18); (n, K) in, (n,) out."""
-    n_signals = snrs.shape[1]
-    if n_signals == 1:
-        return snrs[:, 0]
-    if n_signals >= FEW_SIGNALS:
-        return np.asarray(snrs.mean(axis=-1))
-    total = snrs[:, 0] + snrs[:, 1]
-    for k in range(2, n_signals):
-        total += snrs[:, k]
-    return np.asarray(total / n_signals)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,12 +16,13 @@ from pydantic_core import CoreSchema, core_schema
 
 from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys, AcousticPairKeys
 from plotfeed.feeds.scene.sensors.camera_keys import CameraKeys
+from plotfeed.feeds.scene.sensors.mimo_radar_keys import MimoRadarKeys
 from plotfeed.feeds.scene.sensors.multistatic_keys import (
     MultistaticMimoKeys,
     MultistaticPassiveKeys,
 )
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys, MimoRadarKeys
+from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
 from plotfeed.feeds.scene.sensors.range_gate_keys import RangeGateKeys
 from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Location, Name, Positive, Site, enu_from, frame_at
+from plotfeed.feeds.scene.sensors.mimo_radar_keys import MimoRadarKeys
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry, SensorKeys, long_integration
 from plotfeed.models.sensors.active_radar import MimoRadar
 from plotfeed.models.sensors.multistatic import MultistaticRadar, Receiver

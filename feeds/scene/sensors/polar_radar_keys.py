@@ -12,15 +12,12 @@ from plotfeed.feeds.scene.fields import (
     Beamwidth,
     Decibels,
     Frequency,
-    Location,
     Loss,
     NotNegative,
     Positive,
     Probability,
     Resolution,
     Site,
-    enu_from,
-    frame_at,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
@@ -31,12 +28,11 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 )
 from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
 from plotfeed.feeds.scene.sensors.pulse_keys import PulsesKeys
-from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan, StaringScan
+from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
     gain_or_of_beam,
-    long_integration,
 )
 from plotfeed.feeds.scene.sensors.usual_accuracy import (
     ANGLE_SHARE,
@@ -48,7 +44,7 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
+from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 
@@ -302,54 +298,3 @@ class ActiveRadarKeys(PolarRadarKeys):
             f"integration_s is {self.integration_s:g}{times}, but the beam is on a target for "
             f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
         ]
-
-
-class MimoTransmitterKeys(Location):
-    """One of the radar's transmitters, and the place of its antenna."""
-
-    power_w: Positive
-    """Average."""
-    gain_tx_dbi: Decibels | None = None
-    """In place of the radar's."""
-
-
-class MimoRadarKeys(PolarRadarKeys):
-    """A radar of several transmitters far apart, and one receiver at the sensor's place.
-
-    It looks everywhere at once. The defaults are the paper's typical values.
-    """
-
-    label = "MIMO radar"
-
-    type: Literal["mimo_radar"]
-    """Which model."""
-    scan: StaringScan
-    """How it scans."""
-    transmitters: Annotated[
-        tuple[MimoTransmitterKeys, ...], Field(strict=False, min_length=1, max_length=32)
-    ]
-    """The radar's own."""
-    loss_db: Loss = 1.1
-    """Of the system: the paper's 2 dB without the CFAR loss, which is in the detector already."""
-    n_reference: Annotated[int, Field(ge=1, le=256)] = 16
-    """Reference cells of the CA-CFAR in the signal of each transmitter."""
-
-    def model(self, site: Site, /) -> MimoRadar:
-        """The model, with the transmitters as the receiver sees them."""
-        model = MimoRadar(
-            **self._polar(),
-            transmitters=tuple(self._transmitter(part, site) for part in self.transmitters),
-        )
-        return self.in_the_world(model, site)
-
-    def _transmitter(self, part: MimoTransmitterKeys, site: Site) -> MimoTransmitter:
-        east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part)
-        return MimoTransmitter(
-            position_enu_m=(float(east_m), float(north_m), float(up_m)),
-            power_w=part.power_w,
-            gain_dbi=self.gain_tx_dbi if part.gain_tx_dbi is None else part.gain_tx_dbi,
-        )
-
-    def warnings(self, site: Site, /) -> list[str]:
-        """An integration longer than a scan, and a format coarser than the radar."""
-        return [*long_integration(self.integration_s, self.scan), *super().warnings(site)]
