@@ -140,4 +140,6 @@ def test_a_flight_comes_through_to_a_utm_system_as_a_track() -> None:
 def test_every_example_is_told_of_on_its_page() -> None:
     page = (EXAMPLES / "README.md").read_text()
     there = {path.relative_to(EXAMPLES).as_posix() for path in (*EXAMPLES.glob("*.*"), *SCENES)}
-    assert set(re.findall(r"\]\(([\w./-]+\.(?:py|mjs|toml|conf))\)", page)) == there - {"README.md"}
+    assert set(re.findall(r"\]\(([\w./-]+\.(?:py|mjs|toml|conf|json))\)", page)) == there - {
+        "README.md"
+    }

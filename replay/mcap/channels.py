@@ -13,6 +13,7 @@ from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import Default
 
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import (
     ASTERIX,
     GEOJSON,
@@ -20,8 +21,11 @@ from plotfeed.proto.content_types import (
     PROTOBUF,
     message_type,
     protobuf_content_type,
+    schema_name,
 )
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.protobuf_json import json_schema
+from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
 from plotfeed.replay.recorded import Recorded, Stage
 
 Properties = tuple[tuple[str, str], ...]
@@ -94,6 +98,33 @@ def _collect(file: FileDescriptor, files: dict[str, FileDescriptor]) -> None:
         files[file.name] = file
 
 
+JSON_BY_TOPIC: Mapping[str, str] = {
+    "status": "SensorStatus",
+    "description": "SensorDescription",
+    "errors": "Refusal",
+}
+"""Our protobuf messages that are published as JSON, by the last level of their topics."""
+
+
+def json_schema_of(series: ChannelKey) -> tuple[str, bytes] | None:
+    """Name and JSON schema of what messages in JSON are; None of others.
+
+    By their content type, or else by their topic; of what is neither, that it is an object.
+    """
+    if encoding_of(series.content_type) != "json":
+        return None
+    name = schema_name(series.content_type)
+    schema = JSON_SCHEMAS.get(name)
+    if schema is None:
+        kind = JSON_BY_TOPIC.get(series.topic.rpartition("/")[2], "")
+        kind = "Telemetry" if series.stage is Stage.TELEMETRY else kind
+        found = pb.DESCRIPTOR.message_types_by_name.get(kind)
+        name = "" if found is None else found.full_name
+        schema = ANY_OBJECT if found is None else json_schema(found, ())
+    return name or "plotfeed.Object", json.dumps(schema).encode()
+
+
+ANY_OBJECT: Mapping[str, object] = {"type": "object"}
 OURS = "plotfeed."
 """Before our names in a channel's metadata."""
 BEFORE, PROPERTIES = "before/", "properties/"

@@ -19,6 +19,7 @@ from plotfeed.replay.mcap.channels import (
     PROPERTIES,
     ChannelKey,
     encoding_of,
+    json_schema_of,
     message_type_of,
     properties_to_json,
     schema_of,
@@ -169,7 +170,7 @@ class McapWriter(RecordingWriter):
     ) -> _Channel:
         if self._last_id == MAX_CHANNELS:
             raise EncodeError(f"more than {MAX_CHANNELS} channels", field="topic")
-        schema_id = 0 if of_properties else self._schema(message_type_of(series))
+        schema_id = 0 if of_properties else self._schema_of(series)
         encoding = "json" if of_properties else encoding_of(series.content_type)
         definition = mcap.Channel(
             id=self._last_id + 1,
@@ -184,19 +185,25 @@ class McapWriter(RecordingWriter):
         self._file.channels.append(channel.definition)
         return channel
 
-    def _schema(self, message_type: str) -> int:
-        """Number of a protobuf schema; 0 if there is none."""
-        if message_type not in self._schemas:
-            data = schema_of(message_type) if message_type else None
+    def _schema_of(self, series: ChannelKey) -> int:
+        """Number of the schema of a series, protobuf's or of JSON; 0 if there is none."""
+        message_type = message_type_of(series)
+        if message_type:
+            return self._schema(message_type, "protobuf", schema_of(message_type))
+        found = json_schema_of(series)
+        return 0 if found is None else self._schema(found[0], "jsonschema", found[1])
+
+    def _schema(self, name: str, encoding: str, data: bytes | None) -> int:
+        """Number of a schema, which is put into the file once."""
+        key = f"{encoding} {name}"
+        if key not in self._schemas:
             number = 0 if data is None else len(self._file.schemas) + 1
             if data is not None:
-                schema = record_of(
-                    mcap.Schema(id=number, name=message_type, encoding="protobuf", data=data)
-                )
+                schema = record_of(mcap.Schema(id=number, name=name, encoding=encoding, data=data))
                 self._put(schema)
                 self._file.schemas.append(schema)
-            self._schemas[message_type] = number
-        return self._schemas[message_type]
+            self._schemas[key] = number
+        return self._schemas[key]
 
     def _touch(self, channel: _Channel) -> None:
         """The channel is in this chunk, with its definition if that is far away."""

@@ -370,3 +370,42 @@ def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.Monk
 def test_a_disk_that_is_full_at_once_is_an_error_at_once() -> None:
     with pytest.raises(OSError, match="No space"):
         McapWriter(SmallDisk(3))
+
+
+@pytest.mark.parametrize(
+    ("topic", "content_type", "name"),
+    [
+        (
+            "p/radar/foxglove-location",
+            "application/json; schema=foxglove.LocationFix",
+            "foxglove.LocationFix",
+        ),
+        (
+            "p/radar/foxglove-geojson",
+            "application/json; schema=foxglove.GeoJSON",
+            "foxglove.GeoJSON",
+        ),
+        (
+            "p/radar/geojson",
+            "application/geo+json; schema=plotfeed.TrackFeatures",
+            "plotfeed.TrackFeatures",
+        ),
+        ("p/radar/status", "application/json", "plotfeed.v1.SensorStatus"),
+        ("p/radar/settings", "application/json", "plotfeed.Object"),
+    ],
+)
+def test_json_has_a_schema_of_the_name_that_foxglove_looks_for(
+    topic: str, content_type: str, name: str
+) -> None:
+    recorded = Recorded(
+        topic=topic, payload=b"{}", log_time_ns=1, publish_time_ns=1, content_type=content_type
+    )
+    schema, channel, message = official(mcap_of([recorded, recorded]))[0]
+    assert schema is not None
+    assert (schema.name, schema.encoding) == (name, "jsonschema")
+    assert channel.message_encoding == "json"
+    assert message.data == b"{}"
+    found = json.loads(schema.data)
+    assert found["type"] == "object"
+    if name.startswith("foxglove."):
+        assert found["required"]
