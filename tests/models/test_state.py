@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from plotfeed.models.state import FALSE_ALARM, Plots
 
 OPTIONAL = (
+    "kind_probability",
     "range_rate_m_s",
     "sigma_range_rate_m_s",
     "true_range_rate_m_s",
