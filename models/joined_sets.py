@@ -24,6 +24,8 @@ OUTSIDE = 0.0027
 MOST_SETS = 20_000
 """That are tried for each three pairs: of more, the strongest detections alone."""
 MOST_TRIPLES = 35
+SURE = 5.0
+"""Sigmas beyond which nothing is tried."""
 SEARCHED = 91
 """Points of an ellipse."""
 MOST_FITS = 400
@@ -131,14 +133,35 @@ class SetFinder:
             transmitters_m=self.transmitters_m[list(triple)],
             receivers_m=self.receivers_m[list(triple)],
         )
-        seen = of_three.sightings([found[p] for p in triple], picks)
-        fit = solved(of_three._starts_m(seen), seen)
+        three = [found[p] for p in triple]
+        alike = of_three._look_alike(three, picks)
+        sets, picks = sets[alike], picks[alike]
+        seen = of_three.sightings(three, picks)
+        starts_m, may_fit = of_three._starts_m(seen)
+        sets, picks = sets[may_fit], picks[may_fit]
+        seen = of_three.sightings(three, picks)
+        fit = solved(starts_m[may_fit], seen)
         good = self._fits(fit.square, seen) & self.covers(fit.place_m)
         best = np.flatnonzero(good)[np.argsort(fit.square[good], kind="stable")[:MOST_FITS]]
         return sets[best], fit.place_m[best]
 
-    def _starts_m(self, seen: Sightings) -> Floats:
-        """Nearest points to the other two sums on the ellipse of the first, at expected heights."""
+    def _look_alike(self, found: list[Detections], picks: Ints) -> Bools:
+        """Whether bearings of sets from one receiver are the same within five sigmas."""
+        alike = np.ones(len(picks), np.bool_)
+        for a, b in combinations(range(3), 2):
+            if (self.receivers_m[a] != self.receivers_m[b]).any():
+                continue
+            one, other = found[a], found[b]
+            off_deg = wrap_180(one.azimuth_deg[:, None] - other.azimuth_deg)
+            most_deg = SURE * np.hypot(one.sigma_azimuth_deg[:, None], other.sigma_azimuth_deg)
+            alike &= (np.abs(off_deg) <= most_deg)[picks[:, a], picks[:, b]]
+        return alike
+
+    def _starts_m(self, seen: Sightings) -> tuple[Floats, Bools]:
+        """Nearest points to the other two sums on the ellipse of the first, at expected heights.
+
+        And whether they are so near that a place between two of them may fit.
+        """
         width_deg = np.minimum(4 * seen.sigma_azimuth_deg[:, 0] + 1.0, 180.0)
         share = np.linspace(-1.0, 1.0, SEARCHED)
         azimuth_deg = seen.azimuth_deg[:, 0, None] + width_deg[:, None] * share
@@ -161,8 +184,11 @@ class SetFinder:
             bearing_deg = enu_to_aer(points_m - seen.receivers_m[p])[0]
             turned = wrap_180(seen.azimuth_deg[:, p, None] - bearing_deg)
             cost += off_m**2 + (np.nan_to_num(turned) / seen.sigma_azimuth_deg[:, p, None]) ** 2
-        best = cost.argmin(axis=1)
-        return np.asarray(points_m[np.arange(len(best)), best])
+        best, rows = cost.argmin(axis=1), np.arange(len(cost))
+        step_m = np.nan_to_num(ground_m[rows, best]) * np.radians(2 * width_deg / (SEARCHED - 1))
+        finest_m = seen.sigma_sum_m[:, 1:3].min(axis=1)
+        may_fit = cost[rows, best] <= 4 * SURE**2 + 8 * (step_m / finest_m) ** 2
+        return np.asarray(points_m[rows, best]), may_fit
 
     def _extended(
         self, found: list[Detections], sets: Ints, place_m: Floats
