@@ -119,7 +119,11 @@ def test_every_system_of_the_papers_tables_is_a_preset() -> None:
 
 @each
 def test_a_preset_makes_a_model(shown: Preset) -> None:
-    assert 0 < shown.sensor.model(SITE).false_alarms_per_scan < 10
+    alarms = shown.sensor.model(SITE).false_alarms_per_scan
+    if shown.sensor.scan.kind == "electronic":
+        assert alarms == 0  # none is confirmed
+    else:
+        assert 0 < alarms < 10
 
 
 @each
@@ -226,6 +230,7 @@ def test_a_town_brings_rfone_down_to_its_urban_range() -> None:
         ("spexer-2000-3d-mkiii", {"azimuth_span_deg": 360, "elevation_span_deg": 90}),
         # Table 4
         ("echodyne", {"azimuth_span_deg": 120, "elevation_span_deg": 80, "scan.period_s": 0.1}),
+        ("echodyne", {"scan.revisit_s": 0.1, "scan.max_tracks": 20}),
         ("echodyne", {"azimuth_beamwidth_deg": 2, "elevation_beamwidth_deg": 6}),
         ("echodyne", {"frequency_hz": 24.15e9, "range_resolution_m": C_M_S / (2 * 200e6)}),
         # Table 5

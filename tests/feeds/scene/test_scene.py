@@ -64,7 +64,7 @@ MISTAKES = {
     "missing type": (('type = "active_radar"', ""), "sensor[0].type: missing"),
     "unknown kind": (
         ('kind = "rotating"', 'kind = "spinning"'),
-        "sensor[0].scan.kind: expected one of 'rotating', 'staring', not 'spinning'",
+        "sensor[0].scan.kind: expected one of 'rotating', 'staring', 'electronic', not 'spinning'",
     ),
     "text for a number": (
         ("power_w = 500.0", 'power_w = "500"'),
