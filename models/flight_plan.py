@@ -6,7 +6,6 @@ the site's ellipsoidal one: flight at one height follows the curved Earth.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -92,7 +91,7 @@ class FlightPlan:
         """Stay where it comes to rest."""
         self.stop()
         if for_s > 0:
-            self._add(for_s, self.place_m, np.zeros(3))
+            self._add(np.array([for_s]), self.place_m[None], np.zeros((1, 3)))
 
     def fly_to(self, place_m: ArrayLike, speed_m_s: float | None = None) -> None:
         """Fly straight to a place, from rest to rest; slower where the way climbs or sinks."""
@@ -103,8 +102,8 @@ class FlightPlan:
             return
         direction = way_m / length_m
         speed = self._speed_along(direction, speed_m_s)
-        for duration_s, gone_m, speed_now in self._paced(length_m, speed, MAX_STRETCH_M):
-            self._add(duration_s, start_m + gone_m * direction, speed_now * direction)
+        durations_s, gone_m, speeds = self._paced(length_m, speed, MAX_STRETCH_M)
+        self._add(durations_s, start_m + gone_m[:, None] * direction, speeds[:, None] * direction)
 
     def orbit(
         self,
@@ -120,41 +119,40 @@ class FlightPlan:
         out_m = (self.place_m - centre)[:2]
         begin_rad = float(np.arctan2(*out_m)) if out_m.any() else 0.0  # clockwise from north
 
-        def on_circle(angle_rad: float) -> Floats:
-            return centre + radius_m * np.array([np.sin(angle_rad), np.cos(angle_rad), 0.0])
-
-        self.fly_to(on_circle(begin_rad), speed_m_s)
+        self.fly_to(centre + radius_m * _level(begin_rad), speed_m_s)
         speed = self.limits.orbit_speed_m_s(radius_m)
         speed = speed if speed_m_s is None else min(speed, speed_m_s)
         sense = 1.0 if is_clockwise else -1.0
         length_m, step_m = 2 * np.pi * radius_m * turns, radius_m * np.radians(ARC_DEG)
         centripetal = speed**2 / radius_m
         tangential = (self.limits.acceleration_m_s2**2 - centripetal**2) ** 0.5
-        for duration_s, gone_m, speed_now in self._paced(length_m, speed, step_m, tangential):
-            angle = begin_rad + sense * gone_m / radius_m
-            along = sense * np.array([np.cos(angle), -np.sin(angle), 0.0])
-            self._add(duration_s, on_circle(angle), speed_now * along)
+        durations_s, gone_m, speeds = self._paced(length_m, speed, step_m, tangential)
+        angle = begin_rad + sense * gone_m / radius_m
+        along = sense * _level(angle + np.pi / 2)
+        self._add(durations_s, centre + radius_m * _level(angle), speeds[:, None] * along)
 
     def drift(self, velocity_m_s: ArrayLike, for_s: float) -> None:
         """Take on a velocity, whatever the limits of speed, and keep it."""
         velocity = as_floats(velocity_m_s)
         self._change_velocity(velocity)
         stretches = max(1, int(np.ceil(float(np.linalg.norm(velocity)) * for_s / MAX_STRETCH_M)))
-        for _ in range(stretches):
-            step_s = for_s / stretches
-            self._add(step_s, self.place_m + step_s * velocity, velocity)
+        steps_s = np.full(stretches, for_s / stretches)
+        way_m = np.cumsum(steps_s)[:, None] * velocity
+        self._add(steps_s, self.place_m + way_m, np.broadcast_to(velocity, way_m.shape))
 
     def _change_velocity(self, velocity_m_s: Floats) -> None:
         before = self._velocity_m_s[-1]
         duration_s = float(np.linalg.norm(velocity_m_s - before)) / self.limits.acceleration_m_s2
         if duration_s > 0:
             mean_m_s = (before + velocity_m_s) / 2
-            self._add(duration_s, self.place_m + duration_s * mean_m_s, velocity_m_s)
+            end_m = self.place_m + duration_s * mean_m_s
+            self._add(np.array([duration_s]), end_m[None], velocity_m_s[None])
 
-    def _add(self, duration_s: float, position_m: Floats, velocity_m_s: Floats) -> None:
-        self._t_s.append(self.end_s + duration_s)
-        self._position_m.append(position_m)
-        self._velocity_m_s.append(velocity_m_s)
+    def _add(self, durations_s: Floats, position_m: Floats, velocity_m_s: Floats) -> None:
+        """Go on through knots: how long each takes, (n,), where it is and how fast, (n, 3)."""
+        self._t_s += (self.end_s + np.cumsum(durations_s)).tolist()
+        self._position_m += [*position_m]
+        self._velocity_m_s += [*velocity_m_s]
 
     def _speed_along(self, direction: Floats, speed_m_s: float | None) -> float:
         """The greatest speed that all limits leave in a direction, at most the wanted one."""
@@ -167,8 +165,8 @@ class FlightPlan:
 
     def _paced(
         self, length_m: float, speed_m_s: float, step_m: float, gain_m_s2: float | None = None
-    ) -> Iterable[tuple[float, float, float]]:
-        """A way from rest to rest: for each knot how long after the last, how far, how fast."""
+    ) -> tuple[Floats, Floats, Floats]:
+        """A way from rest to rest: each knot how long after the last, how far, how fast; (n,)."""
         gain = self.limits.acceleration_m_s2 if gain_m_s2 is None else gain_m_s2
         top = min(speed_m_s, (gain * length_m) ** 0.5)
         ramp_m = min(top**2 / (2 * gain), length_m / 2)
@@ -178,8 +176,13 @@ class FlightPlan:
         gone_m = gone_m[np.append(np.diff(gone_m) > 1e-9 * length_m, True)]
         speeds = np.minimum(top, np.sqrt(2 * gain * np.minimum(gone_m, length_m - gone_m)))
         mean = (speeds[1:] + speeds[:-1]) / 2
-        durations = np.diff(gone_m) / mean
-        return zip(durations.tolist(), gone_m[1:].tolist(), speeds[1:].tolist(), strict=True)
+        return np.diff(gone_m) / mean, gone_m[1:], speeds[1:]
+
+
+def _level(angle_rad: ArrayLike) -> Floats:
+    """Unit vectors at angles clockwise from north, without height; (..., 3)."""
+    angle = as_floats(angle_rad)
+    return np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
 
 
 def level_to_ecef(frame: LocalFrame, level_m: ArrayLike) -> Floats:

@@ -97,7 +97,7 @@ def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     target = scene_target(scene, rcs_m2)
     return {
         "scene": scene.scene.name,
-        "drones": len(scene.fleet.drones),
+        "drones": len(scene.fleet.names),
         "sensors": [_report_of(scene, world, s, target) for s in scene.sensor],
     }
 

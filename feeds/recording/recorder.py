@@ -267,7 +267,7 @@ def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
 
 def files_of(scene: Scene) -> Iterable[str]:
     """The names of a scene's flights, map, geoid and horizons: what its record has with it."""
-    names = [drone.flight.file for drone in scene.fleet.drones if drone.flight is not None]
+    names = [drone.flight.file for drone in scene.fleet.kinds if drone.flight is not None]
     basemap = scene.page.basemap
     if basemap is not None:
         names.append(basemap if isinstance(basemap, str) else basemap.image)

@@ -222,6 +222,11 @@ class Fleet:
         return (*self.single, *members)
 
     @property
+    def kinds(self) -> tuple[FlownKeys, ...]:
+        """What drones have in common: each that is alone, and each swarm once."""
+        return (*self.single, *self.swarms)
+
+    @property
     def names(self) -> list[str]:
         """Ids of all drones."""
         return [d.id for d in self.single] + [name for s in self.swarms for name in s.names]

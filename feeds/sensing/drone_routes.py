@@ -208,7 +208,7 @@ def _recorded_reports(
 
 def tells_echoes(scene: Scene) -> bool:
     """Whether it is stated of any drone how its echoes are."""
-    return bool(scene.target) or any(d.swerling is not None for d in scene.fleet.drones)
+    return bool(scene.target) or any(d.swerling is not None for d in scene.fleet.kinds)
 
 
 def usual_signature(scene: Scene) -> Signature:

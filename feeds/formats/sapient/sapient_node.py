@@ -256,7 +256,7 @@ def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
 
     Telemetry may bring other emissions, which a node that has not registered them cannot name.
     """
-    drones = scene.fleet.drones
+    drones = scene.fleet.kinds
     kinds = (emitter.kind for drone in drones for emitter in drone.emitters)
     models = (drone.model for drone in drones)
     named = [*(kinds if sensor.tells_kinds else ()), *(models if sensor.tells_models else ())]
