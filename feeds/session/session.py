@@ -165,8 +165,10 @@ class Session:
         )
         self._outputs = Outputs(context, addresses)
         self._presence = SessionPresence(scene, clock, totals, self._publish)
-        self._mapped = MappedReports(scene.telemetry.mapping)
-        topics = [*self._inputs.topics, self._presence.topic, *self._mapped.topics]
+        mappings = scene.telemetry.mapping
+        self._mapped = MappedReports(mappings) if mappings else None
+        topics = [*self._inputs.topics, self._presence.topic]
+        topics += self._mapped.topics if self._mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
         sensors = EmulatedSensors(scene, self.trajectories)
@@ -243,12 +245,12 @@ class Session:
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self._presence.topic:
             self._presence.hear(payload)
-        elif not self._hear_mapped(topic, payload):
+        elif self._mapped is None or not self._hear_mapped(self._mapped, topic, payload):
             self._loop.queue_input(topic, payload, content_type)
 
-    def _hear_mapped(self, topic: str, payload: bytes) -> bool:
+    def _hear_mapped(self, mapped: MappedReports, topic: str, payload: bytes) -> bool:
         """Take what another system published as if its drone had; whether its topic is mapped."""
-        heard = self._mapped.hear(topic, payload, self.clock.now_ns())
+        heard = mapped.hear(topic, payload, self.clock.now_ns())
         if heard is None:
             return False
         to = f"{self.scene.mqtt.prefix}/telemetry/{heard.drone}" if heard.drone else topic
