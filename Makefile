@@ -30,7 +30,7 @@ demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
 # In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test .venv-docs/.ready .venv-tables/.ready $(TOOLS)
+test: .venv/.ready-test .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready $(TOOLS)
 	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
 
 # With the lowest versions that pyproject.toml allows; what skips for want of tools runs in `test`.
@@ -79,7 +79,7 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-.venv-audit/.ready .venv-docs/.ready .venv-tables/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
+.venv-audit/.ready .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
 	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
 	touch $@

@@ -1,0 +1,65 @@
+"""Reads messages by the packages of others: run by the Python of .venv-utm, JSON in and out."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from typing import Any
+
+warnings.simplefilter("ignore")
+
+
+def cot(text: str) -> dict[str, Any]:
+    """An event as TAK's protobuf, by takproto."""
+    import takproto
+
+    event = takproto.parse_proto(takproto.xml2proto(text)).cotEvent
+    names = ("uid", "type", "how", "sendTime", "staleTime", "lat", "lon", "hae", "ce", "le")
+    track = event.detail.track
+    return {
+        **{name: getattr(event, name) for name in names},
+        "speed": track.speed,
+        "course": track.course,
+        "callsign": event.detail.contact.callsign,
+    }
+
+
+def f3411(text: str) -> dict[str, Any]:
+    """Flights as InterUSS parses the answer of a service provider."""
+    from implicitdict import ImplicitDict
+    from uas_standards.astm.f3411.v22a.api import GetFlightsResponse
+
+    found = ImplicitDict.parse(json.loads(text), GetFlightsResponse)
+    first = found.flights[0]
+    return {
+        "ids": [flight.id for flight in found.flights],
+        "seconds": first.current_state.timestamp.value.datetime.timestamp(),
+        "accuracy_h": first.current_state.position.accuracy_h.value,
+        "alt": first.current_state.position.alt,
+    }
+
+
+def location_fix(text: str) -> dict[str, Any]:
+    """Whether foxglove-sdk's own LocationFix has every key of a message."""
+    from foxglove.messages import LocationFix
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    schema = LocationFix.get_schema()
+    files = FileDescriptorSet.FromString(schema.data).file
+    fields = {
+        field.name
+        for file in files
+        for m in file.message_type
+        if m.name == "LocationFix"
+        for field in m.field
+    }
+    return {"name": schema.name, "unknown": sorted(json.loads(text).keys() - fields)}
+
+
+READERS = {"cot": cot, "f3411": f3411, "location-fix": location_fix}
+
+if __name__ == "__main__":
+    for line in sys.stdin:
+        kind, text = json.loads(line)
+        print(json.dumps(READERS[kind](text)))
