@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plotfeed.models.known_rows import renamed
 from plotfeed.models.state import Floats, Ints
 
 Generator = np.random.Generator
@@ -43,6 +44,7 @@ class Purpose(IntEnum):
     MOVERS = 8
     CLUTTER = 9
     FLUCTUATION = 10
+    PAIRS = 11
 
 
 class Chance:
@@ -247,3 +249,30 @@ def of_rows(rng: Generator, which: NDArray[Any] | slice) -> Generator:
     """Generator for some of the looks: the same, unless draws belong to drones."""
     rows: Callable[[Any], Generator] | None = getattr(rng, "rows", None)
     return rng if rows is None else rows(which)
+
+
+class PairDraws:
+    """Draws that a sensor and a drone have once for all, by their names: uniform, and normal."""
+
+    def __init__(self, chances: Sequence[Chance]) -> None:
+        self._chances = chances
+        self._drawn = np.full((len(chances), 0, 2), np.nan)
+        self._names: Sequence[str] = ()
+
+    def of(self, sensor: Ints, drone: Ints, names: Sequence[str]) -> Floats:
+        """Draws of looks of sensors at drones, which have those names; (n,) each, (2, n) out."""
+        if names is not self._names:
+            others = renamed(self._names, names)
+            self._drawn[:, others[others < self._drawn.shape[1]]] = np.nan
+            self._names = names
+        more = len(names) - self._drawn.shape[1]
+        if more > 0:
+            room = np.full((len(self._chances), more, 2), np.nan)
+            self._drawn = np.concatenate([self._drawn, room], axis=1)
+        missing = np.isnan(self._drawn[sensor, drone, 0])
+        pairs = zip(sensor[missing].tolist(), drone[missing].tolist(), strict=True)
+        for one, other in dict.fromkeys(pairs):
+            key = int.from_bytes(blake2b(names[other].encode(), digest_size=7).digest(), "big")
+            rng = self._chances[one].rng(Purpose.PAIRS, key)
+            self._drawn[one, other] = rng.random(), rng.standard_normal()
+        return np.moveaxis(self._drawn[sensor, drone], -1, 0)

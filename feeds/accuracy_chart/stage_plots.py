@@ -23,7 +23,7 @@ from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.sensing.sensor_group import with_heights
+from plotfeed.feeds.sensing.sensor_site import with_heights
 from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Floats, Plots

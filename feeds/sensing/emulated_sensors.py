@@ -25,7 +25,7 @@ from plotfeed.feeds.sensing.steered_sensors import Cueing
 from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
-from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.chance import Chance, PairDraws, Purpose, ScanDraws
 from plotfeed.models.known_rows import renamed
 from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
@@ -73,6 +73,7 @@ class EmulatedSensors:
             chances=chances,
             timetables=timetables,
             draws=ScanDraws(chances, Purpose.DETECTION),
+            pairs=PairDraws(chances),
             borders=Borders(len(frames)),
             false_alarms=FalseAlarmsDue(chances, timetables),
             cueing=self.cueing,

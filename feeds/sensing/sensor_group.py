@@ -8,7 +8,7 @@ are worked out at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from plotfeed.feeds.formats.seen import of_parts
 from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
-from plotfeed.feeds.sensing.sensor_site import SensorSite
+from plotfeed.feeds.sensing.sensor_site import SensorSite, with_heights
 from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
-from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
+from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
 from plotfeed.models.dwell_agenda import Agenda
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at
@@ -51,6 +51,7 @@ class SensorsAtWork:
     chances: Sequence[Chance]
     timetables: Sequence[Timetable]
     draws: ScanDraws
+    pairs: PairDraws
     borders: Borders
     false_alarms: FalseAlarmsDue
     cueing: Cueing
@@ -244,6 +245,9 @@ class SensorGroup:
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )
+        if self._model.draws_by_pair:
+            pairs, names = self._at_work.pairs, self._at_work.trajectories.names
+            targets = replace(targets, pair_draws=pairs.of(sensors[row], sensed.drone, names))
         return targets, row
 
     def _when_it_left(
@@ -337,11 +341,3 @@ def _joined(scans: Sequence[Sighting]) -> Sighting:
     looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
     plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
     return Sighting(sectors.rows(order), looks, looks_by, plots, plots_by, scans[0].names)
-
-
-def with_heights(plots: Plots, frames: Axes) -> Plots:
-    """Heights of plots of sensors in those frames, if they have a place in three dimensions."""
-    if not (plots.measures("elevation_deg") and plots.measures("range_m")):
-        return plots
-    height_m = frames.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    return plots.but(height_m=height_m)

@@ -15,8 +15,8 @@ from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.decorrelation import TargetStrengths
 from plotfeed.models.effects.readings import Readings
-from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
-from plotfeed.models.state import Ints, Looks, PlaceState, TruthState
+from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu, enu_to_aer
+from plotfeed.models.state import Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
@@ -103,3 +103,11 @@ def strengths_of(sensor: Sensor, chance: Chance) -> TargetStrengths | None:
     if tau_s is None:
         return None
     return TargetStrengths(chance, step_ns=sensor.scan.period_ns, time_constant_ns=tau_s * NS)
+
+
+def with_heights(plots: Plots, frames: Axes) -> Plots:
+    """Heights of plots of sensors in those frames, if they have a place in three dimensions."""
+    if not (plots.measures("elevation_deg") and plots.measures("range_m")):
+        return plots
+    height_m = frames.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+    return plots.but(height_m=height_m)

@@ -21,8 +21,9 @@ from plotfeed.models.frames import Axes, geodetic_to_ecef
 from plotfeed.models.movers import other_name
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.radio_sensor import RadioSensor
 from plotfeed.models.sensors.rf_receiver import RfReceiver
-from plotfeed.models.sensors.sensor_model import RadioSensor, SensorModel
+from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Bools, Floats
 
 HERE = (0.0, 0.0, 0.0)
+SHARPEST_M = 1e-9
+"""A wavelength that bends over nothing."""
+SEEN = 0.2
+"""Power beyond which what is left has come straight: an edge that it grazes leaves a quarter."""
 
 
 class OnTheWay(Protocol):
@@ -35,3 +40,7 @@ class Surroundings:
         for thing in self.things[1:]:
             factor = factor * thing.power_factor(place_enu_m, wavelength_m, from_enu_m)
         return factor
+
+    def let_see(self, place_enu_m: Floats) -> Bools:
+        """Whether nothing stands in the straight way to places, (..., 3); (...)."""
+        return np.asarray(self.power_factor(place_enu_m, SHARPEST_M) > SEEN)

@@ -14,7 +14,8 @@ from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, RadioSensor, Targets
+from plotfeed.models.sensors.radio_sensor import RadioSensor
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.sensors.stacking import EVERY_ROW
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 

@@ -47,7 +47,7 @@ class RfDirectionFinder(RfReceiver):
         {
             *("pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"),
             "classifier",
-            "jammers",
+            *("jammers", "city"),
         }
     )
 

@@ -9,12 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from plotfeed.models import detection, propagation
+from plotfeed.models.effects.city import City
 from plotfeed.models.effects.jamming import BandNoise
 from plotfeed.models.emitters import Emissions, EmitterTable
 from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.sensor_model import CellSensor, RadioSensor, Targets
+from plotfeed.models.sensors.radio_sensor import RadioSensor
+from plotfeed.models.sensors.sensor_model import CellSensor, Targets
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
@@ -48,11 +51,17 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
     bursts_per_dwell: int
     azimuth_beams: float
     jammers: tuple[BandNoise, ...] = ()
+    city: City | None = None
 
     @cached_property
     def samples(self) -> int:
         """How many independent ones the detector sums: bandwidth times time."""
         return max(round(self.channel_bandwidth_hz * self.integration_s), 1)
+
+    @property
+    def draws_by_pair(self) -> bool:
+        """Whether houses hide some drones."""
+        return self.city is not None
 
     @property
     def receiver_noise_w_hz(self) -> Floats:
@@ -121,6 +130,9 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
         if not self.is_in_free_space:
             wavelength_m = C_M_S / emissions.frequency_hz
             snr *= self.way_factor(targets.true_position_enu_m[source], wavelength_m)
+        if self.city is not None:
+            elevation_deg = enu_to_aer(targets.true_position_enu_m)[1]
+            snr *= self.city.power_factor(elevation_deg, targets.pair_draws)[source]
         if self.jammers:
             noise = sum(jammer.over_noise_at(emissions.frequency_hz) for jammer in self.jammers)
             snr /= 1 + noise

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plotfeed.models import false_alarms
 from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
@@ -19,17 +19,12 @@ from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, 
 if TYPE_CHECKING:
     from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.degradation import Degradation
-    from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
     from plotfeed.models.effects.surroundings import Surroundings
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 NO_LOOKS = Looks.none()
 ANYWHERE = endless(True, np.bool_)
-SHARPEST_M = 1e-9
-"""A wavelength that bends over nothing."""
-SEEN = 0.2
-"""Power beyond which what is left has come straight: an edge that it grazes leaves a quarter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +51,7 @@ class Targets:
     sensor: Ints | None = None
     field_deg: Floats | None = None
     """Fields of view of steered cameras, each then."""
+    pair_draws: Floats | None = None
 
     @classmethod
     def of_one(
@@ -225,6 +221,11 @@ class SensorModel(Stackable, ABC):
         return False
 
     @property
+    def draws_by_pair(self) -> bool:
+        """Whether something of each drone is drawn once for all."""
+        return False
+
+    @property
     @abstractmethod
     def false_alarms_per_scan(self) -> float:
         """Mean number of false alarms in a scan."""
@@ -240,7 +241,7 @@ class SensorModel(Stackable, ABC):
         """Whether nothing stands in the straight way to places, (n, 3); (n,)."""
         if self.surroundings is None:
             return ANYWHERE[: len(place_enu_m)]
-        return self.surroundings.power_factor(place_enu_m, SHARPEST_M) > SEEN
+        return self.surroundings.let_see(place_enu_m)
 
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
@@ -276,33 +277,6 @@ class SensorModel(Stackable, ABC):
         Amidst the cover, where errors change with the place; nothing of a sensor that states none.
         """
         return {}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RadioSensor(SensorModel, ABC):
-    """A sensor of radio waves, over ground that may reflect them."""
-
-    multipath: Multipath | None = None
-
-    @property
-    @abstractmethod
-    def receiver_noise_w_hz(self) -> Floats:
-        """Density of what disturbs its receiver, by signal, watts in a hertz; (K,)."""
-
-    @property
-    def is_in_free_space(self) -> bool:
-        """Whether nothing changes the powers of its signals on their way."""
-        return self.multipath is None and self.surroundings is None
-
-    def way_factor(
-        self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
-    ) -> Floats:
-        """Factor of power one way between places, (..., 3), by all that changes it; (...) out."""
-        factor = np.ones(place_enu_m.shape[:-1])
-        for each in (self.multipath, self.surroundings):
-            if each is not None:
-                factor = factor * each.power_factor(place_enu_m, wavelength_m, from_enu_m)
-        return factor
 
 
 @dataclass(frozen=True, kw_only=True)

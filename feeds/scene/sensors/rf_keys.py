@@ -32,6 +32,7 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     odd_frequency,
 )
 from plotfeed.feeds.scene.weather_keys import JammerKeys
+from plotfeed.models.effects.city import CITIES
 from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m
@@ -81,6 +82,17 @@ class LogDistance(SceneTable):
     """Up to here the loss is that of free space."""
 
 
+class CityLoss(SceneTable):
+    """Free space, and what houses take beyond it, by the elevation of the drone."""
+
+    kind: Literal["city"]
+    """Which law."""
+    environment: Literal["suburban", "urban", "dense-urban", "high-rise"]
+    """Of the sensor, which is among the houses; whether it sees a drone is drawn once for each."""
+    shadowing_db: Annotated[float, Field(ge=0, le=30)] = 0.0
+    """Standard deviation of the loss from drone to drone, which is drawn once, too."""
+
+
 class RfKeys(AzimuthCoverKeys):
     """A receiver of what drones emit: control, video, remote identification."""
 
@@ -115,7 +127,7 @@ class RfKeys(AzimuthCoverKeys):
     """Of cables and filters."""
     noise_figure_db: Loss = 6.0
     """Of the receiver."""
-    path_loss: Annotated[Friis | LogDistance, Field(discriminator="kind")] = Friis()
+    path_loss: Annotated[Friis | LogDistance | CityLoss, Field(discriminator="kind")] = Friis()
     """How a signal weakens with distance."""
     multipath: MultipathKeys | None = None
     """The ground's reflection; a path_loss of log-distance has it in its exponent already."""
@@ -204,13 +216,16 @@ class RfKeys(AzimuthCoverKeys):
 
     def model(self, site: Site, /) -> RfDirectionFinder:
         """The model; free space is log-distance with exponent 2."""
-        path_loss = self.path_loss
-        if isinstance(path_loss, Friis):
+        path_loss, city = self.path_loss, None
+        if isinstance(path_loss, CityLoss):
+            city = replace(CITIES[path_loss.environment], shadowing_db=path_loss.shadowing_db)
+        if not isinstance(path_loss, LogDistance):
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
         cover = self.azimuth_cover
         beams = cells_across(cover.span_deg, self.azimuth_beamwidth_deg or cover.span_deg)
         converted = {
             "instantaneous_bandwidth_hz": self._received_at_once_hz(),
+            "city": city,
             "path_loss_exponent": path_loss.exponent,
             "path_loss_reference_m": path_loss.reference_m,
             "azimuth_cover": cover,
