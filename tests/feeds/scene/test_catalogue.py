@@ -254,7 +254,7 @@ def test_a_town_brings_rfone_down_to_its_urban_range() -> None:
 )
 def test_stated_figures_are_in_the_sensor(name: str, stated: dict[str, float]) -> None:
     keys = sensor(name).model_dump()
-    keys["scan.period_s"] = keys["scan"]["period_s"]
+    keys |= {f"scan.{name}": value for name, value in keys["scan"].items()}
     for span in ("azimuth", "elevation"):
         if f"{span}_min_deg" in keys:
             keys[f"{span}_span_deg"] = keys[f"{span}_max_deg"] - keys[f"{span}_min_deg"]
