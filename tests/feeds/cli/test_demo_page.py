@@ -104,7 +104,7 @@ def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
     assert done.stderr == ""
     hints = [line for line in done.stdout.splitlines() if "page" in line]
     assert hints == ["  page        none, uvicorn missing here: pip install 'plotfeed[page]'"]
-    assert done.stdout.splitlines()[-1].startswith("drones 1 ")
+    assert done.stdout.splitlines()[-1].startswith("drones 21 ")
 
 
 def test_without_the_extra_a_page_that_was_asked_for_is_an_error_in_a_line() -> None:
