@@ -181,6 +181,8 @@ class Camera(CellSensor):
         seen = np.flatnonzero(near)
         of_seen, rng, lens = self.rows(seen), of_rows(rng, seen), lens.rows(seen)
         probabilities = of_seen.task_probabilities(size_m[seen], range_m[seen], lens)
+        if of_seen.degradation is not None:
+            probabilities = probabilities * of_seen.degradation.pd_factor
         drawn = rng.random((len(seen),))
         detected = drawn < probabilities[0]
         unknown = np.full(len(seen), np.nan)
@@ -190,6 +192,8 @@ class Camera(CellSensor):
         hits, rng, rows = looks.rows(detected), of_rows(rng, detected), seen[detected]
         errors = rng.standard_normal((2, len(hits)))
         of_hits, lens = of_seen.rows(detected), lens.rows(detected)
+        if of_hits.degradation is not None:
+            errors *= of_hits.degradation.error_factor
         sigma_azimuth_deg = of_hits.sigma_azimuth_deg(hits.elevation_deg, lens)
         sigma_elevation_deg = of_hits.sigma_elevation_deg(len(hits), lens)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
@@ -293,8 +297,10 @@ class Camera(CellSensor):
         return Prediction(
             snr=unknown,
             pd=self.task_probabilities(targets.size_m(), range_m, self.lens)[0]
-            * self.has_sight_of(targets.true_position_enu_m),
+            * self.has_sight_of(targets.true_position_enu_m)
+            * self.pd_factor,
             sigma_range_m=unknown,
-            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg, self.lens),
-            sigma_elevation_deg=self.sigma_elevation_deg(len(range_m), self.lens),
+            sigma_azimuth_deg=self.sigma_azimuth_deg(elevation_deg, self.lens) * self.error_factor,
+            sigma_elevation_deg=self.sigma_elevation_deg(len(range_m), self.lens)
+            * self.error_factor,
         )

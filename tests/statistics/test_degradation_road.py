@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.every_kind import EMITTER, RADAR, SENSORS, drones
-from support.road import START_NS, Road, Table, fly, held, radar, rotating, scene
+from support.road import START_NS, Road, Table, fly, held, radar, rotating, scene, staring
 from support.significance import Array, assert_chance, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.accuracy_chart.case import error_law
@@ -180,3 +180,28 @@ def test_the_sensor_says_of_itself_what_it_takes_itself_to_be(kind: str) -> None
     assert believes is not None
     assert believed is not None
     np.testing.assert_array_equal(believes.log_odds, believed.log_odds)
+
+
+CAMERA = {
+    "id": "radar", "type": "camera", "scan": staring(0.5), "range_max_m": 5000.0,
+    "horizontal_fov_deg": 60.0, "pixels_across": 16_000, "pixels_down": 4000,
+    "detect_cycles": 1.0, "false_alarms_per_frame": 2.0, "pointing_error_deg": 0.01,
+    "pixel_error": 5.0, "report": ["plots"],
+}  # fmt: skip
+
+
+def test_a_camera_can_be_worse_in_each_respect_too() -> None:
+    drones = [held(f"d{i}", 2.0 * i - 11.0, 3.0, 2000.0 + 100.0 * i, size_m=0.3) for i in range(12)]
+    plain, worse = (
+        fly(scene([CAMERA | more], drones, seed=79), 60) for more in ({}, {"degradation": WORSE})
+    )
+    np.testing.assert_allclose(worse.looks().pd, 0.6 * plain.looks().pd, rtol=1e-9)
+    p = worse.looks().pd
+    assert_sum(worse.looks().detected.sum(), p.sum(), (p * (1 - p)).sum(), "detections")
+    plots = of_drones(worse)
+    for name in ("azimuth_deg", "elevation_deg"):
+        error = wrap_180(getattr(plots, name) - getattr(plots, f"true_{name}"))
+        assert_standard_normal(error / getattr(plots, f"sigma_{name}") / 2.0, name)
+    alarms = int((worse.plots().drone == "").sum())
+    mean = 8.0 * len(np.unique(worse.looks().time_utc_ns))
+    assert_sum(alarms, mean, mean, "false alarms")
