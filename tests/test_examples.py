@@ -137,6 +137,29 @@ def test_a_flight_comes_through_to_a_utm_system_as_a_track() -> None:
     assert "refused" not in done.stdout
 
 
+def test_stone_soup_tracks_the_drone_by_its_plots(tmp_path: Path) -> None:
+    python = EXAMPLES.parent / ".venv-stonesoup" / "bin" / "python"
+    has_both = "import stonesoup, pyarrow"
+    if not python.exists() or subprocess.run([python, "-c", has_both], check=False).returncode:
+        pytest.skip("Stone Soup is not installed, with pyarrow, in .venv-stonesoup")
+    record, plots = tmp_path / "radar.mcap", tmp_path / "radar-plots.parquet"
+    options = ("--broker", "none", "--speed", "max", "--duration", "30", "--record", record)
+    assert plotfeed_here("run", SCENES[0].parent / "radar-udp.toml", *options).returncode == 0
+    assert plotfeed_here("convert", record, plots).returncode == 0
+    done = subprocess.run(
+        [python, EXAMPLES / "stonesoup_tracks.py", plots],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    longest = re.match(r"(\d+) scans, at the end (-?\d+) (-?\d+) (-?\d+) m", done.stdout)
+    assert longest, done.stdout
+    scans, east_m, north_m, up_m = map(int, longest.groups())
+    assert scans > 20
+    assert off_the_path_m(east_m, north_m) < 40.0
+    assert 60 < up_m < 120
+
+
 def test_every_example_is_told_of_on_its_page() -> None:
     page = (EXAMPLES / "README.md").read_text()
     there = {path.relative_to(EXAMPLES).as_posix() for path in (*EXAMPLES.glob("*.*"), *SCENES)}
