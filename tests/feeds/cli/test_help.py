@@ -92,6 +92,7 @@ def test_the_list_of_commands_has_whole_summaries() -> None:
 
 ENDS = {
     "demo --duration 60": SIMULATED,
+    "demo stadium": f"{SIMULATED} --duration 5",
     "run here.toml --record there.mcap": f"{SIMULATED} --duration 70",
     "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
     "inject flight.srt --now --takeoff-height-m 650": "--broker {broker}",
