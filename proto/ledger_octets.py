@@ -52,6 +52,8 @@ class LedgerOctets:
         self._others_looked_at = TextTable()
         self._others_caused_by = TextTable([b""])
         self._has_others = False
+        self._are_others = np.zeros(0, np.bool_)
+        """By the row of a drone."""
         self._topics = TextTable()
         self._topic_numbers: dict[str, int] = {}
 
@@ -103,8 +105,8 @@ class LedgerOctets:
         )
 
     def _name_drones(self, names: Sequence[str]) -> None:
-        tabled = self._tabled
-        if names is not self._names:
+        tabled, anew = self._tabled, names is not self._names
+        if anew:
             self._names = names
             if len(names) < len(tabled):
                 del tabled[len(names) :]
@@ -122,7 +124,10 @@ class LedgerOctets:
             for (table, _), found in zip(self._tables(), _fields(new), strict=True):
                 table.extend(found)
             tabled.extend(new)
-            self._has_others |= any(OTHER in name for name in new)
+            anew = True
+        if anew:
+            self._are_others = np.array([OTHER in name for name in tabled], np.bool_)
+            self._has_others = bool(self._are_others.any())
 
     def _tables(self) -> Sequence[tuple[TextTable, int]]:
         """Tables by the row of a drone, and the row in each at which the first one stands."""
@@ -188,8 +193,8 @@ class LedgerOctets:
         ):
             truth = pb.PlotTruth(time_utc_ns=t)
             if drone != FALSE_ALARM:
-                is_somewhere = not np.isnan(range_m)
                 drone_id, other = _named(self._names[drone])
+                is_somewhere = not (other and np.isnan(range_m))
                 truth = pb.PlotTruth(
                     drone=drone_id,
                     other=other,
@@ -209,7 +214,7 @@ class LedgerOctets:
             return _joined(_PLOTS, self._few_plots(plots)) if len(plots) else None
         is_true = plots.drone != FALSE_ALARM
         if self._has_others:
-            is_true &= ~np.isnan(plots.true_range_m)
+            is_true &= ~(np.isnan(plots.true_range_m) & self._are_others[plots.drone])
         columns: list[Field] = [
             self._caused_by.of(plots.drone + 1),
             Integers(_PLOT["time_utc_ns"], plots.t_utc_ns),

@@ -17,7 +17,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger_octets import LedgerOctets, ledger, sent_field
 from plotfeed.proto.units import decibels
 
-NAMES = ["d", "drone-1", "x" * 64, "ünïcödé", "visitor"]
+NAMES = ["d", "drone-1", "x" * 64, "ünïcödé", "visitor", "bird/gulls-1"]
 times = st.one_of(st.integers(1_700_000_000 * 10**9, 1_900_000_000 * 10**9), st.integers(-5, 2**62))
 numbers = st.one_of(st.floats(width=64), st.sampled_from([0.0, -0.0, math.nan, 1.5]))
 positive = st.floats(0.0, 1e12)
@@ -69,13 +69,18 @@ def plots_of(rows: list[Any], with_rates: bool, with_merged: bool) -> Plots:
     )
 
 
+def named(name: str) -> dict[str, Any]:
+    """What is no drone has a kind before a slash, and a field of its own."""
+    return {"other" if "/" in name else "drone": name}
+
+
 def by_protobuf(looks: Looks, plots: Plots, **more: Any) -> pb.Ledger:
     """An entry, look by look and plot by plot."""
     entry = pb.Ledger(**more)
     snr_db = decibels(looks.snr)
     for i in range(len(looks)):
         entry.looks.add(
-            drone=NAMES[looks.drone[i]],
+            **named(NAMES[looks.drone[i]]),
             time_utc_ns=int(looks.t_utc_ns[i]),
             range_m=looks.range_m[i],
             azimuth_deg=looks.azimuth_deg[i],
@@ -90,10 +95,12 @@ def by_protobuf(looks: Looks, plots: Plots, **more: Any) -> pb.Ledger:
     for i in range(len(plots)):
         truth = entry.plots.add(time_utc_ns=int(plots.t_utc_ns[i]))
         if plots.drone[i] != FALSE_ALARM:
-            truth.drone = NAMES[plots.drone[i]]
-            truth.range_m = plots.true_range_m[i]
-            truth.azimuth_deg = plots.true_azimuth_deg[i]
-            truth.elevation_deg = plots.true_elevation_deg[i]
+            whose = named(NAMES[plots.drone[i]])
+            truth.MergeFrom(pb.PlotTruth(**whose))
+            if "drone" in whose or not np.isnan(plots.true_range_m[i]):
+                truth.range_m = plots.true_range_m[i]
+                truth.azimuth_deg = plots.true_azimuth_deg[i]
+                truth.elevation_deg = plots.true_elevation_deg[i]
         if plots.true_range_rate_m_s is not None and not np.isnan(plots.true_range_rate_m_s[i]):
             truth.range_rate_m_s = plots.true_range_rate_m_s[i]
         if plots.merged_drones is not None:
@@ -206,8 +213,8 @@ def test_rows_may_be_other_drones_of_another_list_and_old_lists_come_again(
             told = plots_of([(i, 5, 1.0, 2.0, 3.0, 4.0, []) for i in rows], False, False)
             n = ends([len(names)])
             entry = pb.Ledger.FromString(octets.truths(seen, n, told, n, names=names)[0])
-            assert [look.drone for look in entry.looks] == names
-            assert [plot.drone for plot in entry.plots] == names
+            assert [look.drone or look.other for look in entry.looks] == names
+            assert [plot.drone or plot.other for plot in entry.plots] == names
 
 
 @pytest.mark.parametrize("fate", [pb.LOST, pb.UNDELIVERED, pb.SENT])
