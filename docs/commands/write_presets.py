@@ -97,6 +97,7 @@ every = { report = ["asterix-015", "plots", "sapient"] }
 pfa = 1e-6
 ```
 
+Its radar cues its camera ([cues](cues.md)).
 A member's `preset` may be another one, such as `ranger-r8ss-3d` for the radar of `dronetracker`.
 What is wrong with a sensor of a system is told by the system: `system[0].radar.pfa of 'gate'`.
 """

@@ -83,6 +83,19 @@ def test_a_system_that_faces_east_looks_east() -> None:
             assert after.azimuth_min_deg == before.azimuth_min_deg == -180.0
 
 
+@pytest.mark.parametrize("name", system_names())
+def test_the_radar_of_a_system_cues_its_camera(name: str) -> None:
+    keys = {"id": "gate", "preset": name}
+    for without, cuers in (((), ("gate-radar",)), (("radar",), ())):
+        found = scene({**keys, "without": list(without)})
+        camera = next(sensor for sensor in found.sensor if sensor.id == "gate-camera")
+        assert camera.mount.cuers == cuers
+        assert camera.mount.pan_rate_deg_s >= 60.0
+    own = {**keys, "camera": {"mount": {"cued_by": []}}}
+    camera = next(sensor for sensor in scene(own).sensor if sensor.id == "gate-camera")
+    assert camera.mount.cuers == ()
+
+
 def test_two_systems_are_numbered_apart() -> None:
     found = scene({"id": "a", "preset": "arms"}, {"id": "b", "preset": "arms"})
     assert len({(s.sac, s.sic) for s in found.sensor}) == len(found.sensor) == 4
