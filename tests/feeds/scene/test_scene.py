@@ -395,7 +395,8 @@ def test_the_schema_refuses_what_the_scene_refuses(mistake: str) -> None:
 def test_every_key_of_the_schema_that_has_a_unit_says_it() -> None:
     schema = json.loads(text_of("scene"))
     chances = {"p", "r", "p13", "p14", "p23", "p31", "p32", "corrupt", "duplicate", "probability"}
-    without_unit = {"correlation", "exponent", "pfa", "port", "reflection", "turns", *chances}
+    of_laws = {"correlation", "exponent", "reflection", "shape"}
+    without_unit = {"pfa", "port", "turns", *of_laws, *chances}
     for table in (schema, *schema["$defs"].values()):
         for name, key in table.get("properties", {}).items():
             assert key.get("type") != "number" or "_" in name or name in without_unit, name
