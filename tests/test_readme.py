@@ -38,7 +38,7 @@ def block_with(text: str) -> list[str]:
 
 
 def test_a_demo_introduces_itself_as_printed(demo: Running) -> None:
-    printed = [PORT.sub(":PORT", line) for line in block_with("scene section-4")]
+    printed = [PORT.sub(":PORT", line) for line in block_with("scene ")]
     # Another program may have the page's usual port: a line before the first says so.
     said = [PORT.sub(":PORT", line) for line in demo.introduction if "is taken: the" not in line]
     gap = printed.index("  ...")
@@ -71,12 +71,12 @@ def test_the_client_that_is_printed_hears_records(demo: Running, tmp_path: Path)
         process.wait()
         hearing.join()
         stdout.close()
-    assert re.match(r"\{'category': (48|34), ", line)
+    assert re.match(r"\{'category': (34|48|62|63), ", line)
 
 
 def test_show_prints_plots_as_printed(demo: Running) -> None:
-    _, printed = block_with("$ .venv/bin/plotfeed show")
-    source = f"mqtt://127.0.0.1:{demo.port('MQTT 3.1.1')}/plotfeed/active/asterix/048"
+    typed, printed = block_with("$ .venv/bin/plotfeed show")
+    source = typed.split()[-1].replace(":1883/", f":{demo.port('MQTT 3.1.1')}/")
     shown = plotfeed("show", source, "--count", "1").stdout
     number = re.compile(r"-?\d[\d.:]*")
     assert number.sub("N", shown.strip()) == number.sub("N", printed)
