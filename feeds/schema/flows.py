@@ -251,7 +251,8 @@ def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
             return value
         if "$ref" in value:
             return inlined(definitions[value["$ref"].rpartition("/")[2]])
-        return {key: inlined(inner) for key, inner in value.items()}
+        # OpenAPI's discriminator is an object; AsyncAPI's is another thing, and refuses it.
+        return {key: inlined(inner) for key, inner in value.items() if key != "discriminator"}
 
     inside: dict[str, Any] = inlined(schema)
     return inside

@@ -25,7 +25,7 @@ from asterix_cases import CASES, SAC, SIC, SOURCE, theirs
 LIBASTERIX = f"libasterix {version('libasterix')}"
 
 SIZES = (1, 10, 100, 1000)
-REPEATS = 7
+REPEATS = 5
 SECONDS_A_REPEAT = 0.03
 
 

@@ -33,7 +33,7 @@ from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 SIZES = (1, 10, 100, 1000, 10_000)
-REPEATS = 9
+REPEATS = 5
 SECONDS_A_REPEAT = 0.1
 EFFECTS: dict[str, dict[str, Any]] = {
     "nothing named": {},

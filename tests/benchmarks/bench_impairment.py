@@ -22,7 +22,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 
 NS = 10**9
 START_NS = 1_800_000_000 * NS
-REPEATS = 15
+REPEATS = 5
 MESSAGES = 4000
 OCTETS = 60
 RATES_HZ = (32, 1000, 10_000)

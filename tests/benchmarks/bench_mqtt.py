@@ -27,7 +27,7 @@ PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-bench"
 CLIENTS = {"gmqtt": "gmqtt==0.8.0", "aiomqtt": "aiomqtt==2.5.1", "paho-mqtt": "paho-mqtt"}
 COUNTS = {60: 20_000, 1400: 20_000, 30_000: 3000}
-REPEATS = 7
+REPEATS = 3
 HOST = "127.0.0.1"
 UNSENT_OCTETS = 1 << 20
 END = "bench/end"

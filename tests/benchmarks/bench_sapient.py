@@ -28,7 +28,7 @@ from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder
 
-REPEATS = 9
+REPEATS = 5
 SIZES = (1, 10, 100, 1000)
 T_NS = InstantClock().now_ns() // 10**9 * 10**9
 

@@ -40,7 +40,7 @@ AIM = 500
 """Times as fast per detection, at 1,000 targets."""
 AIMS_NS = {"mimo": 500, "passive": 500, "rf": 500}
 """A target and scan, at 10,000 targets."""
-REPEATS = 9
+REPEATS = 5
 SECONDS_A_REPEAT = 0.1
 
 RF = {

@@ -134,7 +134,7 @@ def test_before_the_first_sector_ends_the_tables_are_empty(tmp_path: Path) -> No
 
 
 def test_errors_are_those_of_the_command() -> None:
-    with pytest.raises(PlotfeedError, match="No such file"):
+    with pytest.raises(PlotfeedError, match="no shipped scene 'no-such-example'"):
         simulate("no-such-example", 1.0)
 
 

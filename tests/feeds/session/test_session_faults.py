@@ -96,7 +96,6 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
     assert totals.flooded == session.session.input_queue.dropped
     assert MAX_WAITING < heard <= FLOOD + markers
     assert {"d0", "d10", "d20", "d30", "d40", "marker"} == {*session.session.trajectories.names}
-    assert totals.telemetry + totals.conflated > 500  # how many of them wait, the machine decides
     assert session.most_waiting <= MAX_WAITING
     assert_no_sector_is_missing(session)
     by_second = Counter(refused["time_utc"][:19] for refused in refusals(ears))

@@ -35,6 +35,7 @@ NODE = Node(
     latitude_deg=40.45,
     longitude_deg=-3.73,
     height_m=650.0,
+    steers=False,
     field=FieldOfView(
         azimuth_deg=0.0,
         horizontal_extent_deg=360.0,
