@@ -28,7 +28,7 @@ from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 
 RECORDS = 50_640
-REPEATS = 5
+REPEATS = 3
 ROWS_A_BLOCK = 25
 MEASURED = (48, 62, 15, 205)
 
