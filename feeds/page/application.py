@@ -217,15 +217,11 @@ class Application:
             message = await websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            text = message.get("text")
-            if text is None:
-                answer: dict[str, object] = {"number": None, **refused("expected text, not octets")}
-            else:
-                answer = await self._answer(text, viewer)
+            answer = await self._answer(message.get("text"), viewer)
             async with asyncio.timeout(STALLED_S):
                 await websocket.send_text(json.dumps(answer, default=str))
 
-    async def _answer(self, text: str, viewer: Viewer) -> dict[str, object]:
+    async def _answer(self, text: str | None, viewer: Viewer) -> dict[str, object]:
         """Answer a request about what is shown, or a command."""
         number = None
         try:

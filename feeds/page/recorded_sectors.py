@@ -63,7 +63,7 @@ def plots_of(
     truth = Truth.of(truths)
     range_m, azimuth_deg, elevation_deg = np.where(truth.of_drone, truth.values.T, np.nan)
     return nobody_s(measured.but(t_utc_ns=truth.t_utc_ns)).but(
-        drone=_ints(drones.of(name_in(t)) if name_in(t) else FALSE_ALARM for t in truths),
+        drone=_ints(drones.of(name) if (name := name_in(t)) else FALSE_ALARM for t in truths),
         merged_drones=merged,
         true_range_m=_within(MOST_M, range_m),
         true_azimuth_deg=_within(MOST_DEG, azimuth_deg),

@@ -203,8 +203,10 @@ def refused(why: str) -> dict[str, Any]:
     return {"ok": False, "error": " ".join(why.split())}
 
 
-def request_in(text: str) -> ViewRequest | ControlRequest:
-    """What a viewer's message says; raises `PlotfeedError`."""
+def request_in(text: str | None) -> ViewRequest | ControlRequest:
+    """What a viewer's message says, None where it is octets; raises `PlotfeedError`."""
+    if text is None:
+        raise PlotfeedError("expected text, not octets")
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
 
 PATIENCE_S = 60.0
 """On a machine that may be busy."""
@@ -28,3 +30,16 @@ def wait_until(
     while not holds():
         assert time.monotonic() < deadline_s, says
         pause(0.01)
+
+
+@contextlib.asynccontextmanager
+async def kept_up(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Do that work, which has begun, for as long as this lasts."""
+    running = asyncio.create_task(work)
+    await asyncio.sleep(0)
+    try:
+        yield
+    finally:
+        running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await running

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import logging
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 from support.brokers import free_port
 from support.deliveries import FollowedDelivery
 from support.http_receiver import BABBLE, HANG_UP, SAY_NOTHING, Answer, HttpReceiver, http_receiver
-from support.waiting import until
+from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import HttpDestination
@@ -39,18 +37,6 @@ def message(text: str, kind: str = "air-traffic") -> Message:
     return Message("t", text.encode(), content_type, 0)
 
 
-@contextlib.asynccontextmanager
-async def kept_up(transport: HttpTransport) -> AsyncIterator[None]:
-    running = asyncio.create_task(transport.run())
-    await asyncio.sleep(0)
-    try:
-        yield
-    finally:
-        running.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await running
-
-
 def publish(transport: HttpTransport, *texts: str) -> list[FollowedDelivery]:
     made = [FollowedDelivery(message(text)) for text in texts]
     transport.publish(*made)
@@ -63,7 +49,7 @@ async def outcome(
     """What came of posts to a server that answers so."""
     async with http_receiver(answers) as server:
         transport = posting(server.port, **keys)
-        async with kept_up(transport):
+        async with kept_up(transport.run()):
             made = publish(transport, *texts)
             await until(lambda: all(each.was_delivered is not None for each in made))
     return server, [each.was_delivered for each in made]
@@ -125,7 +111,7 @@ async def test_what_a_server_refuses_is_not_posted_again_and_told_of_once(
 async def test_a_server_that_comes_late_gets_the_newest_that_found_room() -> None:
     port = free_port()
     transport = posting(port, queue_messages=2, retries=100)
-    async with kept_up(transport):
+    async with kept_up(transport.run()):
         made = publish(transport, "one", "two", "three", "four")
         assert [each.was_delivered for each in made] == [False, False, None, None]
         async with http_receiver(port=port) as server:
@@ -136,7 +122,7 @@ async def test_a_server_that_comes_late_gets_the_newest_that_found_room() -> Non
 @pytest.mark.asyncio
 async def test_what_waits_at_the_end_was_not_delivered() -> None:
     transport = posting(free_port(), retries=100)
-    async with kept_up(transport):
+    async with kept_up(transport.run()):
         (made,) = publish(transport, "one")
     assert made.was_delivered is False
     assert made.not_to == (transport.name,)

@@ -13,7 +13,7 @@ import pytest
 from support.brokers import free_port
 from support.certificates import Certificates
 from support.deliveries import FollowedDelivery
-from support.waiting import until
+from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import TakServer
@@ -64,18 +64,6 @@ async def listening(
             writer.transport.abort()
 
 
-@contextlib.asynccontextmanager
-async def kept_up(transport: TakTransport) -> AsyncIterator[None]:
-    running = asyncio.create_task(transport.run())
-    await asyncio.sleep(0)
-    try:
-        yield
-    finally:
-        running.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await running
-
-
 def publish(transport: TakTransport, *events: bytes) -> list[FollowedDelivery]:
     made = [FollowedDelivery(Message("t", event, COT, 0)) for event in events]
     transport.publish(*made)
@@ -86,7 +74,7 @@ def publish(transport: TakTransport, *events: bytes) -> list[FollowedDelivery]:
 async def test_events_come_one_behind_the_other_and_again_after_the_server_has_gone() -> None:
     port, first, second = free_port(), Ears(), Ears()
     transport = to(f"tcp://127.0.0.1:{port}")
-    async with kept_up(transport):
+    async with kept_up(transport.run()):
         async with listening(first, port):
             publish(transport, b"<event>1</event>", b"<event>2</event>")
             await until(lambda: first.heard == b"<event>1</event><event>2</event>")
@@ -104,7 +92,7 @@ async def test_a_server_that_does_not_read_is_left_and_the_oldest_give_way() -> 
     ears = Ears(reads=False)
     async with listening(ears) as port:
         transport = to(f"tcp://127.0.0.1:{port}", timeout_s=0.2, queue_messages=3)
-        async with kept_up(transport):
+        async with kept_up(transport.run()):
             made = publish(transport, *[b"x" * 4_000_000] * 3)
             await until(lambda: len(ears.connections) > 1)
             more = publish(transport, *[b"y"] * 3)
@@ -136,7 +124,7 @@ async def test_tls_with_certificates_of_both_sides(
         keys["ca_file"] = str(certificates.other_ca)
     async with listening(ears, tls=tls) as port:
         transport = to(f"tls://localhost:{port}", **keys)
-        async with kept_up(transport):
+        async with kept_up(transport.run()):
             (made,) = publish(transport, b"<event/>")
             if who == "client":
                 await until(lambda: ears.heard == b"<event/>")
