@@ -1,4 +1,4 @@
-"""How late the messages of `plotfeed demo` leave, and how late they arrive.
+"""How late the messages of `plotfeed demo section-4`, which no link delays, leave and arrive.
 
     python tests/benchmarks/bench_lateness.py
 
@@ -61,9 +61,9 @@ def _utc_ns(text: str) -> int:
 async def listen(seconds: float) -> Listener:
     """What a demo of that length sends."""
     listener = Listener()
-    topics = ["plotfeed/tower/plots", "plotfeed/tower/asterix/+", "plotfeed/truth"]
+    topics = ["plotfeed/active/plots", "plotfeed/active/asterix/+", "plotfeed/truth"]
     async with (
-        demo("--duration", str(seconds)) as running,
+        demo("section-4", "--duration", str(seconds)) as running,
         subscriber(running, topics, listener.heard),
     ):
         await running.process.wait()
@@ -87,7 +87,7 @@ def main() -> None:
         left.append(np.array(listener.left_ns) / 1e6)
         arrived.append(np.array(listener.arrived_ns) / 1e6)
     print(
-        f"`plotfeed demo`, {TURNS} times {seconds:g} s in turns with C; milliseconds after\n"
+        f"`plotfeed demo section-4`, {TURNS} times {seconds:g} s in turns with C; milliseconds after\n"
         "the time at which a message was due, medians of the turns.\n"
     )
     print("| | messages | p50 | p99 | p99.9 | most |\n|---|--:|--:|--:|--:|--:|")

@@ -51,7 +51,7 @@ def head() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return f"""# Benchmarks
 
-Written by `make bench`, which takes half an hour. These are figures of one machine, which
+Written by `make bench`, which takes three quarters of an hour. These are figures of one machine, which
 may have done other work at the same time: trust the ratios more than the numbers. No test depends
 on them.
 
