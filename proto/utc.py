@@ -6,13 +6,12 @@ import re
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 
-from plotfeed.models.state import NS
+NS = 1_000_000_000
+"""Nanoseconds in a second; as in `models.state`, which would bring NumPy along."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 DAY_NS = 86_400 * NS
-
-__all__ = ["DAY_NS", "NS", "iso_utc", "iso_utc_ms", "nearest_utc_ns", "utc_ns"]
 
 
 def iso_utc(t_utc_ns: int) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +54,7 @@ class Commands(click.Group):
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(version("plotfeed"), prog_name="plotfeed")
+@click.version_option(package_name="plotfeed", prog_name="plotfeed")
 def cli() -> None:
     """Drone telemetry in; what counter-UAS sensors would have reported out, in real time."""
 

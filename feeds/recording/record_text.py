@@ -7,8 +7,6 @@ from functools import cache
 from typing import Any
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
-from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record
 from plotfeed.proto.asterix.codec.layout import (
@@ -21,6 +19,8 @@ from plotfeed.proto.asterix.codec.layout import (
     Undecoded,
     is_time_of_day,
 )
+from plotfeed.proto.asterix.layout_025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.layout_062 import CAT062_1_18
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard
 
@@ -67,9 +67,7 @@ def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
     when = _time(items, category)
     if category is OTHER_CATEGORIES.get(record.category):
         return f"CAT{record.category:03d}  {when}  {_cut_items(items)}  ({NOT_DECODED})"
-    parts = "  ".join(
-        [f"{name.partition('/')[2]} {_part(name, value)}" for name, value in items.items()]
-    )
+    parts = "  ".join([f"{_number(name)} {_part(name, value)}" for name, value in items.items()])
     return f"CAT{record.category:03d}  {when}  {parts}"
 
 
@@ -156,11 +154,23 @@ def _units(item: Item, path: str) -> Iterator[tuple[str, Meaning]]:
 def _expanded(record: Record) -> dict[str, Any]:
     """The items, with the parts of the RE field where libasterix is there to know them."""
     items: dict[str, Any] = dict(record.items)
-    name = f"I{record.category:03d}/RE"
+    name = _expansion(record.category)
     octets = items.get(name)
     if isinstance(octets, bytes) and octets and (theirs := standard(record.category)):
         items[name] = theirs.read_expansion(octets) or octets
     return items
+
+
+@cache
+def _expansion(category: int) -> str:
+    """The name of a category's RE field."""
+    return f"I{category:03d}/RE"
+
+
+@cache
+def _number(name: str) -> str:
+    """The number of an item, which stands behind its category."""
+    return name.partition("/")[2]
 
 
 def _unknown(record: Record) -> str:
@@ -172,7 +182,7 @@ def _unknown(record: Record) -> str:
 def _cut_items(items: Mapping[str, Any]) -> str:
     """Items of which only the ends are known: their octets, but for sources and times."""
     return "  ".join(
-        f"{name.partition('/')[2]} {f'0x{value.hex()}' if type(value) is bytes else short(value)}"
+        f"{_number(name)} {f'0x{value.hex()}' if type(value) is bytes else short(value)}"
         for name, value in items.items()
     )
 
@@ -213,7 +223,12 @@ def short(value: Any) -> str:
     if kind is int:
         return str(value)
     if kind is dict:
-        return " ".join([f"{name}={_inner(name, part)}" for name, part in value.items()])
+        return " ".join(
+            [
+                f"{name}=({short(part)})" if type(part) is dict else f"{name}={_part(name, part)}"
+                for name, part in value.items()
+            ]
+        )
     if kind is list:
         return "[" + ", ".join([short(part) for part in value]) + "]"
     if kind is bytes:
@@ -221,13 +236,14 @@ def short(value: Any) -> str:
     return printable(str(value))
 
 
-def _inner(name: str, value: Any) -> str:
-    return f"({short(value)})" if type(value) is dict else _part(name, value)
-
-
 def _part(name: str, value: Any) -> str:
-    if name in HEXADECIMAL and type(value) is int:
-        return f"{value:0{HEXADECIMAL[name]}X}"
+    """A value as what has that name is written; numbers, of which most are, at once."""
+    kind = type(value)
+    if kind is float:
+        return repr(value).removesuffix(".0")
+    if kind is int:
+        digits = HEXADECIMAL.get(name)
+        return f"{value:0{digits}X}" if digits else str(value)
     return short(value)
 
 

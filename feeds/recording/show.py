@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import signal
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import printable, say, say_damage
-from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.recording.record_text import (
     EXTRA,
     Categories,
@@ -39,10 +33,8 @@ from plotfeed.replay.files import Recording, open_recording
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.replay.summary import Summary
 
-if TYPE_CHECKING:
-    from plotfeed.feeds.recording.record import CaptureSource
+# What raw ASTERIX does not need is imported where it is needed: it takes longer than reading.
 
-MAX_WAITING_LINES = 100_000
 LINES_AT_ONCE = 64
 
 
@@ -99,44 +91,15 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
     if settings.stages:
         raise PlotfeedError("--stage: only of a file")
     from plotfeed.feeds.recording.record import LIVE, source_of  # and with it what sends
+    from plotfeed.feeds.recording.show_live import show_live
 
     live = source_of(source, access, settings.interface, "plotfeed-show", f"a file, {LIVE}")
-    return asyncio.run(_show_live(live, settings))
+    lines_of = partial(_chosen_lines, settings=settings)
+    return show_live(live, lines_of, count=settings.count, duration_s=settings.duration)
 
 
-async def _show_live(source: CaptureSource, settings: ShowSettings) -> int:
-    lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
-    dropped = 0
-
-    def receive(message: Recorded) -> None:
-        nonlocal dropped
-        if not settings.chooses(message):
-            return
-        for line in _content_lines(message, settings):
-            if lines.full():
-                dropped += 1
-            else:
-                lines.put_nowait(line)
-
-    try:
-        await source.open(receive)
-        printing = asyncio.create_task(_print(lines, settings.count), name="print")
-        with stopped_by_signals(printing.cancel) as signals:
-            await asyncio.wait({printing}, timeout=settings.duration)
-        printing.cancel()
-        await asyncio.gather(printing, return_exceptions=True)
-    finally:
-        await source.close()
-    if dropped:
-        say(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
-    return INTERRUPTED if signal.SIGINT in signals else 0
-
-
-async def _print(lines: asyncio.Queue[str], count: int | None) -> None:
-    printed = 0
-    while count is None or printed < count:
-        say(await lines.get())
-        printed += 1
+def _chosen_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
+    return _content_lines(message, settings) if settings.chooses(message) else iter(())
 
 
 def show_file(path: Path, settings: ShowSettings) -> int:
@@ -153,6 +116,8 @@ def show_file(path: Path, settings: ShowSettings) -> int:
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
+            from plotfeed.feeds.console.status_line import with_progress
+
             summary = Summary(settings.categories)
             for message in with_progress(
                 reader.messages(), path.name, lambda: reader.at, recording.octets
@@ -229,6 +194,8 @@ def _message_lines(
 
 def _content_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
     """Lines of a message, without what a sender put behind its data blocks."""
+    from plotfeed.feeds.recording.decoded_text import message_lines
+
     payload = message.payload
     if message.content_type.startswith(ASTERIX) and (trailer := trailer_octets(payload)):
         payload = payload[:-trailer]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -42,8 +41,7 @@ class Block(NamedTuple):
     at_octet: int
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(NamedTuple):
     """A record: its items by name, and its own octets, which start at `at_octet` of the input.
 
     Quantities are floats in the layout's unit, other numbers integers. A repetitive item is a

@@ -1,4 +1,4 @@
-"""Items of records read fast: Python compiled from a layout, once an item, that tells no errors.
+"""Items and records read fast, by Python compiled from a layout, that tells no errors.
 
 A reader takes the octets of a block's body and where its item begins, and gives the value and where
 the item ends. What is cut off or broken raises `BROKEN`; `codec.decode`, whose slower road is the
@@ -8,58 +8,46 @@ rule that readers follow, then says what is wrong.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any, TypeAlias, cast
+from typing import Any
 
 from plotfeed.proto.asterix.codec.layout import (
     FX,
-    Characters,
     Compound,
     Explicit,
     Extended,
     Fixed,
-    Group,
     Item,
-    Named,
-    Quantity,
-    Raw,
     Repetitive,
-    Spare,
     Undecoded,
 )
+from plotfeed.proto.asterix.codec.reader_source import FURTHER, Reader, ReaderSource, literal
 
-FURTHER = "FURTHER"
-"""The name under which an extended item keeps the octets that follow the groups of its layout."""
+__all__ = ["BROKEN", "FURTHER", "Plans", "Reader", "reader_of"]
+
 BROKEN = (IndexError, struct.error)
 """What readers raise."""
 MAX_PLANS = 4096
 """Of one record or item; what has sent more sets of flags than that begins anew."""
-TABLE_BITS = 12
-"""Of characters that are looked up at once."""
+OFTEN = 100
+"""Times that a set of flags comes before its items are compiled into one reader.
 
-Reader: TypeAlias = Callable[[bytes, int], tuple[Any, int]]
-Plan: TypeAlias = tuple[tuple[str, Reader], ...]
-"""Names and readers of what a set of flags says is there."""
-_CODES = {(8, False): "B", (16, False): "H", (32, False): "I", (64, False): "Q"} | {
-    (8, True): "b",
-    (16, True): "h",
-    (32, True): "i",
-    (64, True): "q",
-}
+Compiling that takes as long as reading some hundred records item by item.
+"""
 
 
 class Plans:
-    """The plans of a user application profile, or of a compound item, by their octets of flags."""
+    """How a user application profile, or a compound item, is read, by its octets of flags."""
 
-    __slots__ = ("_plans", "_slots")
+    __slots__ = ("_readers", "_slots")
 
     def __init__(self, slots: Sequence[Item | None]) -> None:
         self._slots = slots
-        self._plans: dict[bytes, Plan] = {}
+        self._readers: dict[bytes, Reader] = {}
 
     def __len__(self) -> int:
-        return len(self._plans)
+        return len(self._readers)
 
     def read(self, body: bytes, at: int) -> tuple[dict[str, Any], int]:
         """Flags, and the items that they name; raises one of `BROKEN`."""
@@ -68,38 +56,65 @@ class Plans:
             end += 1
         end += 1
         flags = body[at:end]
-        plan = self._plans.get(flags) or self._plan(flags)
-        items: dict[str, Any] = {}
-        at = end
-        for name, reader in plan:
-            items[name], at = reader(body, at)
-        return items, at
+        return (self._readers.get(flags) or self._planned(flags))(body, end)
 
-    def _plan(self, flags: bytes) -> Plan:
-        chosen: list[tuple[str, Reader]] = []
+    def _planned(self, flags: bytes) -> Reader:
+        chosen: list[Item] = []
         for place, octet in enumerate(flags):
             for bit in range(7):
                 if octet >> 7 - bit & 1:
                     item = self._slots[7 * place + bit]
                     if item is None:
                         raise IndexError(bit)
-                    chosen.append((item.name, reader_of(item)))
-        if len(self._plans) >= MAX_PLANS:
-            self._plans.clear()
-        plan = self._plans[flags] = tuple(chosen)
-        return plan
+                    chosen.append(item)
+        if len(self._readers) >= MAX_PLANS:
+            self._readers.clear()
+        reader = self._readers[flags] = self._one_by_one(flags, chosen)
+        return reader
+
+    def _one_by_one(self, flags: bytes, items: Sequence[Item]) -> Reader:
+        """Reads item by item, until those flags have come often."""
+        readers = [(item.name, reader_of(item)) for item in items]
+        left = OFTEN
+
+        def read(body: bytes, at: int) -> tuple[dict[str, Any], int]:
+            nonlocal left
+            left -= 1
+            if not left:
+                self._readers[flags] = _all_of(items)
+            found: dict[str, Any] = {}
+            for name, reader in readers:
+                found[name], at = reader(body, at)
+            return found, at
+
+        return read
+
+
+def _all_of(items: Sequence[Item]) -> Reader:
+    """The one reader of items that follow each other."""
+    source = ReaderSource()
+    return source.reader(literal([(item.name, _value(item, source)) for item in items]))
+
+
+def _value(item: Item, source: ReaderSource) -> str:
+    match item:
+        case Fixed(_, group):
+            return source.fixed(group)
+        case Extended(_, groups):
+            return source.extended(groups)
+        case _:
+            return source.read_by(reader_of(item))
 
 
 @cache
 def reader_of(item: Item) -> Reader:
     """The reader of an item or subfield."""
     match item:
-        case Fixed(_, group):
-            return _compiled(_fixed(group), [group])
-        case Extended(_, groups):
-            return _compiled(_extended(groups), groups)
-        case Repetitive(_, group):
-            one = _compiled(_fixed(group), [group])
+        case Fixed() | Extended():
+            source = ReaderSource()
+            return source.reader(_value(item, source))
+        case Repetitive(name, group):
+            one = reader_of(Fixed(name, group))
             return _until_fx(one) if group.fx else _counted(one, group.octets)
         case Explicit():
             return _explicit
@@ -147,141 +162,3 @@ def _until_fx(one: Reader) -> Reader:
         return values, at
 
     return read
-
-
-def _further(body: bytes, at: int) -> tuple[bytes, int]:
-    """The octets of groups that a layout does not have."""
-    end = at
-    while body[end] & FX:
-        end += 1
-    return body[at : end + 1], end + 1
-
-
-def _compiled(lines: Iterator[str], groups: Sequence[Group]) -> Reader:
-    """The function of those lines; what they call is made from the groups."""
-    names: dict[str, Any] = {"from_bytes": int.from_bytes, "further": _further}
-    for number, group in enumerate(groups):
-        if packed := _packed(group):
-            names[f"unpack{number}"] = struct.Struct(packed).unpack_from
-    for part in (part for group in groups for part, _ in group.fields):
-        if isinstance(part, Characters):
-            names[_table_name(part, _at_once(part))] = _table(part, _at_once(part))
-            if rest := part.count % _at_once(part):
-                names[_table_name(part, rest)] = _table(part, rest)
-    # The text holds numbers and names of our own layouts only: nothing of a sender's gets in.
-    exec("\n".join(["def read(body, at):", *("    " + line for line in lines), ""]), names)  # noqa: S102  # nosec B102
-    return cast(Reader, names["read"])
-
-
-def _fixed(group: Group) -> Iterator[str]:
-    load, values = _group(group, 0)
-    yield load
-    single = len(group.fields) == 1
-    told = values[0][1] if single else _literal(values)
-    yield f"return {told}, at + {group.octets}"
-
-
-def _extended(groups: Sequence[Group]) -> Iterator[str]:
-    for number, group in enumerate(groups):
-        load, values = _group(group, number)
-        yield load
-        if number:
-            yield from (f"found[{name!r}] = {value}" for name, value in values)
-        else:
-            yield f"found = {_literal(values)}"
-        yield f"at += {group.octets}"
-        yield f"if not body[at - 1] & {FX}: return found, at"
-    yield f"found[{FURTHER!r}], at = further(body, at)"
-    yield "return found, at"
-
-
-def _literal(values: Sequence[tuple[str, str]]) -> str:
-    return "{" + ", ".join(f"{name!r}: {value}" for name, value in values) + "}"
-
-
-def _group(group: Group, number: int) -> tuple[str, list[tuple[str, str]]]:
-    """The line that loads a group at `at`, and its parts' names and expressions."""
-    if _packed(group):
-        places = [f"p{place}" for place in range(len(group.fields))]
-        load = f"{', '.join(places)}, = unpack{number}(body, at)"
-        fields = zip(group.fields, places, strict=True)
-        return load, [(part.name, _scaled(part, place)) for (part, _), place in fields]
-    octets = group.octets
-    if octets <= 3:
-        shifts = range(8 * octets - 8, -1, -8)
-        terms = (f"body[at + {n}] << {shift}" for n, shift in enumerate(shifts))
-        load = f"raw = {' | '.join(terms)}"
-    else:  # the last octet is looked at, as slices end where the block does
-        load = f"body[at + {octets - 1}]; raw = from_bytes(body[at:at + {octets}], 'big')"
-    return load, [(part.name, _value(part, right)) for part, right in group.fields]
-
-
-def _packed(group: Group) -> str:
-    """The format of a group whose parts are machine words, for `struct`; empty if some are not."""
-    codes = [">"]
-    for part in group.parts:
-        if isinstance(part, Spare) and part.bits % 8 == 0:
-            codes.append("x" * (part.bits // 8))
-        elif isinstance(part, Raw | Quantity):
-            codes.append(_CODES.get((part.bits, isinstance(part, Quantity) and part.signed), ""))
-        else:
-            return ""
-        if not codes[-1]:
-            return ""
-    return "" if group.fx else "".join(codes)
-
-
-def _value(part: Named, right: int) -> str:
-    raw = f"raw >> {right}" if right else "raw"
-    if isinstance(part, Characters):
-        return _text(part, right)
-    masked = f"{raw} & {(1 << part.bits) - 1}"
-    if isinstance(part, Quantity) and part.signed:
-        sign = 1 << part.bits - 1
-        masked = f"({masked} ^ {sign}) - {sign}"
-    return _scaled(part, f"({masked})")
-
-
-def _scaled(part: Named, raw: str) -> str:
-    if not isinstance(part, Quantity):
-        return raw
-    return f"{raw} / {part.divisor}" if part.divisor else f"{raw} * {float(part.lsb)!r}"
-
-
-def _text(part: Characters, right: int) -> str:
-    """Text looked up some characters at once."""
-    terms = []
-    left = part.count
-    while left:
-        some = min(left, _at_once(part))
-        left -= some
-        bits = some * part.bits_each
-        place = right + left * part.bits_each
-        terms.append(f"{_table_name(part, some)}[raw >> {place} & {(1 << bits) - 1}]")
-    return " + ".join(terms)
-
-
-def _at_once(part: Characters) -> int:
-    return min(part.count, TABLE_BITS // part.bits_each)
-
-
-def _table_name(part: Characters, count: int) -> str:
-    return f"text{part.bits_each}_{count}"
-
-
-def _table(part: Characters, count: int) -> Sequence[str]:
-    return _texts(part.alphabet, part.bits_each, count)
-
-
-@cache
-def _texts(alphabet: str, bits_each: int, count: int) -> Sequence[str]:
-    """What each integer of so many characters says."""
-    if count == 1:
-        return alphabet
-    return [
-        alphabet[raw >> (count - 1) * bits_each] + rest
-        for raw in range(1 << bits_each * count)
-        for rest in [
-            _texts(alphabet, bits_each, count - 1)[raw & (1 << (count - 1) * bits_each) - 1]
-        ]
-    ]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
 
-from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
@@ -24,6 +23,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Undecoded,
     is_time_of_day,
 )
+from plotfeed.proto.asterix.layout_062 import CAT062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 

@@ -3,6 +3,8 @@ from __future__ import annotations
 import io
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +229,20 @@ def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[b
     lines = list(_raw_lines(reader, ShowSettings(as_json=True)))
     assert [json.loads(line)["category"] for line in lines] == [r.category for r in records]
     assert [each.offset for each in reader.damage] == [error.at_octet for error in errors]
+
+
+def test_raw_asterix_is_shown_without_what_others_need(tmp_path: Path) -> None:
+    # Each of them takes longer to load than the rest of the command.
+    path = tmp_path / "few.ast"
+    path.write_bytes(block_048(1) * 2)
+    code = (
+        "import sys; from plotfeed.feeds.cli.main import main\n"
+        f"sys.argv = ['plotfeed', 'show', {str(path)!r}, '--list']\n"
+        "try: main()\n"
+        "finally: print(*{'numpy', 'pydantic', 'google.protobuf', 'asyncio'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert [line[:6] for line in done.stdout.splitlines()] == ["CAT048", "CAT048", ""]
 
 
 def test_what_is_no_recording_is_an_error_that_names_it(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given
@@ -224,3 +226,21 @@ def test_plans_of_flags_are_bounded(bodies: list[bytes]) -> None:
             with contextlib.suppress(*readers.BROKEN):
                 plans.read(body, 0)
             assert len(plans) <= 3
+
+
+def test_a_set_of_flags_that_comes_often_keeps_to_the_bound() -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(readers, "MAX_PLANS", 2)
+        patched.setattr(readers, "OFTEN", 2)
+        plans = readers.Plans(CATEGORIES[48].uap)
+        bodies = [b"\x80\x01\x02"] * 3 + [b"\x40abc"] * 3 + [b"\x08abc"] * 3
+        read = [plans.read(body, 0) for body in bodies * 2]
+    assert read == [read[place] for place in (0, 3, 6) for _ in range(3)] * 2
+    assert len(plans) <= 2
+    assert read[0] == ({"I048/010": {"SAC": 1, "SIC": 2}}, 3)
+
+
+def test_decoding_loads_no_numpy() -> None:
+    # It takes longer to load than fifty thousand records take to read.
+    code = "import sys, plotfeed.proto.asterix.codec.decode; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -12,7 +12,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_input import every_path, numeric_slots, text_constants
 
-from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.encode import CROSSOVER, Encoder, blocks_of
@@ -26,6 +25,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Raw,
     Spare,
 )
+from plotfeed.proto.asterix.layout_048 import CAT048
 from plotfeed.proto.errors import EncodeError
 
 MANY = CROSSOVER + 5

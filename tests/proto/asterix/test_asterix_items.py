@@ -6,17 +6,20 @@ Category 129 is in no library: its records are worked by hand, octet by octet.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
-from plotfeed.proto.asterix.cat062 import CAT062, CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import FURTHER, Value, decode
+from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Value, _Cursor, decode, records_in
 from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.codec.readers import OFTEN
+from plotfeed.proto.asterix.layout_025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.layout_062 import CAT062, CAT062_1_18
+from plotfeed.proto.errors import DecodeError
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "items.json").read_text())
 
@@ -133,3 +136,25 @@ def test_longitudes_reach_round_the_globe_but_in_libasterix() -> None:
     block = bytes.fromhex("19 000d 0108 20000000 f0000000")
     assert decode(block)[0].get("I025/600") == {"LAT": 22.5, "LON": -22.5}
     assert decode(block, AS_LIBASTERIX)[0].get("I025/600") == {"LAT": 22.5, "LON": -11.25}
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda v: f"{int(v['block'][:2], 16):03}")
+def test_what_comes_often_is_read_as_what_comes_once(vector: dict[str, Any]) -> None:
+    block = bytes.fromhex(vector["block"])
+    first, *others = decode(block * (2 * OFTEN + 1), AS_LIBASTERIX)
+    for other in others[::OFTEN]:
+        assert (other.items, list(other.items)) == (first.items, list(first.items))
+        assert other.octets == first.octets
+
+
+@pytest.mark.parametrize("vector", VECTORS, ids=lambda v: f"{int(v['block'][:2], 16):03}")
+def test_what_comes_often_and_is_cut_off_says_the_same(vector: dict[str, Any]) -> None:
+    block = bytes.fromhex(vector["block"])
+    category, body = AS_LIBASTERIX[block[0]], block[3:]
+    decode(block * (OFTEN + 1), AS_LIBASTERIX)
+    for length in range(1, len(body), 7):
+        rule = _Cursor(body[:length], 0, 0)
+        with pytest.raises(DecodeError) as expected:
+            rule.record(category)
+        with pytest.raises(DecodeError, match=re.escape(str(expected.value))):
+            list(records_in(Block(block[0], body[:length], 0), AS_LIBASTERIX))
