@@ -137,7 +137,7 @@ class ReaderSource:
         return " + ".join(terms)
 
     def _integer(self, octets: int, *, signed: bool = False) -> str:
-        """So many octets as one integer."""
+        """The name of the next octets, so many, as one integer."""
         if octets >= 2 * WORD_OCTETS[-1]:
             return self._join(f"from_bytes({self._word(f'{octets}s')}, 'big')")
         terms = []
