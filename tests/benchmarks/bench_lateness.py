@@ -87,8 +87,8 @@ def main() -> None:
         left.append(np.array(listener.left_ns) / 1e6)
         arrived.append(np.array(listener.arrived_ns) / 1e6)
     print(
-        f"`plotfeed demo section-4`, {TURNS} times {seconds:g} s in turns with C; milliseconds after\n"
-        "the time at which a message was due, medians of the turns.\n"
+        f"`plotfeed demo section-4`, {TURNS} times {seconds:g} s in turns with C; milliseconds\n"
+        "after the time at which a message was due, medians of the turns.\n"
     )
     print("| | messages | p50 | p99 | p99.9 | most |\n|---|--:|--:|--:|--:|--:|")
     rows = [("handed to the socket", left), ("received by a subscriber", arrived)]

@@ -51,9 +51,9 @@ def head() -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return f"""# Benchmarks
 
-Written by `make bench`, which takes three quarters of an hour. These are figures of one machine, which
-may have done other work at the same time: trust the ratios more than the numbers. No test depends
-on them.
+Written by `make bench`, which takes three quarters of an hour. These are figures of one machine,
+which may have done other work at the same time: trust the ratios more than the numbers. No test
+depends on them.
 
 - Machine: {os.cpu_count()} cores, {platform.system()}; the processor is named in each section.
 - Python {platform.python_version()}, {libraries}
