@@ -65,6 +65,7 @@ audit: .venv-audit/.ready
 	$(BIN)/python -m pip uninstall --quiet --yes asterix-decoder libasterix; fi  # as once: both or none
 	$(PIP)/test.txt
 	$(PIP)/test-page.txt || echo 'no playwright for this machine: the tests of the page in a browser will be skipped'
+	$(PIP)/fleet.txt || echo 'no Ray for this machine: the tests of fleets and sweeps over processes will be skipped'
 	touch $@
 
 # Built by what .venv has, into an environment of its own: it imports under the name of libasterix.

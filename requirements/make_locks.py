@@ -50,7 +50,7 @@ def main() -> None:
     compiled("test", [PYPROJECT], *extras("test"), *usual, lines=BUILD)
     compiled("run", [PYPROJECT], *extras("page"), *SAME, *usual, lines=BUILD)
     optional = tomllib.loads((HERE.parent / PYPROJECT).read_text())["project"]
-    for extra in ("broker", "fuzz", "test-asterix", "test-page"):
+    for extra in ("broker", "fleet", "fuzz", "test-asterix", "test-page"):
         lines = "\n".join(optional["optional-dependencies"][extra])
         compiled(extra, [], *SAME, *usual, lines=lines)
     for listed in HERE.glob("*.in"):
