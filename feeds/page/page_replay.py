@@ -147,7 +147,7 @@ LOOK_EVERY_S = 0.1
 MOST_S = 1e9
 EXPECTED = "replay: expected load, stop, or some of paused, speed, position_s and skip_s"
 NOT_NOW = "A replay is not changed, stepped or recorded: Stop or Restart ends it."
-REFUSES = dict.fromkeys(("sensor", "step", "record"), NOT_NOW)
+REFUSES = dict.fromkeys(("sensor", "story", "undo", "step", "record"), NOT_NOW)
 """Controls that do not work meanwhile, and why."""
 WHOSE_TIME = "Times are those of the recording; its messages leave with those of now."
 

@@ -15,10 +15,12 @@ from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
+from plotfeed.feeds.page.time_marks import TimeMarks
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.updates import Controls, NoControls
 from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.recording.recorded_session import RecordedSession
+from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -32,6 +34,8 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
 TRUTH_EVERY_S = 0.1
+OF_SESSION = frozenset({"sensor", "clock", "story", "undo"})
+"""Commands that the session itself takes."""
 CLOCK_CONTROLS = ("pause", "step", "speed")
 REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
 NO_PACE = "A run as fast as possible has no pace to control."
@@ -49,6 +53,7 @@ class PageObserver(Observer):
         self._before: tuple[Sensor, ...] = ()
         self._refusal = ""
         self._now_ns = 0
+        self._marks = TimeMarks(view)
 
     def scene(self, basemap: Basemap | None) -> None:
         """The next session has that basemap."""
@@ -64,6 +69,7 @@ class PageObserver(Observer):
         self._before = tuple(task.sensor for task in session.sensor_tasks.values())
         for sensor in self._before:
             self._tell_settings(sensor, new_model=True)
+        self._marks.begin(session)
         self._tell_clock()
 
     def ended(self) -> None:
@@ -83,7 +89,13 @@ class PageObserver(Observer):
         """The sensor is so from now on."""
         before = next((s for s in self._before if s.id == sensor.id), None)
         self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
+        self._marks.settings(sensor.id, self.now_utc_ns())
         self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
+
+    def obeyed(self, command: Command, t_utc_ns: int) -> None:
+        """What a command asked for is in force."""
+        if self._session is not None:
+            self._marks.obeyed(self._session, command, t_utc_ns)
 
     # What the page asks.
 
@@ -93,7 +105,7 @@ class PageObserver(Observer):
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
         """Do as a viewer asks."""
-        if self._session is None or ("sensor" not in command and "clock" not in command):
+        if self._session is None or command.keys().isdisjoint(OF_SESSION):
             return await self._others.apply(command)
         in_force = self._session.command(command)
         self._tell_clock()
@@ -111,6 +123,7 @@ class PageObserver(Observer):
         trajectories = session.trajectories
         self._view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
         self._view.totals(session.totals)
+        self._marks.look_at(session)
         if session.totals.last_refusal != self._refusal:
             self._refusal = session.totals.last_refusal
             self._view.refusal(self._refusal)

@@ -166,7 +166,9 @@ class SessionSwitch(Observer):
 
     def _in_replay(self, replay: PageReplay, command: dict[str, Any]) -> Mapping[str, Any]:
         """What is meant for a session: its clock is that of the replay."""
-        subject = next(key for key in ("sensor", "clock", "record") if key in command)
+        subject = next(
+            key for key in ("sensor", "story", "undo", "clock", "record") if key in command
+        )
         if subject != "clock":
             return refused(REFUSES[subject])
         asked = command["clock"]

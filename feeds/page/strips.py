@@ -227,8 +227,11 @@ class Rates:
         """A message did not leave."""
         self._lost += 1
 
-    def over(self, monotonic_s: float) -> list[dict[str, Any]]:
-        """The second that is over since the last call; empty ones after it are left out."""
+    def over(self, monotonic_s: float, now_utc_ns: int) -> list[dict[str, Any]]:
+        """The second that is over since the last call; empty ones after it are left out.
+
+        It has ended at that time of the session.
+        """
         second = int(monotonic_s)
         if self._second is None:
             self._second = second
@@ -236,6 +239,7 @@ class Rates:
             return []
         p50_us, p99_us = np.percentile(self._lateness_ns or [0], (50, 99)) / 1e3
         ended = {
+            "t_utc_ms": now_utc_ns / 1e6,
             "plots": self._plots,
             "messages": self._messages,
             "lost": self._lost,

@@ -164,7 +164,7 @@ def _aligned(columns: Iterable[bytes]) -> Iterable[bytes]:
 MAX_COMMAND_OCTETS = 64 << 10
 MAX_WATCHED = 16
 """Sensors whose details are worked out: for one viewer, and for all of them together."""
-SUBJECTS = ("sensor", "clock", "session", "record", "replay")
+SUBJECTS = ("sensor", "clock", "story", "undo", "session", "record", "replay")
 """Of a command: exactly one of these keys says what it is for."""
 
 

@@ -98,6 +98,8 @@ class View:
         self._tell("scene", outline(scene, placements, basemap) | {"afterglow_s": seconds})
         self._tell("generation", self.generation)
         self._tell("settings", {})
+        self.marks([])
+        self.stories([], "")
         self._tell("refusal", None)
 
     def clear(self) -> None:
@@ -189,6 +191,15 @@ class View:
         if any(before.get(key) != value for key, value in state.items()):
             self._tell("session", {**before, **state})
 
+    def marks(self, marks: Sequence[Mapping[str, Any]]) -> None:
+        """What has changed lately: `t_utc_ms`, `kind` (story, change or script) and `words`."""
+        self._tell("marks", marks)
+
+    def stories(self, stories: Sequence[Mapping[str, Any]], undoes: str) -> None:
+        """What can happen at a word, since when those are on that are, and what undo would undo."""
+        self._tell("stories", stories)
+        self._tell("undoes", undoes)
+
     def totals(self, totals: SessionCounters) -> None:
         """Counts of the whole session; told on once a second."""
         self._totals = {
@@ -222,7 +233,7 @@ class View:
         """What has changed since the last one."""
         self._number += 1
         self._count_losses(now_utc_ns)
-        seconds = self._rates.over(monotonic_s)
+        seconds = self._rates.over(monotonic_s, now_utc_ns)
         if seconds:
             self._tell("totals", self._totals)
         if seconds or self._details_are_due:

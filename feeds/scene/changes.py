@@ -24,6 +24,9 @@ FIXED = frozenset(
 """Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats."""
 PFA_FACTOR = "pfa_factor"
 """Stands for a `pfa` so many times the scene's own."""
+Layers = tuple[tuple[str, Mapping[str, Any]], ...]
+"""What is asked of a sensor over its script, later over earlier: each with the story that asks for
+it, which is empty for what somebody asks for besides."""
 
 
 MAX_COMMAND_OCTETS = 1 << 16
@@ -87,6 +90,21 @@ def merged(
     return result
 
 
+def joined(layers: Layers) -> dict[str, Any]:
+    """All layers as one change."""
+    tree: dict[str, Any] = {}
+    for _, change in layers:
+        tree = merged(tree, change, keeps_none=True)
+    return tree
+
+
+def with_change(layers: Layers, change: Mapping[str, Any]) -> Layers:
+    """Layers, and over them what somebody asks for by himself."""
+    if layers and not layers[-1][0]:
+        return (*layers[:-1], ("", merged(layers[-1][1], change, keeps_none=True)))
+    return (*layers, ("", change))
+
+
 def _with_pfa(sensor: Sensor, change: Mapping[str, Any]) -> Mapping[str, Any]:
     """A change whose factor on the probability of a false alarm is worked out."""
     if PFA_FACTOR not in change:
@@ -131,24 +149,34 @@ class ClockCommand(SceneTable):
 
 
 class Command(SceneTable):
-    """One message: of one sensor, of one drone that the scene flies, or of the session's clock."""
+    """One message: of a sensor, of a drone that the scene flies, of a story, or of the clock."""
 
     sensor: str | None = None
     set: dict[str, Any] | None = None
     """Keys of the sensor as in the scene; null takes one back to its default."""
     reset: bool = False
-    """The sensor is again as its scene says; or the drone says again what its scene wants."""
+    """The sensor is again as its scene says; or the drone says again what its scene wants; or the
+    story is taken back."""
     drone: str | None = None
     contingency: Contingency | None = None
     """What happens to the drone now, as in the scene but without at_s."""
     claim: ClaimFault | None = None
     """How the drone says otherwise where it is, as in the scene but without from_s and to_s."""
     clock: ClockCommand | None = None
+    story: str | None = None
+    """Begins, by its id; or with reset ends."""
+    undo: bool = False
+    """Whatever was asked last of sensors or as a story is taken back, and so on, one by one."""
 
     @model_validator(mode="after")
     def _says_one_thing(self) -> Command:
-        if [self.sensor, self.drone, self.clock].count(None) != 2:
-            raise ValueError("expected one of sensor, drone and clock")
+        subjects = [self.sensor, self.drone, self.clock, self.story, self.undo or None]
+        if subjects.count(None) != len(subjects) - 1:
+            raise ValueError("expected one of sensor, drone, clock, story and undo")
+        if (self.story is not None or self.undo) and self.set is not None:
+            raise ValueError("set is of a sensor")
+        if self.undo and self.reset:
+            raise ValueError("undo has no reset: whatever was asked last is undone")
         of_drone = [self.contingency, self.claim]
         if self.sensor is not None and (self.set is None) != self.reset:
             raise ValueError('with a sensor, expected either "set" or "reset"')

@@ -214,6 +214,8 @@ class Fleet:
     swarms: Sequence[Swarm]
     cooperative: CooperativeKeys | None
     seed: int
+    waiting: Sequence[Swarm] = ()
+    """Those of stories, which are there when their story is told."""
 
     @property
     def drones(self) -> tuple[Drone, ...]:
@@ -224,12 +226,17 @@ class Fleet:
     @property
     def kinds(self) -> tuple[FlownKeys, ...]:
         """What drones have in common: each that is alone, and each swarm once."""
-        return (*self.single, *self.swarms)
+        return (*self.single, *self.swarms, *self.waiting)
 
     @property
     def names(self) -> list[str]:
         """Ids of all drones."""
         return [d.id for d in self.single] + [name for s in self.swarms for name in s.names]
+
+    @property
+    def waiting_names(self) -> list[str]:
+        """Ids of drones of stories."""
+        return [name for swarm in self.waiting for name in swarm.names]
 
     @property
     def cooperative_names(self) -> list[str]:

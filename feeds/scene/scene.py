@@ -36,6 +36,7 @@ from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import check_cues
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
+from plotfeed.feeds.scene.story_keys import Story, usual_stories
 from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
 from plotfeed.feeds.scene.weather_keys import with_spells
@@ -137,6 +138,8 @@ class Scene(DestinationTables, WorldKeys):
     swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
     target: Targets = ()
     cooperative: CooperativeKeys | None = None
+    story: Annotated[tuple[Story, ...], Field(strict=False)] = ()
+    """What happens at a word; bad-link, outage, drift, jamming and swarm are there besides."""
     page: PageKeys = PageKeys()
 
     _path: Path = PrivateAttr(default=Path())
@@ -204,10 +207,31 @@ class Scene(DestinationTables, WorldKeys):
         self.check_senders({COOPERATIVE: (), **{s.id: s.report for s in self.sensor}})
         return self
 
+    @model_validator(mode="after")
+    def _stories_can_be_told(self) -> Self:
+        sensors = {sensor.id: sensor for sensor in self.sensor}
+        known: set[str] = set()
+        for n, story in enumerate(self.story):
+            if story.id in known:
+                raise ValueError(f"story[{n}].id: the id {story.id!r} is used twice")
+            known.add(story.id)
+            for key, why in story.problems(sensors, self.fleet.names, self.fleet.cooperative_names):
+                raise ValueError(f"story[{n}].{key}: {why}")
+            for name, keys in story.sets.items():
+                other = changed(sensors[name], keys)
+                _check_false_alarms(other, f"story[{n}].change", self.scene.site)
+        return self
+
     @property
     def fleet(self) -> Fleet:
         """All that the scene flies itself, and what of it says where it is."""
-        return Fleet(self.drone, self.swarm, self.cooperative, self.scene.seed)
+        waiting = tuple(swarm for story in self.story for swarm in story.swarm)
+        return Fleet(self.drone, self.swarm, self.cooperative, self.scene.seed, waiting)
+
+    @property
+    def stories(self) -> dict[str, Story]:
+        """What can happen at a word, by its id: the usual, and what the scene tells itself."""
+        return {story.id: story for story in (*usual_stories(self.sensor), *self.story)}
 
     @property
     def folder(self) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -31,7 +32,7 @@ from plotfeed.feeds.sensing.drone_routes import (
 from plotfeed.feeds.sensing.other_movers import launch_others
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
-from plotfeed.models.known_track import MAX_TRACKS, Segment
+from plotfeed.models.known_track import MAX_TRACKS, KnownTrack, Segment
 from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.models.truth import Trajectories
@@ -76,12 +77,14 @@ class SceneDrones:
 
     def __init__(self, scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> None:
         """Put all on their way, and let happen what the scene wants; raises `PlotfeedError`."""
-        self._trajectories = trajectories
-        space = SceneSpace(scene.scene.site)
+        self._scene, self._trajectories = scene, trajectories
+        self._space = SceneSpace(scene.scene.site)
         self._flying = {
-            drone.id: _FlyingDrone(scene, drone, space, trajectories, start_utc_ns)
+            drone.id: _FlyingDrone(scene, drone, self._space, trajectories, start_utc_ns)
             for drone in scene.fleet.drones
         }
+        self._gone: set[str] = set()
+        """Who joined and is not there any more."""
 
     @property
     def names(self) -> list[str]:
@@ -93,6 +96,25 @@ class SceneDrones:
         self._trajectories.put_off(by_ns)
         for flying in self._flying.values():
             flying.put_off(by_ns)
+
+    def join(self, drones: Iterable[Drone], at_utc_ns: int) -> None:
+        """Put others on their way then; raises `PlotfeedError` where a name is somebody else's."""
+        drones = list(drones)
+        for drone in drones:
+            if drone.id in self._trajectories.names and drone.id not in self._gone:
+                raise PlotfeedError(f"drone {drone.id!r}: there is one of that name")
+        for drone in drones:
+            flying = _FlyingDrone(self._scene, drone, self._space, self._trajectories, at_utc_ns)
+            self._flying[drone.id] = flying
+            self._gone.discard(drone.id)
+
+    def part_with(self, drones: Iterable[str], at_utc_ns: int) -> None:
+        """Have those that joined be gone from then on."""
+        for drone in drones:
+            nowhere = KnownTrack.straight([at_utc_ns - 2, at_utc_ns - 1], np.zeros((2, 3)))
+            self._trajectories.divert(drone, at_utc_ns, nowhere)
+            del self._flying[drone]
+            self._gone.add(drone)
 
     def happen(self, drone: str, contingency: Contingency, at_utc_ns: int) -> None:
         """Let something happen to a drone then; raises `PlotfeedError` where it cannot."""

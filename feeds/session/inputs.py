@@ -49,9 +49,9 @@ class SessionInputs:
         trajectories: Trajectories,
         sensor_tasks: Mapping[str, SensorTask],
         publish: Callable[[Message], None],
-        obey_of_drone: Callable[[Command, int], dict[str, Any]],
+        obey: Callable[[Command, int], dict[str, Any]],
     ) -> None:
-        """Refusals are published by `publish`; `obey_of_drone` does what commands of drones ask."""
+        """Refusals are published by `publish`; `obey` does what commands ask, but for the clock."""
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._telemetry = TelemetryReceiver(
@@ -72,7 +72,8 @@ class SessionInputs:
         self._clock = context.clock
         self._totals = context.totals
         self._received = [o.received for o in context.observers if cares(o, "received")]
-        self._sensor_tasks, self._obey_of_drone = sensor_tasks, obey_of_drone
+        self._obeyed = [o.obeyed for o in context.observers if cares(o, "obeyed")]
+        self._sensor_tasks, self._obey_of_scene = sensor_tasks, obey
         self._publish = publish
         self._refused_before: dict[tuple[str, str], tuple[Refused, int]] = {}
 
@@ -222,18 +223,10 @@ class SessionInputs:
     def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
         if command.clock is not None:
             in_force = self._control_clock(command.clock)
-        elif command.drone is not None:
-            in_force = self._obey_of_drone(command, at_utc_ns)
         else:
-            task = self._sensor_tasks.get(command.sensor or "")
-            if task is None:
-                known = ", ".join(self._sensor_tasks)
-                raise ControlError(
-                    f"sensor: there is no {command.sensor!r}; expected one of {known}"
-                )
-            task.control(None if command.reset else command.set, at_utc_ns)
-            keys = task.sensor.model_dump(mode="json", exclude_unset=True)
-            in_force = {"sensor": task.sensor.id, **keys}
+            in_force = self._obey_of_scene(command, at_utc_ns)
+        for obeyed in self._obeyed:
+            obeyed(command, at_utc_ns)
         self._totals.controls += 1
         return in_force
 

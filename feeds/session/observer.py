@@ -11,8 +11,10 @@ from plotfeed.feeds.delivery.delivery import Settled
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.story_keys import StoryState
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
@@ -43,6 +45,18 @@ class RunningSensor(Protocol):
         """The sensor's status as it is now, but for its lateness."""
 
 
+class RunningChanges(Protocol):
+    """What observers may see of what was asked of a session."""
+
+    @property
+    def stories(self) -> Sequence[StoryState]:
+        """What can happen at a word, and what has."""
+
+    @property
+    def undoes(self) -> str:
+        """What would be undone next, in words; empty for nothing."""
+
+
 class RunningSession(Protocol):
     """What observers may see of a session, and ask of it."""
 
@@ -65,6 +79,10 @@ class RunningSession(Protocol):
     @property
     def sensor_tasks(self) -> Mapping[str, RunningSensor]:
         """Sensors by their names."""
+
+    @property
+    def changes(self) -> RunningChanges:
+        """What was asked of it."""
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -110,6 +128,9 @@ class Observer:
 
     def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry or a command was taken in, as of that time."""
+
+    def obeyed(self, command: Command, t_utc_ns: int) -> None:
+        """What a command asked for is in force, as of that time."""
 
     def before_link(self, message: Message) -> None:
         """A sensor hands a message to its link."""

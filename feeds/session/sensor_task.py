@@ -15,7 +15,7 @@ from plotfeed.feeds.delivery.outbox import Departure, Outbox
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.scene.changes import instants_ns, merged
+from plotfeed.feeds.scene.changes import Layers, instants_ns, joined, with_change
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
@@ -53,7 +53,8 @@ class SensorTask:
         self.link = json_of(self.sensor.link)
         """Its keys as the ledger tells them."""
         self._sensors, self._i = sensors, i
-        self._controlled: dict[str, Any] = {}
+        self.layers: Layers = ()
+        """What is asked of it over its script."""
         self._context = context
         self._prefix = context.scene.mqtt.prefix
         self._announcer = announcer
@@ -97,11 +98,16 @@ class SensorTask:
 
     def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:
         """Change those keys from that time on, or with None none any more; raises `ChangeError`."""
-        controlled: dict[str, Any] = {}
-        if changes is not None:
-            controlled = merged(self._controlled, changes, keeps_none=True)
-        self._sensors.control(self._i, controlled, at_utc_ns)
-        self._controlled = controlled
+        self.put(() if changes is None else with_change(self.layers, changes), at_utc_ns)
+
+    def check(self, layers: Layers, at_utc_ns: int) -> None:
+        """Raise `ChangeError` if it cannot have all that over its script then."""
+        self._sensors.as_of(self._i, joined(layers), at_utc_ns)
+
+    def put(self, layers: Layers, at_utc_ns: int) -> None:
+        """Have that asked of it over its script from then on; raises `ChangeError`."""
+        self._sensors.control(self._i, joined(layers), at_utc_ns)
+        self.layers = layers
         before = self._description
         self._follow_script(at_utc_ns)
         self._tell_change(before)
@@ -135,7 +141,7 @@ class SensorTask:
 
     def _follow_script(self, at_utc_ns: int) -> None:
         """Be as script and control have it then, however late it is done."""
-        sensor = self._sensors.as_of(self._i, self._controlled, at_utc_ns)
+        sensor = self._sensors.as_of(self._i, joined(self.layers), at_utc_ns)
         if sensor == self.sensor:
             return
         if sensor.link != self.sensor.link:
@@ -172,7 +178,7 @@ class SensorTask:
     def settings(self) -> Message:
         """The sensor's keys as they are now, as whoever comes later is told."""
         now_ns = self._context.clock.now_ns()
-        return settings_message(self._prefix, self.sensor, self._controlled, now_ns)
+        return settings_message(self._prefix, self.sensor, joined(self.layers), now_ns)
 
     @property
     def description(self) -> Message:

@@ -18,6 +18,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.session.change_control import ChangeControl
 from plotfeed.feeds.session.drone_control import DroneControl
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.listening import sources_of
@@ -148,12 +149,14 @@ class Session:
             cooperative = CooperativeDrones(
                 scene, scene.cooperative, self.trajectories, self._drones
             )
+        drone_control = DroneControl(self._drones, cooperative)
+        self.changes = ChangeControl(scene, self.sensor_tasks, self._drones, drone_control)
         self._inputs = SessionInputs(
             context,
             self.trajectories,
             self.sensor_tasks,
             self._publish,
-            DroneControl(self._drones, cooperative).obey,
+            self.changes.obey,
         )
         self._loop = SessionLoop(
             clock,

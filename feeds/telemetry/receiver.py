@@ -92,7 +92,7 @@ class TelemetryReceiver:
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._size_m = settings.size_m
         self._echoes = echoes_of(scene.target, DRONE) if scene.target else None
-        self._scripted = frozenset(scene.fleet.names)
+        self._scripted = frozenset((*scene.fleet.names, *scene.fleet.waiting_names))
         self._trajectories = trajectories
         self._welcome, self._part_with = welcome, part_with
         self._published_in_second = (0, 0)

@@ -162,6 +162,9 @@ class MadeUpSession:
         self._own: dict[str, Sensor] = {sensor.id: sensor for sensor in shown.sensor}
         self._changes: dict[str, dict[str, Any]] = {}
         self.sensors = dict(self._own)
+        self._stories: dict[str, float | None] = dict.fromkeys(shown.stories)
+        """Since when those are on that are, UTC in milliseconds."""
+        self._marks: list[dict[str, Any]] = []
         self._trajectories = Trajectories(stale_after_s=3.0)
         launch(shown, self._trajectories, start_ns)
         self._stations = [Station(shown, sensor, self._trajectories) for sensor in shown.sensor]
@@ -176,6 +179,7 @@ class MadeUpSession:
             view.session(self.session)
             for sensor in shown.sensor:
                 self._tell_settings(sensor)
+            self._tell_stories()
 
     async def run(self, seconds: float | None = None) -> None:
         """As fast as the wall clock, at the speed that was asked for."""
@@ -212,6 +216,8 @@ class MadeUpSession:
         name = command.get("sensor")
         if name is not None:
             return {"ok": True, "in_force": self._change(name, command)}
+        if "story" in command:
+            self._tell_story(command)
         for key in ("clock", "record", "replay"):
             if key in command:
                 self._change_session(key, command[key])
@@ -228,6 +234,31 @@ class MadeUpSession:
         station.change(sensor)
         self._tell_settings(sensor)
         return sensor.model_dump(mode="json", exclude_unset=True)
+
+    def _tell_story(self, command: dict[str, Any]) -> None:
+        story = self.scene.stories[command["story"]]
+        for sensor, keys in story.sets.items():
+            self._change(sensor, {"reset": True} if command.get("reset") else {"set": keys})
+        self._stories[story.id] = None if command.get("reset") else self.now_ns / 1e6
+        words = f"{story.title}{', taken back' if command.get('reset') else ''}"
+        self._marks.append({"t_utc_ms": self.now_ns / 1e6, "kind": "story", "words": words})
+        self._tell_stories(words)
+
+    def _tell_stories(self, undoes: str = "") -> None:
+        if self.view is None:
+            return
+        told = [
+            {
+                "id": story.id,
+                "title": story.title,
+                "text": story.text,
+                "sensors": list(story.sets),
+                "since_utc_ms": self._stories[story.id],
+            }
+            for story in self.scene.stories.values()
+        ]
+        self.view.stories(told, undoes)
+        self.view.marks(list(self._marks))
 
     def _change_session(self, key: str, change: dict[str, Any]) -> None:
         state = dict(self.session[key])

@@ -1,6 +1,6 @@
 // A small chart on a canvas: axes with round numbers, lines, bars, dots.
 
-import { colours } from "./colours.js";
+import { colours, faded } from "./colours.js";
 import { nice } from "./ground.js";
 
 const LEFT = 38, RIGHT = 8, TOP = 6, BOTTOM = 17;
@@ -135,6 +135,38 @@ export class Chart {
       context.arc(this.x(x), this.y(y), 2.4, 0, 2 * Math.PI);
       context.fill();
     }
+  }
+
+  /** An upright line with a flag, where something was changed. */
+  flag(value, colour) {
+    const { context } = this, x = this.x(value);
+    context.fillStyle = colour;
+    context.fillRect(x - 0.5, TOP, 1, this.height - TOP - BOTTOM);
+    context.beginPath();
+    for (const [dx, dy] of [[0, 0], [7, 3.5], [0, 7]]) context.lineTo(x + dx, TOP + dy);
+    context.fill();
+  }
+
+  /** Words in the upper right corner, on a ground of their own, cut to the width. */
+  note(words, colour) {
+    const { context } = this, most = this.width - LEFT - RIGHT - 6;
+    context.font = colours.font;
+    context.textAlign = "right";
+    context.textBaseline = "middle";
+    let shown = words;
+    while (shown.length > 1 && context.measureText(shown).width > most) shown = `${shown.slice(0, -2)}…`;
+    context.fillStyle = faded(colours.panel, 0.85);
+    context.fillRect(this.width - RIGHT - context.measureText(shown).width - 4, TOP, context.measureText(shown).width + 4, 14);
+    context.fillStyle = colour;
+    context.fillText(shown, this.width - RIGHT - 2, TOP + 7);
+    context.textBaseline = "alphabetic";
+  }
+
+  /** What is marked, for who does not see it; added to what the chart is. */
+  tell(words) {
+    this.label ??= this.canvas.getAttribute("aria-label");
+    const label = words.length ? `${this.label}. ${words.join(". ")}.` : this.label;
+    if (this.canvas.getAttribute("aria-label") !== label) this.canvas.setAttribute("aria-label", label);
   }
 
   /** Words in the middle, where there is nothing to draw. */

@@ -8,6 +8,7 @@ import { FrameReader } from "./frames.js";
 import { Picture } from "./picture.js";
 import { Sensors } from "./sensors.js";
 import { Session } from "./session.js";
+import { Stories } from "./stories.js";
 import { Strips } from "./strips.js";
 
 const byId = (id) => document.getElementById(id);
@@ -19,6 +20,7 @@ const feed = new Feed(takeFrame, showConnection);
 const ask = (command) => feed.ask(command);
 const sensors = new Sensors(picture, display.hidden, { ask, onChoose: look, onHide: () => display.redraw() });
 const session = new Session(picture, ask);
+const stories = new Stories(picture, ask);
 const strips = new Strips();
 let generation = null;
 const UPDATES_PER_S = 10;
@@ -38,10 +40,11 @@ function takeFrame(buffer) {
   }
   if (changed.has("missed_updates")) showBehind(picture.news.missed_updates);
   if (all || changed.has("session") || changed.has("scene")) session.show();
+  if (["snapshot", "stories", "undoes", "session"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session")) sensors.showSettings();
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); }
-  if (all || changed.has("seconds") || changed.has("details")) strips.draw(picture, sensors.chosen);
+  if (all || changed.has("seconds") || changed.has("details") || changed.has("marks")) strips.draw(picture, sensors.chosen);
 }
 
 function nearestGlow(seconds) {
@@ -117,6 +120,7 @@ const KEYS = {
   p: () => display.selectNext(-1),
   f: follow,
   t: () => setTruth(!display.truth),
+  u: () => stories.undo(),
   " ": () => session.togglePause(),
   ".": () => session.step(),
   Escape: () => display.select(null),

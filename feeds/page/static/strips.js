@@ -3,6 +3,7 @@
 import { Chart } from "./chart.js";
 import { colours, faded, sensorColour } from "./colours.js";
 import { nice } from "./ground.js";
+import { MARK_COLOURS, storiesOf } from "./stories.js";
 
 const OFF = "; NOT as asked";
 const HISTORY_S = 120;
@@ -39,6 +40,21 @@ export class Strips {
     this.#drawLoss(seconds, details?.link, news.settings?.[chosen]?.link);
     this.#drawDetections(details?.detections, colour);
     this.#drawLateness(seconds);
+    this.#mark(seconds, news, chosen);
+  }
+
+  /** What was changed: flags where time is an axis, and over the others the stories that the sensor is in. */
+  #mark(seconds, news, chosen) {
+    const marks = (news.marks ?? []).map((mark) => ({ ...mark, ago: secondsAgo(seconds, mark.t_utc_ms) })).filter(({ ago }) => ago !== null);
+    for (const chart of [this.#plots, this.#loss, this.#late]) {
+      for (const { kind, ago } of marks) chart.flag(-ago, colours[MARK_COLOURS[kind]]);
+      chart.tell(marks.map(({ words, ago }) => `${words}, ${ago} s ago`));
+    }
+    const stories = storiesOf(news, chosen);
+    for (const chart of [this.#latency, this.#pd]) {
+      if (stories.length) chart.note(stories.join(", "), colours.warn);
+      chart.tell(stories);
+    }
   }
 
   /** A line over the last two minutes. */
@@ -103,6 +119,13 @@ export class Strips {
     const last = seconds.at(-1);
     say("late-text", last ? `p50 ${(last.late_p50_us / 1000).toFixed(2)}, p99 ${(last.late_p99_us / 1000).toFixed(2)} ms` : "–");
   }
+}
+
+/** How many seconds ago something was in the strips; null for what is not in them. */
+function secondsAgo(seconds, ms) {
+  const i = seconds.findIndex((second) => second.t_utc_ms >= ms);
+  if (i < 0) return seconds.length ? 0 : null;
+  return i === 0 && ms < seconds[0].t_utc_ms - 2000 ? null : seconds.length - 1 - i;
 }
 
 /** The share of messages that a model of loss asks for, and its mean burst; null where no formula is at hand. */

@@ -31,14 +31,17 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
+DRONE = road.flown("a", road.waypoint(10, 5, 3000), road.waypoint(60, 5, 5000))
 SCENE = road.scene(
     [
         road.radar(scan=road.rotating(sectors=16), link={"latency_ms": 40.0, "jitter_ms": 5.0}),
         road.radar(id="other", position_enu_m=[500.0, 0.0, 0.0], sic=2),
     ],
-    [road.flown("a", road.waypoint(10, 5, 3000), road.waypoint(60, 5, 5000))],
+    [DRONE],
     seed=3,
 )
+
+SWITCHED_OFF = {"from_s": 2.0, "set": {"enabled": False}}
 
 
 class Show:
@@ -119,6 +122,40 @@ async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it()
         assert plot[2] == pytest.approx(late_ms, rel=1e-6)
         assert plot[2] > (20.0 if sensor == 0 else -1e-3)
     assert show.column(SectionKind.PLOT_TRUTHS, "drone").max() == 0
+
+
+@pytest.mark.asyncio
+async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on() -> None:
+    async def act(show: Show) -> None:
+        for command in (
+            {"sensor": "radar", "set": {"link": {"latency_ms": 400.0}}},
+            {"story": "outage"},
+            {"clock": {"speed": 12}},
+            {"story": "outage", "reset": True},
+            {"undo": True},
+        ):
+            assert (await show.observer.apply(command))["ok"]
+        await show.until(lambda: len(show.news["marks"]) == 5)
+
+    sensors = [road.radar(), road.radar(id="other", sic=2, event=[SWITCHED_OFF])]
+    show = Show(WallClock(road.START_NS, speed=10.0), road.scene(sensors, [DRONE], seed=3))
+    await show.play(4.0, act)
+    marks = show.news["marks"]
+    assert sorted(mark["words"] for mark in marks) == [
+        "Outage of radar",
+        "Outage of radar, taken back",
+        "Undone: Outage of radar, taken back",
+        "other: by its script",
+        "radar: link.latency_ms 400.0",
+    ]
+    kinds = {mark["words"]: mark["kind"] for mark in marks}
+    assert kinds["Outage of radar"] == "story"
+    assert kinds["other: by its script"] == "script"
+    assert kinds["radar: link.latency_ms 400.0"] == "change"
+    told = {story["id"]: story["since_utc_ms"] for story in show.news["stories"]}
+    assert [name for name, since_ms in told.items() if since_ms is not None] == ["outage"]
+    assert show.news["undoes"] == "Outage of radar"
+    assert all(second["t_utc_ms"] > road.START_NS / 1e6 for second in show.news["seconds"])
 
 
 @pytest.mark.asyncio

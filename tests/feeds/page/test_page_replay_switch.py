@@ -13,7 +13,7 @@ from support.page_replays import Act, Viewer, of_lab
 from support.page_sessions import Begun
 
 from plotfeed.feeds.page import page_replay
-from plotfeed.feeds.page.page_replay import NOT_NOW
+from plotfeed.feeds.page.page_replay import NOT_NOW, REFUSES
 from plotfeed.replay.mcap.mcap_reader import McapReader
 
 
@@ -85,11 +85,13 @@ async def test_what_makes_no_sense_in_a_replay_is_refused(play: Callable[[Act], 
         for command in (
             {"sensor": "lab", "set": {"pfa": 1e-5}},
             {"sensor": "lab", "reset": True},
+            {"story": "outage"},
+            {"undo": True},
             {"record": {"start": True}},
             {"clock": {"step_s": 1}},
         ):
             assert (await viewer.ask(**command))["error"] == NOT_NOW
-        assert viewer.session["refuses"] == dict.fromkeys(("sensor", "step", "record"), NOT_NOW)
+        assert viewer.session["refuses"] == dict.fromkeys(REFUSES, NOT_NOW)
         assert any("Times" in note for note in viewer.session["notes"])
         for wish, words in (
             ({"speed": 0}, "expected 0.001 to 10000"),

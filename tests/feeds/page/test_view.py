@@ -264,6 +264,7 @@ def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None
     assert "seconds" not in read_frame(view.update(SECTOR.end_ns, 0.5).public).news
     (second,) = read_frame(view.update(SECTOR.end_ns, 1.0).public).news["seconds"]
     assert second == {
+        "t_utc_ms": SECTOR.end_ns / 1e6,
         "plots": [3],
         "messages": 1,
         "lost": 1,

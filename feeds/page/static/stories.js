@@ -1,0 +1,61 @@
+// Stories: what can happen at a word, by one click, and is taken back by another; and undo.
+
+export const MARK_COLOURS = { story: "warn", change: "accent", script: "quiet" };
+const byId = (id) => document.getElementById(id);
+
+export class Stories {
+  #buttons = new Map(); // by story
+  #told = "";
+
+  constructor(picture, ask) {
+    Object.assign(this, { picture, ask });
+    byId("undo").addEventListener("click", () => this.undo());
+  }
+
+  /** Take back whatever was asked last. */
+  undo() {
+    if (!byId("undo").disabled) this.#send({ undo: true });
+  }
+
+  /** Those of the scene, and which are on; told when stories, what undo would undo, or the session changed. */
+  show() {
+    const { stories = [], undoes = "", session = {} } = this.picture.news, { refuses = {} } = session;
+    const told = stories.map(({ id, title }) => `${id} ${title}`).join("\n");
+    if (told !== this.#told) this.#renew(stories);
+    this.#told = told;
+    for (const story of stories) {
+      const button = this.#buttons.get(story.id);
+      button.setAttribute("aria-pressed", String(story.since_utc_ms !== null));
+      button.disabled = "story" in refuses;
+      button.title = refuses.story ?? story.text;
+    }
+    byId("undo").disabled = !undoes || "undo" in refuses;
+    byId("undo-words").textContent = undoes || "Nothing to undo.";
+    byId("no-stories").hidden = stories.length > 0;
+  }
+
+  #renew(stories) {
+    this.#buttons.clear();
+    byId("stories").replaceChildren(...stories.map(({ id, title }) => {
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: title });
+      button.addEventListener("click", () => this.#send(this.#isOn(id) ? { story: id, reset: true } : { story: id }));
+      this.#buttons.set(id, button);
+      return button;
+    }));
+  }
+
+  #isOn(id) {
+    return this.picture.news.stories.some((story) => story.id === id && story.since_utc_ms !== null);
+  }
+
+  async #send(command) {
+    const answer = await this.ask(command), words = byId("story-answer");
+    words.textContent = answer.ok ? "" : answer.error;
+    words.toggleAttribute("data-failed", !answer.ok);
+  }
+}
+
+/** Titles of the stories that are on and concern a sensor. */
+export function storiesOf(news, sensor) {
+  return (news.stories ?? []).filter((story) => story.since_utc_ms !== null && story.sensors.includes(sensor)).map((story) => story.title);
+}

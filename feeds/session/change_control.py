@@ -1,0 +1,208 @@
+"""What is asked of sensors, drones and stories in mid-run, and how it is undone."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from plotfeed.feeds.scene.changes import Command, ControlError, Layers
+from plotfeed.feeds.scene.mission_keys import Resume
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.story_keys import Story, StoryChange, StoryState
+from plotfeed.feeds.sensing.scene_drones import SceneDrones
+from plotfeed.feeds.session.drone_control import DroneControl
+from plotfeed.feeds.session.sensor_task import SensorTask
+from plotfeed.proto.errors import PlotfeedError
+
+MAX_UNDONE = 100
+"""Changes that are remembered to be undone; the oldest are forgotten."""
+MAX_WORDS = 80
+"""Letters by which a change is told in a line."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """A change that can be undone."""
+
+    words: str
+    layers: Mapping[str, tuple[Layers, Layers]]
+    """Before and after, by sensor."""
+    story: str = ""
+    began: bool = False
+    """Whether the story began by it, or was taken back."""
+
+
+class ChangeControl:
+    """The sensors and drones of a session, as commands and stories reach them."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        sensor_tasks: Mapping[str, SensorTask],
+        drones: SceneDrones,
+        drone_control: DroneControl,
+    ) -> None:
+        self._scene = scene
+        self._tasks, self._drones, self._drone_control = sensor_tasks, drones, drone_control
+        self._begun: dict[str, int] = {}
+        """When stories began that are on, UTC, by their ids."""
+        self._steps: deque[_Step] = deque(maxlen=MAX_UNDONE)
+
+    @cached_property
+    def _stories(self) -> Mapping[str, Story]:
+        return self._scene.stories
+
+    @property
+    def stories(self) -> list[StoryState]:
+        """All that can be told, the usual ones first."""
+        return [StoryState(s, self._begun.get(s.id)) for s in self._stories.values()]
+
+    @property
+    def undoes(self) -> str:
+        """What would be undone next, in words; empty for nothing."""
+        return self._steps[-1].words if self._steps else ""
+
+    def obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
+        """Do what a command asks, from then on, and say what is in force.
+
+        Raises `PlotfeedError`, and nothing has changed.
+        """
+        if command.drone is not None:
+            return self._drone_control.obey(command, at_utc_ns)
+        if command.story is not None:
+            return self._obey_of_story(command, command.story, at_utc_ns)
+        if command.undo:
+            return self._undo(at_utc_ns)
+        task = self._task(command.sensor or "")
+        before = task.layers
+        task.control(None if command.reset else command.set, at_utc_ns)
+        name = task.sensor.id
+        words = "as in the scene" if command.reset else told(command.set or {})
+        self._steps.append(_Step(f"{name}: {words}", {name: (before, task.layers)}))
+        self._forget_what_is_over()
+        keys = task.sensor.model_dump(mode="json", exclude_unset=True)
+        return {"sensor": name, **keys}
+
+    def _task(self, sensor: str) -> SensorTask:
+        task = self._tasks.get(sensor)
+        if task is None:
+            known = ", ".join(self._tasks)
+            raise ControlError(f"sensor: there is no {sensor!r}; expected one of {known}")
+        return task
+
+    def _obey_of_story(self, command: Command, name: str, at_utc_ns: int) -> dict[str, Any]:
+        story = self._stories.get(name)
+        if story is None:
+            known = ", ".join(self._stories)
+            raise ControlError(f"story: there is no {name!r}; expected one of {known}")
+        is_on = name in self._begun
+        if is_on != command.reset:
+            raise ControlError(f"story: {name!r} is {'on already' if is_on else 'not on'}")
+        before = {sensor: self._task(sensor).layers for sensor in story.sets}
+        after = {s: _without(layers, name) for s, layers in before.items()}
+        if not is_on:
+            after = {s: (*before[s], (name, keys)) for s, keys in story.sets.items()}
+        self._put(after, at_utc_ns, story, begins=not is_on)
+        words = f"{story.title or name}{', taken back' if is_on else ''}"
+        layers = {sensor: (before[sensor], after[sensor]) for sensor in before}
+        self._steps.append(_Step(words, layers, name, not is_on))
+        return {"story": name, "on": name in self._begun, "stories": list(self._begun)}
+
+    def _put(
+        self,
+        layers: Mapping[str, Layers],
+        at_utc_ns: int,
+        story: Story | None = None,
+        *,
+        begins: bool = False,
+    ) -> None:
+        """Have sensors so, and a story begin or end; raises `PlotfeedError` before any change."""
+        for sensor, asked in layers.items():
+            self._task(sensor).check(asked, at_utc_ns)
+        if story is not None and begins:
+            seed = self._scene.scene.seed
+            joining = [drone for swarm in story.swarm for drone in swarm.members(seed)]
+            try:
+                self._drones.join(joining, at_utc_ns)
+            except PlotfeedError as error:
+                raise ControlError(f"story: {error}") from None
+        for sensor, asked in layers.items():
+            self._task(sensor).put(asked, at_utc_ns)
+        if story is None:
+            return
+        for change in story.drone_changes:
+            with suppress(PlotfeedError):  # the drone may be gone by now, or on its way again
+                self._drone_control.obey(_asked(change, begins=begins), at_utc_ns)
+        if begins:
+            self._begun[story.id] = at_utc_ns
+            return
+        for swarm in story.swarm:
+            self._drones.part_with(swarm.names, at_utc_ns)
+        self._begun.pop(story.id, None)
+
+    def _undo(self, at_utc_ns: int) -> dict[str, Any]:
+        """Take back what was asked last, so that all is as it was before."""
+        if not self._steps:
+            raise ControlError("undo: nothing was asked of a sensor, and no story was begun")
+        step = self._steps.pop()
+        if any(self._task(name).layers != after for name, (_, after) in step.layers.items()):
+            raise ControlError(f"undo: {step.words}: the sensor was asked otherwise since")
+        before = {name: layers for name, (layers, _) in step.layers.items()}
+        self._put(before, at_utc_ns, self._stories.get(step.story), begins=not step.began)
+        self._find_what_is_on(at_utc_ns)
+        return {"undone": step.words, "stories": list(self._begun)}
+
+    def _forget_what_is_over(self) -> None:
+        """A story of which nothing is left, as all its sensors were reset, is over."""
+        for name in [*self._begun]:
+            story = self._stories[name]
+            is_of_sensors = story.sets and not story.swarm and not story.drone_changes
+            if is_of_sensors and not any(self._tells(sensor, name) for sensor in story.sets):
+                del self._begun[name]
+
+    def _find_what_is_on(self, at_utc_ns: int) -> None:
+        """A story that is at work again, since a reset was undone, is on."""
+        for story in self._stories.values():
+            if any(self._tells(sensor, story.id) for sensor in story.sets):
+                self._begun.setdefault(story.id, at_utc_ns)
+
+    def _tells(self, sensor: str, story: str) -> bool:
+        return any(name == story for name, _ in self._tasks[sensor].layers)
+
+
+def _without(layers: Layers, story: str) -> Layers:
+    return tuple(layer for layer in layers if layer[0] != story)
+
+
+def _asked(change: StoryChange, *, begins: bool) -> Command:
+    """What a story asks of a drone when it begins or when it is taken back."""
+    if begins:
+        return Command(drone=change.drone, contingency=change.contingency, claim=change.claim)
+    if change.contingency is not None:
+        return Command(drone=change.drone, contingency=Resume(kind="resume"))
+    return Command(drone=change.drone, reset=True)
+
+
+def told(change: Mapping[str, Any]) -> str:
+    """Keys and values of a change in a line, tables by their keys; cut where it is long."""
+    words = ", ".join(f"{key} {_value(value)}" for key, value in _flat(change))
+    return words if len(words) <= MAX_WORDS else f"{words[: MAX_WORDS - 1]}…"
+
+
+def _flat(change: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in change.items():
+        if isinstance(value, Mapping) and value and "kind" not in value:
+            found += _flat(value, f"{above}{key}.")
+        else:
+            found.append((f"{above}{key}", value))
+    return found
+
+
+def _value(value: Any) -> str:
+    return "as usual" if value is None else json.dumps(value, default=str).replace('"', "")
