@@ -1,4 +1,4 @@
-"""Metrics of tracks and residuals of plots: arrays of truths and estimates in, figures out.
+"""Metrics of tracks beside the truth: arrays in, figures out.
 
-No files, topics or scenes: `feeds/score` reads those.
+What a file, a message or a profile is belongs to `feeds/score`.
 """
