@@ -49,6 +49,14 @@ SUMMARIES_AND_EXAMPLES = {
         "Hold what was delivered against what was asked.",
         ("report there.mcap", "report there.mcap --chart there.png"),
     ),
+    "score": (
+        "Score a tracker against the truth of a run.",
+        (
+            "score there.mcap --tracks tracks.csv",
+            "score there.mcap --tracks tracks.csv --out score.html",
+            "score there.mcap --tracks tracks.csv --profile example-f3411 --junit score.xml",
+        ),
+    ),
     "chart": (
         "Chart speed against accuracy of a scene's stages.",
         ("chart here.toml --quick --out figures",),

@@ -25,6 +25,7 @@ from plotfeed.feeds.cli.options import (
     take_source_options,
 )
 from plotfeed.feeds.cli.recording_commands import convert, record, replay, report, show
+from plotfeed.feeds.cli.score_commands import score
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
 from plotfeed.proto.errors import PlotfeedError
@@ -295,7 +296,7 @@ def schema(what: str) -> int:
     return 0
 
 
-for each in (show, convert, record, replay, report):
+for each in (show, convert, record, replay, report, score):
     cli.add_command(each)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 
 from plotfeed.feeds.score.report_errors import ReportErrors
 from plotfeed.feeds.score.score_settings import ScoreSettings
@@ -127,6 +127,8 @@ class OverTime:
     """Whether each drone was there, (steps, drones)."""
     tracked: Bools
     """Whether it had a track, (steps, drones)."""
+    stays_utc_ns: Sequence[Sequence[tuple[int, int]]]
+    """Of each drone: from when to when it was there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,11 +169,11 @@ class Score:
     over_time: OverTime
     nearest_m: Floats
     """From each usable report to the drone that was nearest, over the ground; NaN for none."""
-    dimension_text: str = field(init=False)
 
-    def __post_init__(self) -> None:
-        text = "over the ground" if self.dimensions == 2 else "in space"
-        object.__setattr__(self, "dimension_text", text)
+    @property
+    def distances(self) -> str:
+        """Which distances are meant throughout, in words."""
+        return "over the ground" if self.dimensions == 2 else "in space"
 
     def figures(self) -> dict[str, float]:
         """All figures by their names, NaN for what is not known: the same names for every run.

@@ -35,6 +35,7 @@ from plotfeed.models.scoring.consistency import (
     nees_interval,
     survival_quantile,
 )
+from plotfeed.models.scoring.flight_paths import stays_of
 from plotfeed.models.scoring.grid_walk import Walked, WalkSettings, walk
 from plotfeed.models.scoring.ground import GROUND, SPACE, Level
 from plotfeed.models.scoring.track_grid import Grid, GridRows, on_grid
@@ -113,6 +114,7 @@ def score_run(
             steps=walked.steps,
             there=field.there,
             tracked=tracked,
+            stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
         ),
         nearest_m=distances_to_nearest_m(*located),
     )

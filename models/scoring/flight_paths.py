@@ -89,3 +89,13 @@ def covered_at(looks_utc_ns: Ints, t_utc_ns: Ints, gap_ns: int) -> Bools:
     i = np.clip(i, 1, len(looks_utc_ns) - 1)
     found: Bools = inside & (looks_utc_ns[i] - looks_utc_ns[i - 1] <= gap_ns)
     return found | np.isin(t_utc_ns, looks_utc_ns)
+
+
+def stays_of(times: Ints, gap: int) -> list[tuple[int, int]]:
+    """Stretches of ascending times, first and last, within which no gap is larger."""
+    if not len(times):
+        return []
+    ends = np.flatnonzero(np.diff(times) > gap)
+    firsts = times[np.concatenate([[0], ends + 1])]
+    lasts = times[np.append(ends, len(times) - 1)]
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))

@@ -41,6 +41,7 @@ BENCHMARKS = {
     "bench_mqtt.py": "MQTT clients",
     "bench_page.py": "The live page",
     "bench_log.py": "Recordings",
+    "bench_score.py": "Scoring a tracker, beside Stone Soup",
     "bench_replay.py": "Replays, beside C and ast-tool-py",
 }
 LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "gmqtt", "iotcore", "mcap", "zstandard")

@@ -44,6 +44,7 @@ SPOKEN = {
     "convert": FILES,
     "record": ["mqtt://", "udp://", "MCAP"],
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
+    "score": ["MCAP", "pcap", ".ast", "CSV", "GeoJSON", "ASTERIX 062", "SAPIENT", "TOML", "JUnit"],
     "chart": ["TOML", "png", "svg", "JSON"],
     "scenes": ["JSON"],
     "sensors": ["JSON"],

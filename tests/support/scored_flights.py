@@ -1,0 +1,123 @@
+"""Straight flights, the ledger that tells of them, and trackers that follow them in known ways."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from support.recordings import START_NS
+
+from plotfeed.feeds.score.flights_told import FlightsTally, Truths
+from plotfeed.feeds.score.track_table import ToldTrack, TracksRead, TrackTable
+from plotfeed.models.frames import LocalFrame, enu_to_aer
+from plotfeed.proto import plotfeed_pb2 as pb
+
+NS = 1_000_000_000
+SITE = LocalFrame(40.45, -3.73, 650.0)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """From a place, east, north, up of the site, at a steady velocity, from a time to a time."""
+
+    begin_m: tuple[float, float, float] = (1000.0, 500.0, 100.0)
+    velocity_m_s: tuple[float, float, float] = (10.0, -5.0, 0.0)
+    from_s: float = 0.0
+    until_s: float = 60.0
+
+    def at(self, t_s: float) -> np.ndarray:
+        return np.array(self.begin_m) + t_s * np.array(self.velocity_m_s)
+
+
+APART: Mapping[str, Flight] = {
+    "a": Flight(),
+    "b": Flight((-2000.0, 1500.0, 120.0), (-3.0, 12.0, 0.5)),
+}
+"""Two that never come near each other."""
+
+
+def ledger_of(flights: Mapping[str, Flight], sensor: str = "radar") -> list[pb.Ledger]:
+    """Entries of a radar at the site that looks at all of them every second."""
+    last_s = int(max(flight.until_s for flight in flights.values()))
+    entries = []
+    for second in range(last_s + 1):
+        entry = pb.Ledger(sensor=sensor, scan=second)
+        for name, flight in flights.items():
+            if flight.from_s <= second <= flight.until_s:
+                azimuth_deg, elevation_deg, range_m = enu_to_aer(flight.at(second))
+                entry.looks.add(
+                    drone=name,
+                    time_utc_ns=START_NS + second * NS,
+                    range_m=float(range_m),
+                    azimuth_deg=float(azimuth_deg),
+                    elevation_deg=float(elevation_deg),
+                    pd=0.9,
+                    detected=True,
+                )
+        entries.append(entry)
+    return entries
+
+
+def truths_of(flights: Mapping[str, Flight] = APART) -> Truths:
+    tally = FlightsTally({"radar": SITE})
+    for entry in ledger_of(flights):
+        tally.add(entry)
+    return tally.truths(site=SITE, scene="straight")
+
+
+def report_of(
+    name: str,
+    flight: Flight,
+    t_s: float,
+    error_m: Sequence[float] = (0.0, 0.0, 0.0),
+    *,
+    tells_velocity: bool = True,
+) -> ToldTrack:
+    """A report of where a flight is, as wrong as that."""
+    place = SITE.to_geodetic(flight.at(t_s) + np.array(error_m))
+    latitude_deg, longitude_deg, height_m = (float(each) for each in place)
+    return ToldTrack(
+        name=name,
+        t_utc_ns=START_NS + round(t_s * NS),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=flight.velocity_m_s if tells_velocity else (np.nan,) * 3,
+    )
+
+
+Given = list[tuple[ToldTrack, int | None]]
+"""Reports, with when they were received."""
+
+
+def followed_well(
+    flights: Mapping[str, Flight] = APART,
+    *,
+    period_s: float = 1.0,
+    sigma_m: float = 0.0,
+    late_s: float | None = 0.2,
+    seed: int = 1,
+    tells_covariance: bool = False,
+) -> Given:
+    """Reports of every flight, on time; each track has the number of its flight, from 1."""
+    rng = np.random.default_rng(seed)
+    found: Given = []
+    for number, flight in enumerate(flights.values(), 1):
+        for t_s in np.arange(flight.from_s, flight.until_s + 1e-9, period_s).tolist():
+            error_m = sigma_m * rng.standard_normal(3)
+            told = report_of(str(number), flight, t_s, error_m)
+            if tells_covariance:
+                told = replace(told, covariance_m2=(*[sigma_m**2] * 3, 0.0, 0.0, 0.0))
+            received = None if late_s is None else told.t_utc_ns + round(late_s * NS)
+            found.append((told, received))
+    return sorted(found, key=lambda each: each[0].t_utc_ns)
+
+
+def read_of(given: Given, unreadable: Sequence[str] = ()) -> TracksRead:
+    table = TrackTable()
+    for told, received_utc_ns in given:
+        table.add(told, received_utc_ns)
+    for reason in unreadable:
+        table.refuse(reason)
+    return table.read("a tracker")
