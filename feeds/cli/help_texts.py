@@ -54,7 +54,7 @@ SUMMARIES_AND_EXAMPLES = {
         (
             "score there.mcap --tracks tracks.csv",
             "score there.mcap --tracks tracks.csv --out score.html",
-            "score there.mcap --tracks tracks.csv --profile example-f3411 --junit score.xml",
+            "score there.mcap --tracks tracks.csv --profile example-f3411",
         ),
     ),
     "chart": (

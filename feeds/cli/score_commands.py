@@ -55,7 +55,7 @@ from plotfeed.feeds.cli.options import EXISTING, NEW_FILE, POSITIVE, force_optio
     "--stale-s",
     type=POSITIVE,
     metavar="SECONDS",
-    help="Take a track whose last report is older for gone; without it the profile's, or 5.",
+    help="Take a track whose last report is older for gone; without it the profile's, or 5.0.",
 )
 @click.option(
     "--protect",

@@ -21,6 +21,7 @@ from plotfeed.proto.utc import NS
 
 def drone_scores(
     truths: Truths,
+    *,
     usable: UsableTracks,
     grid: Grid,
     rows: GridRows,

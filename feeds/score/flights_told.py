@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,9 @@ from plotfeed.replay.recorded import WHAT_LEFT, Stage
 
 TRUTH, DESCRIPTION = "/truth", "/description"
 LEAST_GAP_S = 6.0
-"""Between places of a flight, over which it is told where it was; or so many of the longest scans:"""
+"""Between places of a flight it is told where it was, if they are no further apart than this..."""
 SCANS = 1.5
+"""... or than so many of the longest scans."""
 MAX_DRONES = 10_000
 
 
@@ -115,7 +117,7 @@ class FlightsTally:
         ends = np.searchsorted(drone[by_drone], np.arange(len(order) + 1)).tolist()
         paths = [
             FlightPath.of(t_ns[by_drone[a:b]], at_m[by_drone[a:b]], self._gap_ns)
-            for a, b in zip(ends[:-1], ends[1:], strict=True)
+            for a, b in pairwise(ends)
         ]
         untold = [
             f"{many} looks of {sensor} have no place: where it stands is not told"

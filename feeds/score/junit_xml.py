@@ -41,7 +41,8 @@ def junit_of(score: Score, profile: str, verdicts: Sequence[LimitVerdict]) -> by
             SubElement(case, "failure", message=clean(each.told), type="limit")
         elif each.status == "not testable":
             SubElement(case, "skipped", message=clean(each.told))
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(suites, "utf-8") + b"\n"
+    text: bytes = tostring(suites, "utf-8")
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + text + b"\n"
 
 
 def clean(text: str) -> str:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from plotfeed.feeds.score.flights_told import Truths
 from plotfeed.feeds.score.usable_tracks import UsableTracks
-from plotfeed.models.frames import axes_enu, ecef_to_geodetic
+from plotfeed.models.frames import axes_enu, distance_m, ecef_to_geodetic
 from plotfeed.models.scoring.associations import NOBODY
 from plotfeed.models.scoring.consistency import nees
-from plotfeed.models.scoring.grid_walk import Walked
+from plotfeed.models.scoring.grid_walk import Assigned
 from plotfeed.models.scoring.ground import Level, along_enu
 from plotfeed.models.scoring.track_grid import Grid, GridRows
 from plotfeed.models.state import Columns, Floats, Ints
@@ -61,20 +62,32 @@ class ReportErrors(Columns):
     latency_s: Floats
 
 
-def report_errors(
-    truths: Truths,
-    tracks: UsableTracks,
-    grid: Grid,
-    rows: GridRows,
-    walked: Walked,
-    level: Level,
-    dimensions: int,
-) -> ReportErrors:
+class Located(NamedTuple):
+    """Flights and reports, with the grid and the level that both are on."""
+
+    truths: Truths
+    tracks: UsableTracks
+    grid: Grid
+    level: Level
+
+    def beside(self, of: Assigned | GridRows, values: Ints) -> Ints:
+        """What stands beside each report's track at the first step not before it, (n,)."""
+        reports, count = self.tracks.reports, max(len(self.tracks.names), 1)
+        keys, step = of.step * count + of.track, self.grid.at_or_after(reports.t_utc_ns)
+        wanted = step * count + reports.track
+        found = np.full(len(wanted), NOBODY)
+        if len(keys):
+            at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+            good = (keys[at] == wanted) & (step >= 0) & (step < self.grid.steps)
+            found[good] = values[at[good]]
+        return found
+
+
+def report_errors(located: Located, assigned: Assigned, dimensions: int) -> ReportErrors:
     """Errors of the reports of assigned tracks; a number in two places at once counts for none."""
-    reports, count = tracks.reports, max(len(tracks.names), 1)
-    keys = walked.assigned.step * count + walked.assigned.track
-    drone = _looked_up(keys, walked.assigned.drone, grid, reports.t_utc_ns, reports.track, count)
-    drone = np.where(tracks.leaps, NOBODY, drone)
+    truths, tracks, _, level = located
+    reports = tracks.reports
+    drone = np.where(tracks.leaps, NOBODY, located.beside(assigned, assigned.drone))
     true = truth_beside(truths, drone, reports.t_utc_ns, level)
     there = np.flatnonzero((drone != NOBODY) & np.isfinite(true.point[:, 0]))
     error_m = along_enu(
@@ -98,24 +111,15 @@ def report_errors(
     )
 
 
-def distances_to_nearest_m(
-    truths: Truths,
-    tracks: UsableTracks,
-    grid: Grid,
-    rows: GridRows,
-    walked: Walked,
-    level: Level,
-) -> Floats:
+def distances_to_nearest_m(located: Located, rows: GridRows, nearest: Ints) -> Floats:
     """How far over the ground each usable report is from the drone nearest to its track, (n,).
 
-    NaN where no drone was there.
+    `nearest` says which that is, for each of the grid's rows. NaN where no drone was there.
     """
-    reports, count = tracks.reports, max(len(tracks.names), 1)
-    keys = rows.step * count + rows.track
-    drone = _looked_up(keys, walked.nearest, grid, reports.t_utc_ns, reports.track, count)
-    true = truth_beside(truths, drone, reports.t_utc_ns, level)
-    apart = reports.point[:, :3] - true.point[:, :3]
-    return np.sqrt((apart**2).sum(axis=1))
+    reports = located.tracks.reports
+    drone = located.beside(rows, nearest)
+    true = truth_beside(located.truths, drone, reports.t_utc_ns, located.level)
+    return distance_m(reports.point[:, :3] - true.point[:, :3])
 
 
 def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> TrueStates:
@@ -127,17 +131,3 @@ def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> T
         which = order[a:b]
         place_m[which], velocity_m_s[which] = path.states_at(t_utc_ns[which])
     return true_states(place_m, velocity_m_s, level)
-
-
-def _looked_up(
-    keys: Ints, values: Ints, grid: Grid, t_utc_ns: Ints, track: Ints, count: int
-) -> Ints:
-    """What stands beside a track at the first step that is not before its report."""
-    step = grid.at_or_after(t_utc_ns)
-    wanted = step * count + track
-    found = np.full(len(wanted), NOBODY)
-    if len(keys):
-        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        good = (keys[at] == wanted) & (step >= 0) & (step < grid.steps)
-        found[good] = values[at[good]]
-    return found

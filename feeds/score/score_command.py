@@ -1,4 +1,4 @@
-"""`plotfeed score`: a recording's flights beside a tracker's tracks, as text, JSON, HTML and XML."""
+"""`plotfeed score`: flights of a recording beside a tracker's tracks; text, JSON, HTML, XML."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def _svg(draw: Callable[[Any, Score], None], score: Score) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    settings = {"svg.hashsalt": "plotfeed", "svg.fonttype": "none", "font.size": 9.0}
+    settings: Any = {"svg.hashsalt": "plotfeed", "svg.fonttype": "none", "font.size": 9.0}
     with mpl.rc_context(settings):
         figure: Any = Figure(figsize=INCHES, layout="constrained")
         axes = figure.subplots()

@@ -61,7 +61,7 @@ class ScoreLimit(SceneTable):
 
     @property
     def title(self) -> str:
-        """What it is called."""
+        """The name, or the figure and its bound."""
         return self.name or f"{self.figure} {self.asked}"
 
     @property
@@ -83,7 +83,7 @@ class ScoreProfile(SceneTable):
     """A file of limits."""
 
     profile: ProfileHead
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
     limit: Annotated[list[ScoreLimit], Field(min_length=1, max_length=1000)]
 
     def score_settings(self) -> ScoreSettings:

@@ -71,7 +71,11 @@ class ScoreSettings:
                 good = _is_number(value)
             if not good:
                 raise PlotfeedError(f"{name}: {str(value)[:40]!r} is not what is expected there")
-        return cls(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
+        return cls(**given)
 
 
 def _is_number(value: object) -> bool:

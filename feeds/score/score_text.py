@@ -100,7 +100,7 @@ def notes_of(score: Score) -> Iterator[str]:
 def set_table(score: Score) -> Shown:
     """Figures of sets, as stamped and as known."""
     known = SetFigures() if score.as_known is None else score.as_known
-    rows = [
+    rows: list[Row] = [
         (text, _told(getattr(score.as_stamped, name), form), _told(getattr(known, name), form))
         for name, (text, form) in SETS.items()
     ]
@@ -109,10 +109,12 @@ def set_table(score: Score) -> Shown:
 
 def tables_of(score: Score) -> Iterator[Shown]:
     """All other tables."""
-    told = [(text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()]
+    told: list[Row] = [
+        (text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()
+    ]
     yield f"{score.reports.reports:.0f} reports, each at its own time", ("", ""), told, "<>"
     many = len(score.drones) - score.never_tracked
-    beginnings = [
+    beginnings: list[Row] = [
         ("drones that had a track", f"{many} of {len(score.drones)}"),
         ("from cover to the first report, median, s", number(score.initiation_median_s, ".2f")),
         ("distance at the first report, median, m", number(score.alert_median_m, ".0f")),

@@ -18,6 +18,7 @@ import numpy as np
 from plotfeed.feeds.score.drone_scores import drone_scores, sensor_scores
 from plotfeed.feeds.score.flights_told import Truths
 from plotfeed.feeds.score.report_errors import (
+    Located,
     ReportErrors,
     TrueStates,
     distances_to_nearest_m,
@@ -45,15 +46,14 @@ from plotfeed.proto.utc import NS
 
 MOST_CELLS = 50_000_000
 """Steps times drones."""
-SILENT_S = 10.0
-"""A tracker of which nothing comes for so long, and for three times a track's age, has ended."""
+SILENT_S, SILENT_TIMES = 10.0, 5.0
+"""A tracker of which nothing comes for so long, and for so many times as long as it is usual from
+one report to the next (95 %), has ended."""
 LEAST_SPEED_M_S = 1.0
 """Below it a drone has no way along which to err."""
 
 
-def score_run(
-    truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None
-) -> Score:
+def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None) -> Score:
     """Score a tracker; raises `PlotfeedError` if no drone was looked at, or for a run too long.
 
     Whatever the tracker did, there is a score: what of its reports cannot be used is counted.
@@ -71,16 +71,24 @@ def score_run(
     dimensions = how.dimensions or (3 if usable.has_heights else 2)
     rows, walked = _walked(field, usable, how, dimensions, as_known=False)
     segments = _segments(walked, how)
-    stamped = _set_figures(field, usable, rows, walked, segments, how)
+    stamped = _set_figures(field, usable, rows=rows, walked=walked, how=how)
     known = None
     if usable.has_received:
         other_rows, other = _walked(field, usable, how, dimensions, as_known=True)
-        known = _set_figures(field, usable, other_rows, other, _segments(other, how), how)
-    located = (truths, usable, field.grid, rows, walked, field.level)
-    errors = report_errors(*located, dimensions)
+        known = _set_figures(field, usable, rows=other_rows, walked=other, how=how)
+    located = Located(truths, usable, field.grid, field.level)
+    errors = report_errors(located, walked.assigned, dimensions)
     tracked = _tracked(field, walked)
     drones = drone_scores(
-        truths, usable, field.grid, rows, field.there, tracked, segments, errors, how
+        truths,
+        usable=usable,
+        grid=field.grid,
+        rows=rows,
+        there=field.there,
+        tracked=tracked,
+        segments=segments,
+        errors=errors,
+        how=how,
     )
     silent_s = _silent_s(field, usable)
     seen = np.array([np.isfinite(each.initiation_s) for each in drones], np.bool_)
@@ -106,7 +114,7 @@ def score_run(
         never_tracked=int(np.count_nonzero(~seen)),
         silent_s=silent_s,
         left_out=usable.counts,
-        failure=_failure(tracks, usable, silent_s, how),
+        failure=_failure(tracks, usable, silent_s),
         notes=truths.notes,
         errors=errors,
         over_time=OverTime(
@@ -116,7 +124,7 @@ def score_run(
             tracked=tracked,
             stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
         ),
-        nearest_m=distances_to_nearest_m(*located),
+        nearest_m=distances_to_nearest_m(located, rows, walked.nearest),
     )
 
 
@@ -192,12 +200,12 @@ def _tracked(field: _Field, walked: Walked) -> Bools:
 def _set_figures(
     field: _Field,
     usable: UsableTracks,
+    *,
     rows: GridRows,
     walked: Walked,
-    segments: Segments,
     how: ScoreSettings,
 ) -> SetFigures:
-    steps, assigned = walked.steps, walked.assigned
+    steps, assigned, segments = walked.steps, walked.assigned, _segments(walked, how)
     some = (steps.drones > 0) | (steps.tracks > 0)
     count, power = max(int(np.count_nonzero(some)), 1), 1.0 / how.order
 
@@ -318,19 +326,21 @@ def _nearer(value: float) -> float:
 
 
 def _silent_s(field: _Field, usable: UsableTracks) -> float:
-    """From the last report to the end of the flights, seconds."""
+    """Seconds from the last report to the end of the flights."""
     if not len(usable.reports):
         return (field.span_utc_ns[1] - field.span_utc_ns[0]) / NS
     return max((field.span_utc_ns[1] - int(usable.reports.t_utc_ns.max())) / NS, 0.0)
 
 
-def _failure(tracks: TracksRead, usable: UsableTracks, silent_s: float, how: ScoreSettings) -> str:
+def _failure(tracks: TracksRead, usable: UsableTracks, silent_s: float) -> str:
     if tracks.crashed:
         return tracks.crashed
     if not len(tracks.reports):
         return "the tracker reported no tracks"
     if not len(usable.reports):
         return "none of the tracker's reports can be used"
-    if silent_s > max(SILENT_S, 3 * how.stale_s):
+    times_s = np.unique(usable.reports.t_utc_ns) / NS
+    usual_s = float(np.quantile(np.diff(times_s), 0.95)) if len(times_s) > 1 else 0.0
+    if silent_s > max(SILENT_S, SILENT_TIMES * usual_s):
         return f"the tracker's last report is {silent_s:.1f} s before the end"
     return ""

@@ -54,7 +54,8 @@ def tracks_in(
         return [track_of_mapping(entry) for entry in entries_in(payload)]
     for read in (_of_batch, _of_sapient):
         try:
-            return list(read(payload))
+            if told := list(read(payload)):
+                return told
         except DecodeError:
             continue
     raise DecodeError("is neither ASTERIX 062, SAPIENT, a TrackBatch nor JSON")
@@ -79,7 +80,7 @@ def _of_record(record: Record, near_utc_ns: int, site: LocalFrame | None) -> Tol
     east_m, north_m, cross = value("500/APC/X"), value("500/APC/Y"), value("500/COV")
     # The part in common is told as a length with the sign of the covariance.
     cross_m2 = 0.0 if math.isnan(cross) else math.copysign(cross * cross, cross)
-    source = f"{record.get('I062/010/SAC')}.{record.get('I062/010/SIC')}"
+    source = ".".join(str(record.get(f"I062/010/{part}")) for part in ("SAC", "SIC"))
     return ToldTrack(
         name=f"{source}.{number}",
         t_utc_ns=None if math.isnan(time_of_day_s) else nearest_utc_ns(day_ns, near_utc_ns),
@@ -137,8 +138,8 @@ def _of_sapient(payload: bytes) -> Iterator[ToldTrack]:
     from plotfeed.proto.sapient.decode_sapient import decode as decode_sapient
 
     message = decode_sapient(payload)
-    report = message.get("detection_report")
-    place = report.get("location", {}) if report else {}
+    report: Mapping[str, Any] = message.get("detection_report", {})
+    place = report.get("location", {})
     unit_deg = IN_DEGREES.get(place.get("coordinate_system", ""))
     if unit_deg is None:
         return
@@ -222,7 +223,7 @@ def track_of_mapping(entry: Mapping[str, Any]) -> ToldTrack:
 
 
 def _covariances(entry: Mapping[str, Any]) -> Iterator[float]:
-    """Those that are told, or the squares of standard deviations; with these no others are 0."""
+    """Covariances that are told, or the squares of standard deviations; with these no others are 0."""
     is_told = False
     for name in COVARIANCES:
         found = _number(entry, f"covariance_{name}")

@@ -98,9 +98,7 @@ def segments_of(track: Ints, drone: Ints, step: Ints, end_steps: int) -> Segment
     order = np.lexsort((step, drone, track))
     track, drone, step = track[order], drone[order], step[order]
     parts = np.ones(len(step), np.bool_)
-    parts[1:] = (
-        (np.diff(track) != 0) | (np.diff(drone) != 0) | (np.diff(step) > end_steps)
-    )
+    parts[1:] = (np.diff(track) != 0) | (np.diff(drone) != 0) | (np.diff(step) > end_steps)
     first = np.flatnonzero(parts)
     last = np.append(first[1:], len(step))[: len(first)] - 1
     found = Segments(track=track[first], drone=drone[first], first=step[first], last=step[last])

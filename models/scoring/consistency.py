@@ -86,20 +86,23 @@ def lag_of(errors_m: Floats, velocities_m_s: Floats, covariances_m2: Floats | No
     n, dimensions = errors_m.shape
     if n < 2:
         return none
-    weighed = velocities_m_s
-    if covariances_m2 is not None:
-        weighed = np.linalg.solve(covariances_m2, velocities_m_s[:, :, None])[:, :, 0]
+    weighed = _weighed(velocities_m_s, covariances_m2)
     power = float((velocities_m_s * weighed).sum())
     if not power > 1e-9 * n:
         return none
     tau_s = -float((errors_m * weighed).sum()) / power
     left = errors_m + tau_s * velocities_m_s
-    weighed_left = left
-    if covariances_m2 is not None:
-        weighed_left = np.linalg.solve(covariances_m2, left[:, :, None])[:, :, 0]
-    spread = float((left * weighed_left).sum()) / (n * dimensions - 1)
+    spread = float((left * _weighed(left, covariances_m2)).sum()) / (n * dimensions - 1)
     scale = spread if covariances_m2 is None else max(spread, 1.0)
     return Lag(tau_s, float(np.sqrt(scale / power)))
+
+
+def _weighed(vectors: Floats, covariances_m2: Floats | None) -> Floats:
+    """R^-1 x of vectors x, (n, d); themselves where no covariances are stated."""
+    if covariances_m2 is None:
+        return vectors
+    found: Floats = np.asarray(np.linalg.solve(covariances_m2, vectors[:, :, None])[:, :, 0])
+    return found
 
 
 def survival_quantile(values: Floats, seen: Bools, share: float = 0.5) -> float:

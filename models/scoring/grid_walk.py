@@ -103,9 +103,13 @@ def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSett
             found.append((of, whose, since, np.full(len(of), k)))
         if how.window_steps:
             window.append((here, now, distances_m))
-            if len(window) == how.window_steps or k == steps - 1:
-                _judge(window, how, ospa2, windows)
-                window = []
+            if len(window) > how.window_steps or k == steps - 1:
+                # Windows share the steps at their ends, so that no switch is between two of them.
+                weights = np.ones(len(window))
+                weights[0] -= 0.5 * (k >= len(window))
+                weights[-1] -= 0.5 * (k < steps - 1)
+                _judge(window, weights, how, ospa2, windows)
+                window = window[-1:]
     assigned = _assigned(found, truth, rows, tracks, how.columns)
     pairs = np.unique(assigned.step * max(drones, 1) + assigned.drone)
     return Walked(
@@ -127,7 +131,11 @@ def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSett
 
 
 def _judge(
-    window: list[Held], how: WalkSettings, ospa2: list[float], windows: list[tuple[float, ...]]
+    window: list[Held],
+    weights: Floats,
+    how: WalkSettings,
+    ospa2: list[float],
+    windows: list[tuple[float, ...]],
 ) -> None:
     """Judge whole tracks over a window; one in which there is nothing is passed over."""
     drones = np.unique(np.concatenate([held[0] for held in window]))
@@ -143,7 +151,15 @@ def _judge(
         distances_m[k, i[:, None], j] = each_m
     ospa2.append(ospa2_m(distances_m, truth_there, track_there, how.cutoff_m, how.order))
     windows.append(
-        t_gospa(distances_m, truth_there, track_there, how.cutoff_m, how.order, how.switch_m)
+        t_gospa(
+            distances_m,
+            truth_there,
+            track_there,
+            cutoff_m=how.cutoff_m,
+            order=how.order,
+            switch_m=how.switch_m,
+            weights=weights,
+        )
     )
 
 

@@ -101,10 +101,13 @@ def _overtaken(track: Ints, t_utc_ns: Ints) -> Bools:
         return np.zeros(0, np.bool_)
     # Times are made to rise from track to track, so that one running maximum serves them all.
     span = int(np.ptp(t_utc_ns)) + 1
-    number = np.cumsum(np.concatenate([[False], np.diff(track) != 0]))
+    number = np.zeros(len(track), np.int64)
+    number[1:] = np.cumsum(np.diff(track) != 0)
     raised = (t_utc_ns - t_utc_ns.min()).astype(np.float64) + number * float(span)
     latest = np.maximum.accumulate(raised)
-    return np.concatenate([[False], raised[1:] < latest[:-1]])
+    found = np.zeros(len(track), np.bool_)
+    found[1:] = np.less(raised[1:], latest[:-1])
+    return found
 
 
 def rates_by_differences(
@@ -114,7 +117,7 @@ def rates_by_differences(
 
     Rows are by track and time; of the first, and after `longest_s` without any, it stays unknown.
     """
-    missing = np.isnan(rate).any(axis=1)
+    missing: Bools = np.asarray(np.isnan(rate).any(axis=1))
     if not missing.any() or len(track) < 2:
         return rate
     span_s = np.diff(t_utc_ns) / NS

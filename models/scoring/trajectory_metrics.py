@@ -53,35 +53,39 @@ def t_gospa(
     distances_m: Floats,
     truth_there: Bools,
     track_there: Bools,
+    *,
     cutoff_m: float,
     order: float,
     switch_m: float,
+    weights: Floats | None = None,
 ) -> TrajectoryScore:
     """T-GOSPA, by its linear programme.
 
     A switch of tracks costs s^p, a pairing that is lost or gained half of it. Pairs that are never
     within the cut-off save nothing and are left out; a flight and a track that have nobody else
-    near are solved by themselves, step by step, which gives the same.
+    near are solved by themselves, step by step, which gives the same. Instants may count by
+    `weights` (w,): those that windows share by a half.
     """
+    weigh = np.ones(len(truth_there)) if weights is None else weights
     limit, change = cutoff_m**order, switch_m**order / 2
     both = truth_there[:, :, None] & track_there[:, None, :]
     costs = np.where(both, np.fmin(distances_m, cutoff_m) ** order, limit)
     rows, columns = np.nonzero((costs < limit).any(axis=0))
     costs = costs[:, rows, columns]
     alone = (np.bincount(rows)[rows] == 1) & (np.bincount(columns)[columns] == 1)
-    weights = np.zeros_like(costs)
-    weights[:, alone] = _alone(costs[:, alone] - limit, change)
+    saved = (costs - limit) * weigh[:, None]
+    chosen = np.zeros_like(costs)
+    chosen[:, alone] = _alone(saved[:, alone], change)
     if not alone.all():
         others = ~alone
-        saved = costs[:, others] - limit
-        weights[:, others] = _together(saved, rows[others], columns[others], change)
-    near = costs < limit
-    paired = float((weights * near).sum())
+        chosen[:, others] = _together(saved[:, others], rows[others], columns[others], change)
+    near = chosen * (costs < limit)
+    paired = near.sum(axis=1)
     return TrajectoryScore(
-        float((weights * costs)[near].sum()),
-        limit / 2 * (float(truth_there.sum()) - paired),
-        limit / 2 * (float(track_there.sum()) - paired),
-        change * float(np.abs(np.diff(weights, axis=0)).sum()),
+        float(weigh @ (near * costs).sum(axis=1)),
+        limit / 2 * float(weigh @ (truth_there.sum(axis=1) - paired)),
+        limit / 2 * float(weigh @ (track_there.sum(axis=1) - paired)),
+        change * float(np.abs(np.diff(chosen, axis=0)).sum()),
     )
 
 

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/bench_score.py [SECONDS]
 
-A tracker with an error of 5 m follows 100 drones; one report in twenty is lost, and ten tracks are of
+A tracker with an error of 5 m follows 100 drones; one report in twenty is lost, ten tracks are of
 no drone. The figures are scaled to an hour. Stone Soup 1.9.1 is asked in `.venv-stonesoup`, where
-that is, for GOSPA and OSPA of the same sets, a few steps of them: by turns, in one run.
+that is, for GOSPA and OSPA of a few such sets: by turns, in one run.
 """
 
 from __future__ import annotations
@@ -121,13 +121,14 @@ def main(seconds: int) -> None:
         "without OSPA(2) and T-GOSPA": ScoreSettings(cutoff_m=CUTOFF_M, window_steps=0),
     }
     print(f"Seconds of processor time for an hour of {DRONES} drones, median (least to most) of")
-    print(f"{REPEATS}, from {seconds} s. {platform.machine()}, {os.cpu_count()} cores; Python", end=" ")
+    print(
+        f"{REPEATS}, from {seconds} s. {platform.machine()}, {os.cpu_count()} cores; Python",
+        end=" ",
+    )
     print(f"{platform.python_version()}.\n\n| score | s |\n|---|--:|")
     found = {}
     for name, settings in how.items():
-        found[name] = [
-            seconds_an_hour(truths, tracks, settings, seconds) for _ in range(REPEATS)
-        ]
+        found[name] = [seconds_an_hour(truths, tracks, settings, seconds) for _ in range(REPEATS)]
         print(f"| {name} | {spread(found[name])} |", flush=True)
     print()
     whole = found["all figures"]

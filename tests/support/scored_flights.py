@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from support.recordings import START_NS
 
-from plotfeed.feeds.score.flights_told import FlightsTally, Truths
+from plotfeed.feeds.score.flights_told import FlightsTally, Truths, read_truths
 from plotfeed.feeds.score.track_table import ToldTrack, TracksRead, TrackTable
-from plotfeed.models.frames import LocalFrame, enu_to_aer
+from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
 
 NS = 1_000_000_000
@@ -121,3 +122,18 @@ def read_of(given: Given, unreadable: Sequence[str] = ()) -> TracksRead:
     for reason in unreadable:
         table.refuse(reason)
     return table.read("a tracker")
+
+
+def csv_of(path: Path, recording: Path, *, until_s: float = 60.0, off_deg: float = 0.0) -> Path:
+    """A tracker that knows the truth of a recording, in a table."""
+    truths = read_truths(recording)
+    rows = ["track,time_utc_ns,latitude_deg,longitude_deg,height_m"]
+    for number, flight in enumerate(truths.paths):
+        places = zip(*ecef_to_geodetic(flight.position_ecef_m), strict=True)
+        for t_ns, (latitude_deg, longitude_deg, height_m) in zip(
+            flight.t_utc_ns.tolist(), places, strict=True
+        ):
+            if t_ns <= flight.t_utc_ns[0] + until_s * NS:
+                rows.append(f"{number},{t_ns},{latitude_deg + off_deg},{longitude_deg},{height_m}")
+    path.write_text("\n".join(rows) + "\n")
+    return path

@@ -1,8 +1,8 @@
 """GOSPA and OSPA of sets by Stone Soup: run by the Python of .venv-stonesoup, JSON in and out.
 
-In: {"cutoff_m", "order", "steps": [[drones, tracks], ...]}, places as lists of [x, y]. Out: GOSPA with
-its parts, and OSPA, of each step, and the seconds of processor time that they took. Stone Soup pairs for
-OSPA by distances and not by their powers: for an order above 1 its OSPA may be the larger.
+In: {"cutoff_m", "order", "steps": [[drones, tracks], ...]}, places as lists of [x, y]. Out: GOSPA
+with its parts, and OSPA, of each step, and the seconds of processor time that they took. Stone Soup
+pairs for OSPA by distances and not by their powers: beyond order 1 its OSPA may be the larger.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import click
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed_here, running
+from support.scored_flights import csv_of
 
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
 from plotfeed.feeds.cli.main import cli
@@ -157,6 +158,8 @@ def test_every_example_does_what_it_says(
     order = {"run": 0, "convert": 1}  # others read what they write
     for example in sorted(examples, key=lambda line: order.get(line.split()[0], 2)):
         assert f"  plotfeed {example}\n" in plotfeed_here(example.split()[0], "--help").stdout
+        if example.startswith("score"):
+            csv_of(folder / "tracks.csv", folder / "there.mcap")
         words = shlex.split(f"{example} {ENDS.get(example, '')}".format(broker=broker))
         words = [
             word.replace("mqtt://127.0.0.1:1883", broker)

@@ -14,12 +14,10 @@ from support.command import plotfeed_here
 from support.ledgers import LEDGER, record_session, written
 from support.recordings import START_NS
 from support.scene_files import radar, scene_file, scene_text
-from support.scored_flights import APART, ledger_of
+from support.scored_flights import APART, csv_of, ledger_of
 
-from plotfeed.feeds.score.flights_told import read_truths
 from plotfeed.feeds.score.score_figures import FIGURE_NAMES
 from plotfeed.feeds.score.score_profiles import load_profile, shipped_profiles
-from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded
@@ -65,21 +63,6 @@ def test_text_has_every_table_and_ends_with_the_verdict(recording: Path) -> None
     )
 
 
-def csv_of(path: Path, recording: Path, *, until_s: float = 60.0, off_deg: float = 0.0) -> Path:
-    """A tracker that knows the truth, in a table."""
-    truths = read_truths(recording)
-    rows = ["track,time_utc_ns,latitude_deg,longitude_deg,height_m"]
-    for number, flight in enumerate(truths.paths):
-        places = zip(*ecef_to_geodetic(flight.position_ecef_m), strict=True)
-        for t_ns, (latitude_deg, longitude_deg, height_m) in zip(
-            flight.t_utc_ns.tolist(), places, strict=True
-        ):
-            if t_ns <= flight.t_utc_ns[0] + until_s * NS:
-                rows.append(f"{number},{t_ns},{latitude_deg + off_deg},{longitude_deg},{height_m}")
-    path.write_text("\n".join(rows) + "\n")
-    return path
-
-
 def test_tracks_of_another_file_are_scored_and_profiles_judge_them(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -101,7 +84,7 @@ class Suites:
     """What another reader of XML finds."""
 
     def __init__(self, path: Path) -> None:
-        document = xml.dom.minidom.parseString(path.read_bytes())
+        document = xml.dom.minidom.parseString(path.read_bytes())  # noqa: S318 - ours
         (self.suite,) = document.getElementsByTagName("testsuite")
         self.cases = {
             case.getAttribute("name"): {child.nodeName for child in case.childNodes}
@@ -251,7 +234,7 @@ HEAD = '[profile]\ntitle = "x"\n'
     [
         ("", "profile: missing"),
         (HEAD, "limit: missing"),
-        (HEAD + "limit = []", "limit: at least one"),
+        ("limit = []\n" + HEAD, "limit: at least one"),
         (HEAD + '[[limit]]\nfigure = "gospa_m"', "expected at_most or at_least"),
         (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nat_least = 0', "or at_least"),
         (HEAD + '[[limit]]\nfigure = "nosuch"\nat_most = 1', "figure: expected one of"),

@@ -148,7 +148,7 @@ def test_numbers_that_change_places_are_swaps() -> None:
     good = followed_well(crossing)
     assert scored(good, truths).as_stamped.swaps == 0.0
     swapped = [
-        (replace(t, name={"1": "2", "2": "1"}[t.name]) if t.t_utc_ns > START_NS + 30 * NS else t, r)
+        (replace(t, name={"1": "2", "2": "1"}[t.name]) if t.t_utc_ns > START_NS + 35 * NS else t, r)
         for t, r in good
     ]
     score = scored(swapped, truths)
@@ -170,7 +170,8 @@ def test_a_drone_that_is_never_seen_is_in_the_medians() -> None:
     assert score.alert_median_m == pytest.approx(1118.0, abs=5.0)
     alone = scored(followed_well({"a": APART["a"]}), truths_of(flights))
     assert alone.initiation_median_s == math.inf
-    assert alone.alert_median_m == 0.0
+    none = scored([], truths_of(flights))
+    assert none.alert_median_m == 0.0
 
 
 def test_a_late_beginning_is_told_from_entry_into_cover() -> None:
@@ -250,7 +251,7 @@ def test_of_a_report_that_comes_twice_the_last_counts() -> None:
 def test_a_number_in_two_places_is_told_and_not_in_the_means() -> None:
     elsewhere = Flight((9000.0, 9000.0, 100.0))
     twice = [(report_of("1", elsewhere, t + 0.5), START_NS + t * NS + NS) for t in range(60)]
-    score = scored(followed_well() + twice)
+    score = scored(followed_well() + twice, step_s=0.5)
     assert score.left_out["in two places at once"] > 100
     assert score.reports.position_max_m < 1e-3
     assert score.as_stamped.gospa_m > 10.0
@@ -332,13 +333,11 @@ def test_whatever_reports_say_there_is_a_score(data: st.DataObject) -> None:
 # Invariances.
 
 
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_order_of_reports_does_not_matter(seed: int) -> None:
     given = followed_well(sigma_m=8.0, seed=seed)
     shuffled = list(given)
-    random.Random(seed).shuffle(shuffled)
+    random.Random(seed).shuffle(shuffled)  # noqa: S311
     assert scored(shuffled).figures() == pytest.approx(scored(given).figures(), nan_ok=True)
 
 

@@ -66,13 +66,11 @@ def test_asterix_062() -> None:
 def test_asterix_062_by_x_and_y_counts_from_the_site() -> None:
     """SAC 1, SIC 2, time, X 1000 m, Y -500 m, track 7: FSPEC 010, 070, 100 and 040."""
     x, y = (2000).to_bytes(3, "big"), (-1000).to_bytes(3, "big", signed=True)
-    body = bytes.fromhex("9510") + bytes([1, 2]) + (43_200 * 128).to_bytes(3, "big") + x + y
+    body = bytes.fromhex("9508") + bytes([1, 2]) + (43_200 * 128).to_bytes(3, "big") + x + y
     body += (7).to_bytes(2, "big")
     block = bytes([62]) + (3 + len(body)).to_bytes(2, "big") + body
     (told,) = tracks_in(block, "", T_NS, SITE)
-    enu_m = SITE.from_ecef(
-        LocalFrame(told.latitude_deg, told.longitude_deg, 650.0).origin_ecef_m
-    )
+    enu_m = SITE.from_ecef(LocalFrame(told.latitude_deg, told.longitude_deg, 650.0).origin_ecef_m)
     assert enu_m[:2] == pytest.approx([1000.0, -500.0], abs=0.2)
     assert tracks_in(block, "", T_NS, None) == []
 
@@ -202,7 +200,7 @@ def test_a_recording_has_tracks_on_the_only_topic_that_has_any(tmp_path: Path) -
 def test_of_several_topics_one_is_chosen(tmp_path: Path) -> None:
     batch = message(track_batch(TRACKS, RADAR, 1, 0), "plotfeed/radar/tracks", BATCH, T_NS + NS)
     path = written(tmp_path / "x.mcap", [OF_062, batch])
-    with pytest.raises(PlotfeedError, match="tracks are on 2 topics.*--topic"):
+    with pytest.raises(PlotfeedError, match=r"tracks are on 2 topics.*--topic"):
         read_tracks(path)
     are_those(read_tracks(path, topics=["tracker/#"]))
     assert read_tracks(path, topics=["+/radar/tracks"]).names[0].startswith("radar-")

@@ -14,7 +14,12 @@ def worked(track_there: list[list[int]]) -> float:
     """One flight over four steps, tracks 1 m off it."""
     there = np.array(track_there, np.bool_)
     return t_gospa(
-        np.ones((4, 1, there.shape[1])), np.ones((4, 1), np.bool_), there, CUTOFF_M, ORDER, SWITCH_M
+        np.ones((4, 1, there.shape[1])),
+        np.ones((4, 1), np.bool_),
+        there,
+        cutoff_m=CUTOFF_M,
+        order=ORDER,
+        switch_m=SWITCH_M,
     ).t_gospa_m(ORDER)
 
 
@@ -41,7 +46,7 @@ def drawn(seed: int, steps: int, drones: int, tracks: int) -> tuple[np.ndarray, 
 
 def test_without_switching_costs_it_is_gospa_step_by_step() -> None:
     apart, drones, tracks = drawn(1, 5, 3, 4)
-    whole = t_gospa(apart, drones, tracks, CUTOFF_M, 2.0, 0.0)
+    whole = t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=0.0)
     each = [
         set_score(apart[k][drones[k]][:, tracks[k]], CUTOFF_M, 2.0).gospa_m() ** 2 for k in range(5)
     ]
@@ -67,8 +72,8 @@ def by_dynamic_programming(
     best = [cost(0, pairs) for pairs in pairings]
     for k in range(1, len(apart)):
         best = [
-            cost(k, now) + min(b + change * len(now ^ before) for b, before in
-                               zip(best, pairings, strict=True))  # fmt: skip
+            cost(k, now)
+            + min(b + change * len(now ^ was) for b, was in zip(best, pairings, strict=True))
             for now in pairings
         ]
     return min(best)
@@ -80,7 +85,7 @@ def test_it_is_the_cheapest_way_through_all_pairings(seed: int, flights: int) ->
     """The linear programme may only be lower where it splits a pairing, which these do not."""
     apart, drones, tracks = drawn(seed, 6, flights, 2)
     for switch in (0.5, 4.0):
-        found = sum(t_gospa(apart, drones, tracks, CUTOFF_M, 2.0, switch))
+        found = sum(t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=switch))
         assert found <= by_dynamic_programming(apart, drones, tracks, 2.0, switch) + 1e-6
         if flights == 1:
             best = by_dynamic_programming(apart, drones, tracks, 2.0, switch)
