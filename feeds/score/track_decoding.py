@@ -223,7 +223,7 @@ def track_of_mapping(entry: Mapping[str, Any]) -> ToldTrack:
 
 
 def _covariances(entry: Mapping[str, Any]) -> Iterator[float]:
-    """Covariances that are told, or the squares of standard deviations; with these no others are 0."""
+    """Covariances that are told, or the squares of sigmas; with these the others are 0."""
     is_told = False
     for name in COVARIANCES:
         found = _number(entry, f"covariance_{name}")

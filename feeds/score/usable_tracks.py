@@ -41,7 +41,7 @@ class UsableTracks:
 
     @property
     def latency_s(self) -> Floats:
-        """Seconds from the time a report holds for to when it was received; NaN if unknown, (n,)."""
+        """Seconds from the time of a report to when it was received; NaN if unknown, (n,)."""
         late_s = (self.reports.known_utc_ns - self.reports.t_utc_ns) / NS
         return late_s if self.has_received else np.full(len(late_s), np.nan)
 
