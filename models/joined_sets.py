@@ -1,17 +1,20 @@
 """Which detections of pairs of stations are of one target: sets that fit to a place.
 
 Sets begin with three pairs, whose place is found on the ellipse of the first; further pairs join if
-they fit. Sets of several targets that fit by chance are ghosts.
+they fit. Sets of several targets that fit by chance are ghosts. What two pairs have to say of each
+other is worked out once, for all of their detections, and all sets of a scan are fitted together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
@@ -21,15 +24,19 @@ from plotfeed.models.state import FALSE_ALARM, Bools, Columns, Floats, Ints
 
 OUTSIDE = 0.0027
 """Of right sets, the share that a gate of three sigmas leaves out."""
+MOST_DETECTIONS = 64
+"""Of a pair, with which sets begin: of more, the strongest alone."""
 MOST_SETS = 20_000
-"""That are tried for each three pairs: of more, the strongest detections alone."""
+"""That are tried for each three pairs: of more, those that are nearest to each other."""
 MOST_TRIPLES = 35
 SURE = 5.0
 """Sigmas beyond which nothing is tried."""
 SEARCHED = 91
 """Points of an ellipse."""
-MOST_FITS = 400
-"""Places that are kept of the sets of a scan, the best ones."""
+MOST_FITS = 2000
+"""Places that are kept of the sets that begin in a scan, the best ones."""
+NONE = -1
+"""In a set, of a pair that does not belong to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +64,19 @@ class JoinedSets:
     """A false alarm's where detections are of several drones, or of none."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Ellipses:
+    """Points where the targets of a pair's detections may be, at the expected height.
+
+    Of n detections: places (n, S, 3), how far each is from the next, and whether there is one of
+    that height, (n, S).
+    """
+
+    points_m: Floats
+    step_m: Floats
+    is_there: Bools
+
+
 @dataclass(frozen=True, kw_only=True)
 class SetFinder:
     """Stations of pairs, (p, 3), heights that are expected, and what counts as a set.
@@ -79,12 +99,11 @@ class SetFinder:
         return list(combinations(range(first), 3))[:MOST_TRIPLES]
 
     def sightings(self, found: list[Detections], sets: Ints) -> Sightings:
-        """What sets of detections measured: (h, p) indices by pair, -1 for none."""
+        """What sets of detections measured: (h, p) indices by pair, `NONE` for none."""
         columns = {}
         for name in ("sum_m", "azimuth_deg", "elevation_deg"):
             for column in (name, f"sigma_{name}"):
-                values = [np.append(getattr(f, column), np.nan) for f in found]
-                columns[column] = np.stack([v[s] for v, s in zip(values, sets.T, strict=True)], 1)
+                columns[column] = _of_sets([getattr(f, column) for f in found], sets, np.nan)
         return Sightings(
             transmitters_m=self.transmitters_m,
             receivers_m=self.receivers_m,
@@ -95,107 +114,131 @@ class SetFinder:
 
     def joined(self, found: list[Detections]) -> JoinedSets | None:
         """All sets that fit, none of which is part of another; None if none does."""
-        sets, place_m = np.zeros((0, len(found)), np.int64), np.zeros((0, 3))
-        for triple in self._triples:
-            begun, where_m = self._begun(found, triple, sets)
-            begun, where_m = self._extended(found, begun, where_m)
-            sets, place_m = np.concatenate([sets, begun]), np.concatenate([place_m, where_m])
+        sets, place_m = self._extended(found, *self._begun(found))
         if not len(sets):
             return None
-        sets, first = np.unique(sets, axis=0, return_index=True)
-        sets, place_m = self._largest(sets, place_m[first])
-        seen = self.sightings(found, sets)
-        fit = solved(place_m, seen)
-        snr = np.stack([np.append(f.snr, np.nan)[s] for f, s in zip(found, sets.T, strict=True)], 1)
-        drone = np.stack(
-            [np.append(f.drone, -2)[s] for f, s in zip(found, sets.T, strict=True)], axis=1
-        )
+        sets, place_m = _largest(sets, place_m)
+        fit = solved(place_m, self.sightings(found, sets))
+        snr = _of_sets([f.snr for f in found], sets, np.nan)
+        drone = _of_sets([f.drone for f in found], sets, FALSE_ALARM - 1)
         whose = drone.max(axis=1)
-        of_one = ((drone == whose[:, None]) | (drone == -2)).all(axis=1)
+        of_one = ((drone == whose[:, None]) | (drone == FALSE_ALARM - 1)).all(axis=1)
         return JoinedSets(fit, np.nanmean(snr, axis=1), np.where(of_one, whose, FALSE_ALARM))
 
-    def _begun(
-        self, found: list[Detections], triple: tuple[int, int, int], known: Ints
-    ) -> tuple[Ints, Floats]:
-        """Sets of detections of three pairs that fit, and their places; none that is known."""
-        most = int(MOST_SETS ** (1 / 3))
-        chosen = [np.argsort(-found[p].snr, kind="stable")[:most] for p in triple]
-        picks = np.stack(np.meshgrid(*chosen, indexing="ij"), -1).reshape(-1, 3)
-        if len(known):
-            is_known = (picks[:, None] == known[:, list(triple)]).all(axis=-1).any(axis=1)
-            picks = picks[~is_known]
-        sets = np.full((len(picks), len(found)), -1, np.int64)
-        sets[:, list(triple)] = picks
-        if not len(sets):
-            return sets, np.zeros((0, 3))
-        of_three = replace(
-            self,
-            transmitters_m=self.transmitters_m[list(triple)],
-            receivers_m=self.receivers_m[list(triple)],
-        )
-        three = [found[p] for p in triple]
-        alike = of_three._look_alike(three, picks)
-        sets, picks = sets[alike], picks[alike]
-        seen = of_three.sightings(three, picks)
-        starts_m, may_fit = of_three._starts_m(seen)
-        sets, picks = sets[may_fit], picks[may_fit]
-        seen = of_three.sightings(three, picks)
-        fit = solved(starts_m[may_fit], seen)
-        good = self._fits(fit.square, seen) & self.covers(fit.place_m)
+    def _begun(self, found: list[Detections]) -> tuple[Ints, Floats]:
+        """Sets of detections of three pairs that fit, and their places."""
+        chosen = [np.argsort(-f.snr, kind="stable")[:MOST_DETECTIONS] for f in found]
+        strongest = [f.rows(np.sort(which)) for f, which in zip(found, chosen, strict=True)]
+        ellipses: dict[int, _Ellipses] = {}
+        misses: dict[tuple[int, int], Floats] = {}
+        every_set, every_start = [], []
+        for a, b, c in self._triples:
+            if not all(len(strongest[p]) for p in (a, b, c)):
+                continue
+            if a not in ellipses:
+                ellipses[a] = self._ellipses(strongest[a], a)
+            for p in (b, c):
+                if (a, p) not in misses:
+                    misses[a, p] = self._misses(ellipses[a], strongest, a, p)
+            picks, starts_m = self._nearest(strongest, (a, b, c), ellipses[a], misses)
+            sets = np.full((len(picks), len(found)), NONE, np.int64)
+            for column, p in enumerate((a, b, c)):
+                sets[:, p] = np.sort(chosen[p])[picks[:, column]]
+            every_set.append(sets)
+            every_start.append(starts_m)
+        if not every_set:
+            return np.zeros((0, len(found)), np.int64), np.zeros((0, 3))
+        sets, starts_m = np.concatenate(every_set), np.concatenate(every_start)
+        seen = self.sightings(found, sets)
+        fit = solved(starts_m, seen)
+        good = _fits(fit.square, seen) & self.covers(fit.place_m)
         best = np.flatnonzero(good)[np.argsort(fit.square[good], kind="stable")[:MOST_FITS]]
         return sets[best], fit.place_m[best]
 
-    def _look_alike(self, found: list[Detections], picks: Ints) -> Bools:
-        """Whether bearings of sets from one receiver are the same within five sigmas."""
-        alike = np.ones(len(picks), np.bool_)
-        for a, b in combinations(range(3), 2):
-            if (self.receivers_m[a] != self.receivers_m[b]).any():
-                continue
-            one, other = found[a], found[b]
-            off_deg = wrap_180(one.azimuth_deg[:, None] - other.azimuth_deg)
-            most_deg = SURE * np.hypot(one.sigma_azimuth_deg[:, None], other.sigma_azimuth_deg)
-            alike &= (np.abs(off_deg) <= most_deg)[picks[:, a], picks[:, b]]
-        return alike
-
-    def _starts_m(self, seen: Sightings) -> tuple[Floats, Bools]:
-        """Nearest points to the other two sums on the ellipse of the first, at expected heights.
-
-        And whether they are so near that a place between two of them may fit.
-        """
-        width_deg = np.minimum(4 * seen.sigma_azimuth_deg[:, 0] + 1.0, 180.0)
+    def _ellipses(self, detections: Detections, pair: int) -> _Ellipses:
+        """Where the targets of a pair's detections may be, in and about their bearings."""
+        width_deg = np.minimum(4 * detections.sigma_azimuth_deg + 1.0, 180.0)
         share = np.linspace(-1.0, 1.0, SEARCHED)
-        azimuth_deg = seen.azimuth_deg[:, 0, None] + width_deg[:, None] * share
-        transmitter_m, receiver_m = seen.transmitters_m[0], seen.receivers_m[0]
-        baseline_m = transmitter_m - receiver_m
-        excess_m = seen.sum_m[:, 0, None] - np.linalg.norm(baseline_m)
-        height_m = np.full(azimuth_deg.shape, self.height_m - receiver_m[2])
+        azimuth_deg = detections.azimuth_deg[:, None] + width_deg[:, None] * share
+        receiver_m = self.receivers_m[pair]
+        baseline_m = self.transmitters_m[pair] - receiver_m
+        excess_m = detections.sum_m[:, None] - np.linalg.norm(baseline_m)
         ground_m = ground_range_m(
             np.broadcast_to(excess_m, azimuth_deg.shape),
             azimuth_deg,
             np.broadcast_to(baseline_m, (*azimuth_deg.shape, 3)),
-            height_m,
+            np.full(azimuth_deg.shape, self.height_m - receiver_m[2]),
         )
         points_m = aer_to_enu(azimuth_deg, 0.0, np.nan_to_num(ground_m)) + receiver_m
         points_m[..., 2] = self.height_m
-        cost = np.where(np.isnan(ground_m), np.inf, 0.0)
-        for p in (1, 2):
-            sums_m = range_sums_m(points_m, seen.transmitters_m[[p]], seen.receivers_m[[p]])
-            off_m = (seen.sum_m[:, p, None] - sums_m[..., 0]) / seen.sigma_sum_m[:, p, None]
-            bearing_deg = enu_to_aer(points_m - seen.receivers_m[p])[0]
-            turned = wrap_180(seen.azimuth_deg[:, p, None] - bearing_deg)
-            cost += off_m**2 + (np.nan_to_num(turned) / seen.sigma_azimuth_deg[:, p, None]) ** 2
-        best, rows = cost.argmin(axis=1), np.arange(len(cost))
-        step_m = np.nan_to_num(ground_m[rows, best]) * np.radians(2 * width_deg / (SEARCHED - 1))
-        finest_m = seen.sigma_sum_m[:, 1:3].min(axis=1)
-        may_fit = cost[rows, best] <= 4 * SURE**2 + 8 * (step_m / finest_m) ** 2
-        return np.asarray(points_m[rows, best]), may_fit
+        apart = np.radians(2 * width_deg / (SEARCHED - 1))
+        return _Ellipses(points_m, np.nan_to_num(ground_m) * apart[:, None], ~np.isnan(ground_m))
+
+    def _misses(self, of: _Ellipses, found: list[Detections], a: int, b: int) -> Floats:
+        """Squares by which points of the one pair's ellipses miss what the other measured.
+
+        In standard deviations; (n_a, n_b, S), infinite where there is no point, or where bearings
+        of one receiver are not alike.
+        """
+        one, other = found[a], found[b]
+        sums_m = range_sums_m(of.points_m, self.transmitters_m[[b]], self.receivers_m[[b]])
+        bearing_deg = enu_to_aer(of.points_m - self.receivers_m[b])[0]
+        off = (other.sum_m[:, None] - sums_m[:, None, :, 0]) / other.sigma_sum_m[:, None]
+        turned = wrap_180(other.azimuth_deg[:, None] - bearing_deg[:, None])
+        square = off**2 + (np.nan_to_num(turned) / other.sigma_azimuth_deg[:, None]) ** 2
+        missed = np.where(of.is_there[:, None], square, np.inf)
+        missed[~self._look_alike(one, other, a, b)] = np.inf
+        return np.asarray(missed)
+
+    def _look_alike(self, one: Detections, other: Detections, a: int, b: int) -> Bools:
+        """Whether bearings of two pairs are the same within five sigmas; (n_a, n_b).
+
+        True of all if they are seen from different receivers.
+        """
+        if (self.receivers_m[a] != self.receivers_m[b]).any():
+            return np.ones((len(one), len(other)), np.bool_)
+        off_deg = wrap_180(one.azimuth_deg[:, None] - other.azimuth_deg)
+        most_deg = SURE * np.hypot(one.sigma_azimuth_deg[:, None], other.sigma_azimuth_deg)
+        return np.asarray(np.abs(off_deg) <= most_deg)
+
+    def _nearest(
+        self,
+        found: list[Detections],
+        triple: tuple[int, int, int],
+        of: _Ellipses,
+        misses: dict[tuple[int, int], Floats],
+    ) -> tuple[Ints, Floats]:
+        """Detections of three pairs that may fit, (m, 3), and the nearest points, (m, 3).
+
+        Those with a point on the ellipse of the first which misses the other two by so little that
+        a place between two points may fit.
+        """
+        a, b, c = triple
+        to_b, to_c = misses[a, b], misses[a, c]
+        sigma_b_m, sigma_c_m = found[b].sigma_sum_m, found[c].sigma_sum_m
+        longest_m, least_b, least_c = of.step_m.max(axis=1), to_b.min(axis=2), to_c.min(axis=2)
+        # First what two of them exclude, by the longest step and the least error there may be.
+        finest_m = min(sigma_b_m.min(), sigma_c_m.min())
+        most = _allowed(longest_m, finest_m)[:, None]
+        may_be = (least_b <= most)[:, :, None] & (least_c <= most)[:, None, :]
+        may_be &= self._look_alike(found[b], found[c], b, c)
+        i, j, k = np.nonzero(may_be)
+        if len(i) > MOST_SETS:
+            of_both = least_b[i, j] + least_c[i, k]
+            kept = np.sort(np.argsort(of_both, kind="stable")[:MOST_SETS])
+            i, j, k = i[kept], j[kept], k[kept]
+        missed = to_b[i, j] + to_c[i, k]
+        best, rows = missed.argmin(axis=1), np.arange(len(i))
+        finest_of_m = np.minimum(sigma_b_m[j], sigma_c_m[k])
+        may_fit = missed[rows, best] <= _allowed(of.step_m[i, best], finest_of_m)
+        return np.stack([i, j, k], axis=-1)[may_fit], of.points_m[i, best][may_fit]
 
     def _extended(
         self, found: list[Detections], sets: Ints, place_m: Floats
     ) -> tuple[Ints, Floats]:
-        """Sets with further pairs whose nearest detection fits to their place."""
+        """Sets with further pairs whose nearest detection fits to their place; each once."""
         for p in range(len(self.receivers_m)):
-            open_rows = np.flatnonzero(sets[:, p] < 0)
+            open_rows = np.flatnonzero(sets[:, p] == NONE)
             if not len(open_rows) or not len(found[p]):
                 continue
             stations_m = self.transmitters_m[[p]], self.receivers_m[[p]]
@@ -205,20 +248,36 @@ class SetFinder:
             trial[:, p] = nearest
             seen = self.sightings(found, trial)
             fit = solved(place_m[open_rows], seen)
-            good = self._fits(fit.square, seen)
+            good = _fits(fit.square, seen)
             sets[open_rows[good]], place_m[open_rows[good]] = trial[good], fit.place_m[good]
-        enough = (sets >= 0).sum(axis=1) >= self.fewest_pairs
+            sets, first = np.unique(sets, axis=0, return_index=True)
+            place_m = place_m[first]
+        enough = (sets != NONE).sum(axis=1) >= self.fewest_pairs
         return sets[enough], place_m[enough]
 
-    @staticmethod
-    def _largest(sets: Ints, place_m: Floats) -> tuple[Ints, Floats]:
-        """Sets that are no part of another."""
-        held = sets >= 0
-        same = (sets[:, None] == sets) | ~held[:, None]
-        part = same.all(axis=-1) & (held.sum(axis=1)[:, None] < held.sum(axis=1))
-        whole = ~part.any(axis=1)
-        return sets[whole], place_m[whole]
 
-    @staticmethod
-    def _fits(square: Floats, seen: Sightings) -> Bools:
-        return np.asarray(square <= chdtri(seen.rows(), OUTSIDE))
+def _allowed(step_m: Floats, sigma_m: Floats | float) -> Floats:
+    """Squares that a point may miss by where others are so far away: five sigmas of each of two."""
+    return np.asarray(4 * SURE**2 + 8 * (step_m / sigma_m) ** 2)
+
+
+def _of_sets(columns: list[NDArray[Any]], sets: Ints, nothing: float) -> NDArray[Any]:
+    """Values of detections of sets, a column a pair; (h, p)."""
+    values = [np.append(column, nothing) for column in columns]
+    return np.stack([v[s] for v, s in zip(values, sets.T, strict=True)], axis=1)
+
+
+def _largest(sets: Ints, place_m: Floats) -> tuple[Ints, Floats]:
+    """Sets that are no part of another."""
+    held = sets != NONE
+    size = held.sum(axis=1)
+    small = np.flatnonzero(size < sets.shape[1])
+    same = (sets[small, None] == sets) | ~held[small, None]
+    part = (same.all(axis=-1) & (size[small, None] < size)).any(axis=1)
+    whole = np.ones(len(sets), np.bool_)
+    whole[small[part]] = False
+    return sets[whole], place_m[whole]
+
+
+def _fits(square: Floats, seen: Sightings) -> Bools:
+    return np.asarray(square <= chdtri(seen.rows(), OUTSIDE))

@@ -48,7 +48,7 @@ class Horizons:
             _ = self._surface
 
     def around(self, sensor: Sensor, model: SensorModel) -> Obstruction:
-        """What stands about a sensor and its transmitters; raises `PlotfeedError`."""
+        """What stands about a sensor, its stations and transmitters; raises `PlotfeedError`."""
         frames = self._ends(sensor, model)
         return Obstruction(
             frames=tuple(frames),
@@ -82,10 +82,9 @@ class Horizons:
         return zlib.compress(b"".join(part.tobytes() for part in parts), level=1)
 
     def _ends(self, sensor: Sensor, model: SensorModel) -> list[LocalFrame]:
-        """Where signals begin or end that drones send back: at the sensor, and its transmitters."""
+        """Where signals begin or end: at the sensor, its other stations and its transmitters."""
         frame = frame_at(self._scene.scene.site, sensor.position_enu_m)
-        others = [np.array(t.position_enu_m) for t in getattr(model, "transmitters", ())]
-        places = [frame.to_geodetic(other) for other in others]
+        places = [frame.to_geodetic(other) for other in model.other_ends_enu_m]
         return [frame, *(LocalFrame(*(float(x) for x in place)) for place in places)]
 
     def _horizon(self, sensor: Sensor, frame: LocalFrame) -> Horizon:
@@ -114,8 +113,7 @@ class Horizons:
         reaches_m = []
         for sensor in self._scene.sensor:
             model = sensor.model(self._scene.scene.site)
-            ends_enu_m = [t.position_enu_m for t in getattr(model, "transmitters", ())]
-            baselines_m = distance_m(np.array(ends_enu_m).reshape(-1, 3))
+            baselines_m = distance_m(model.other_ends_enu_m)
             reaches_m.append(model.range_max_m + float(baselines_m.max(initial=0.0)))
         return max(reaches_m)
 

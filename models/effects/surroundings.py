@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Bools, Floats
 
 HERE = (0.0, 0.0, 0.0)
@@ -44,3 +45,22 @@ class Surroundings:
     def let_see(self, place_enu_m: Floats) -> Bools:
         """Whether nothing stands in the straight way to places, (..., 3); (...)."""
         return np.asarray(self.power_factor(place_enu_m, SHARPEST_M) > SEEN)
+
+
+@dataclass(frozen=True)
+class SeenFrom:
+    """What is on the way as it is met elsewhere, by places east, north and up of there.
+
+    Of a sensor of several stations: surroundings are known by places seen from the first.
+    """
+
+    things: OnTheWay
+    place_enu_m: tuple[float, float, float]
+
+    def power_factor(
+        self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = HERE
+    ) -> Floats:
+        """Factor of power one way between places, (..., 3), east, north and up; (...) out."""
+        here_m = np.array(self.place_enu_m)
+        start_m = as_floats(from_enu_m) + here_m
+        return self.things.power_factor(place_enu_m + here_m, wavelength_m, start_m)

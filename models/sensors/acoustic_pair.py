@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models.beam import Sector
+from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -91,6 +92,11 @@ class AcousticPair(JointSensor):
         return self.array.sound_speed_m_s
 
     @property
+    def claims_held_ns(self) -> int:
+        """How long what the arrays call a drone stays."""
+        return self.array.claims_held_ns
+
+    @property
     def false_alarms_per_scan(self) -> float:
         """Mean number of plots of bearings that no sound caused, in both arrays; without ghosts."""
         return self.array.false_alarms_per_scan**2
@@ -120,8 +126,20 @@ class AcousticPair(JointSensor):
 
     @cached_property
     def _arrays(self) -> tuple[MicrophoneArray, MicrophoneArray]:
-        """Both, of which the first stands where the surroundings are known."""
-        return replace(self.array, surroundings=self.surroundings), self.array
+        """Both, each among the surroundings as it meets them."""
+        met = self.surroundings
+        if met is None:
+            return self.array, self.array
+        elsewhere = Surroundings((SeenFrom(met, self.baseline_enu_m),))
+        return (
+            replace(self.array, surroundings=met),
+            replace(self.array, surroundings=elsewhere),
+        )
+
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Where the second array stands."""
+        return np.array([self.baseline_enu_m])
 
     def observe_scan(
         self, targets: Targets, sector: Sector, rng: np.random.Generator

@@ -194,6 +194,11 @@ class MimoRadar(PolarRadar):
         """Places of its transmitters, each (3,), or (n, 3) of several radars."""
         return [place_m.T for place_m in self._places_enu_m]
 
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Where its transmitters are; (K, 3)."""
+        return self._places_enu_m
+
     @sensor_property
     def _places_enu_m(self) -> Floats:
         """Where its transmitters are; (K, 3)."""

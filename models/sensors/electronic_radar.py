@@ -94,9 +94,20 @@ class ElectronicRadar(JointSensor):
         return True
 
     @property
+    def claims_held_ns(self) -> int:
+        """How long what the radar calls a drone stays."""
+        return self.radar.claims_held_ns
+
+    @property
     def false_alarms_per_scan(self) -> float:
         """None is confirmed; they take dwells."""
         return 0.0
+
+    @cached_property
+    def _among_all(self) -> ActiveRadar:
+        """The radar among what surrounds it."""
+        met = self.surroundings
+        return self.radar if met is None else replace(self.radar, surroundings=met)
 
     @cached_property
     def grid(self) -> BeamGrid:
@@ -162,7 +173,7 @@ class ElectronicRadar(JointSensor):
     ) -> tuple[Looks, Floats]:
         """Looks by dwells that point somewhere, and their ratios without fluctuation."""
         geometry = azimuth_deg, elevation_deg, _ = enu_to_aer(there.position_enu_m)
-        snr = self.radar.look_snrs(there)[:, 0]
+        snr = self._among_all.look_snrs(there)[:, 0]
         snr = snr * self.grid.gain((azimuth_deg, elevation_deg), pointed)
         pd = self.radar.pd((snr * strength)[:, None], np.full(len(snr), STEADY))
         pd = np.nan_to_num(pd) * self.radar.pd_factor
@@ -316,7 +327,7 @@ class ElectronicRadar(JointSensor):
 
     def predict(self, targets: Targets) -> Prediction:
         """A dwell that points at each target, by the radar's closed forms."""
-        return self.radar.predict(targets)
+        return self._among_all.predict(targets)
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:
         """Errors of the radar."""

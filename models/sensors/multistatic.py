@@ -6,13 +6,15 @@ are of one target nobody knows: sets that fit to a place are plots (`models.join
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from plotfeed.models import accuracy, detection, false_alarms
 from plotfeed.models.beam import Sector, Volume
+from plotfeed.models.effects.pulse_intervals import at_least
+from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.joined_sets import OUTSIDE, Detections, JoinedSets, SetFinder
 from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m
@@ -30,6 +32,10 @@ class Receiver:
 
     signals: PassiveRadar | MimoRadar
     place_enu_m: tuple[float, float, float]
+
+    def among(self, surroundings: Surroundings) -> PassiveRadar | MimoRadar:
+        """Signals of the receiver in those surroundings, as they are seen from it."""
+        return replace(self.signals, surroundings=surroundings)
 
     @cached_property
     def transmitters_m(self) -> Floats:
@@ -71,6 +77,23 @@ class MultistaticRadar(Volume, JointSensor):
     fewest_pairs: int
 
     @cached_property
+    def stations(self) -> tuple[Receiver, ...]:
+        """Receivers, each among the surroundings as it meets them."""
+        met = self.surroundings
+        if met is None:
+            return self.receivers
+        return tuple(
+            replace(each, signals=each.among(Surroundings((SeenFrom(met, each.place_enu_m),))))
+            for each in self.receivers
+        )
+
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Places of the other receivers, and of the transmitters."""
+        here = np.array([each.place_enu_m for each in self.receivers])
+        return np.concatenate([here[1:], self.receivers[0].transmitters_m])
+
+    @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
         """Receiver and transmitter of each channel."""
         return tuple(
@@ -97,7 +120,7 @@ class MultistaticRadar(Volume, JointSensor):
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         rows = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
         place_m, rcs_m2 = targets.true_position_enu_m[rows], targets.rcs_m2(rows)
-        snrs, pds = self._odds(place_m, rcs_m2)
+        snrs, pds = self.odds(place_m, rcs_m2)
         hit = rng.random(snrs.shape) < pds
         n = len(self.pairs)
         looks = targets.looks(
@@ -130,16 +153,23 @@ class MultistaticRadar(Volume, JointSensor):
         azimuth_deg, elevation_deg, range_m = enu_to_aer(place_m)
         return self.in_cover(range_m, azimuth_deg, elevation_deg)
 
-    def _odds(self, place_m: Floats, rcs_m2: Floats) -> tuple[Floats, Floats]:
+    def odds(self, place_m: Floats, rcs_m2: Floats) -> tuple[Floats, Floats]:
         """Mean ratios and Pd by pair; (n, p) each."""
-        snrs, pds = [], []
-        for each in self.receivers:
-            snr = each.snrs(place_m - np.array(each.place_enu_m), rcs_m2)
-            signals = each.signals
-            pd = detection.pd_cfar_swerling1(snr, signals.pfa, signals.n_reference)
-            snrs.append(snr)
-            pds.append(pd * signals.pd_factor)
-        return np.concatenate(snrs, axis=1), np.concatenate(pds, axis=1)
+        snrs = np.concatenate(
+            [each.snrs(place_m - np.array(each.place_enu_m), rcs_m2) for each in self.stations],
+            axis=1,
+        )
+        return snrs, self.odds_of(snrs)
+
+    def odds_of(self, snrs: Floats) -> Floats:
+        """Pd of mean ratios; receivers are alike. (n, p) in and out."""
+        signals = self.receivers[0].signals
+        pd = detection.pd_cfar_swerling1(snrs, signals.pfa, signals.n_reference)
+        return np.asarray(pd * signals.pd_factor)
+
+    def place_pd(self, pds: Floats) -> Floats:
+        """Probability of a place: enough pairs detect, and the right set passes; (n, p) to (n,)."""
+        return at_least(pds, self.fewest_pairs) * (1 - OUTSIDE)
 
     def _detected(
         self,
@@ -256,12 +286,7 @@ class MultistaticRadar(Volume, JointSensor):
     def predict(self, targets: Targets) -> Prediction:
         """Probability that enough pairs detect; errors by all, each weighed as it detects."""
         place_m = targets.true_position_enu_m
-        snrs, pds = self._odds(place_m, targets.rcs_m2())
-        some = np.zeros((len(place_m), len(self.pairs) + 1))
-        some[:, 0] = 1.0
-        for p in range(len(self.pairs)):
-            some[:, 1:] = some[:, 1:] * (1 - pds[:, [p]]) + some[:, :-1] * pds[:, [p]]
-            some[:, 0] *= 1 - pds[:, p]
+        snrs, pds = self.odds(place_m, targets.rcs_m2())
         found = []
         for p, (m, k) in enumerate(self.pairs):
             signals = self.receivers[m].signals
@@ -288,7 +313,7 @@ class MultistaticRadar(Volume, JointSensor):
         errors = _polar_sigmas(place_m, covariance(jacobian))
         return Prediction(
             snr=snrs.max(axis=1),
-            pd=some[:, self.fewest_pairs :].sum(axis=1) * (1 - OUTSIDE),
+            pd=self.place_pd(pds),
             sigma_range_m=errors[0],
             sigma_azimuth_deg=errors[1],
             sigma_elevation_deg=errors[2],

@@ -106,6 +106,11 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         """A channel a transmitter."""
         return len(self.transmitters)
 
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Where its transmitters are; (channels, 3)."""
+        return self.positions_enu_m
+
     @sensor_property
     def positions_enu_m(self) -> Floats:
         """Places of the transmitters; (channels, 3)."""

@@ -17,6 +17,7 @@ from plotfeed.models.sensors.stacking import Stackable
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures, endless
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion, HeldClaims
     from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.degradation import Degradation
     from plotfeed.models.effects.readings import Readings
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 NO_LOOKS = Looks.none()
 ANYWHERE = endless(True, np.bool_)
+NOWHERE = np.zeros((0, 3))
+Claims = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +55,8 @@ class Targets:
     field_deg: Floats | None = None
     """Fields of view of steered cameras, each then."""
     pair_draws: Floats | None = None
+    claims: HeldClaims | None = None
+    """Of classifiers whose claims stay for a while."""
 
     @classmethod
     def of_one(
@@ -111,6 +116,11 @@ class Targets:
         if self.sensor is not None:
             columns["sensor"] = self.sensor[rows]
         return Looks.holding(columns)
+
+    def claims_of(self, looks: Looks, classifier: Confusion, rng: np.random.Generator) -> Claims:
+        """What a classifier makes of those looks, columns of plots: drawn anew, or held."""
+        drawn = None if self.claims is None else self.claims.of(looks)
+        return classifier.columns(self.signatures.target_class_of(looks.drone), rng, drawn)
 
     def true_places_enu_m(self, *rows: NDArray[Any] | slice) -> Floats:
         """Where drones truly are: these rows, of them these; (m, 3)."""
@@ -224,6 +234,17 @@ class SensorModel(Stackable, ABC):
     def draws_by_pair(self) -> bool:
         """Whether something of each drone is drawn once for all."""
         return False
+
+    @property
+    def claims_held_ns(self) -> int:
+        """How long what it calls a drone stays; 0 if each plot is called something by itself."""
+        classifier: Confusion | None = getattr(self, "classifier", None)
+        return 0 if classifier is None else classifier.held_ns
+
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Where its signals begin or end, beside at the sensor and at targets; (m, 3)."""
+        return NOWHERE
 
     @property
     @abstractmethod

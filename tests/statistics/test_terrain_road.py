@@ -10,7 +10,7 @@ import pytest
 from support.every_sensor import SENSORS
 from support.hills import footprint, write_buildings, write_ridge
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
-from support.road import START_NS, held, radar, scene, waypoint
+from support.road import START_NS, held, radar, scene, staring, waypoint
 from support.significance import assert_sum
 
 from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
@@ -106,3 +106,64 @@ def test_a_tower_behind_a_ridge_lights_nothing_there_and_disturbs_no_more(tmp_pa
         flown(behind, [lit], tmp_path, **named).looks for named in ({}, {"elevation": [ridge]})
     )
     assert (hidden.snr > 10 * free.snr).all()
+
+
+def apart(east_m: float, north_m: float, up_m: float) -> dict[str, float]:
+    return {"east_m": east_m, "north_m": north_m, "above_site_m": up_m}
+
+
+def test_of_several_receivers_each_sees_by_where_it_stands(tmp_path: Path) -> None:
+    """One south of a ridge, one north of it; masts are high enough to be seen over it."""
+    ridge = write_ridge(tmp_path, height_m=800)
+    masts = [apart(*where) for where in ((-4e3, 1e4, 2e3), (6e3, 9e3, 2e3), (2e3, -1e4, 2e3))]
+    net = {
+        "id": "net", "type": "multistatic_passive", "scan": staring(), "gain_rx_dbi": 10.0,
+        "transmitters": [
+            {"id": f"m{i}", "preset": "dvb-t", "erp_w": 1e5, "place": mast}
+            for i, mast in enumerate(masts)
+        ],
+        "receivers": [{"id": "north"} | apart(0.0, 6000.0, 5.0)], "report": ["plots"],
+        "azimuth_beamwidth_deg": 10.0, "integration_s": 0.3, "external_noise_db": -4.45,
+        "range_max_m": 9000.0,
+    }  # fmt: skip
+    drones = [held("behind", 0.0, 1.0, 4500.0, rcs_m2=1.0)]
+    free, hidden = (
+        flown(net, drones, tmp_path, **named).looks for named in ({}, {"elevation": [ridge]})
+    )
+    south, north = hidden.channel < 3, hidden.channel >= 3
+    assert (hidden.snr[south] < 1e-6 * free.snr[south]).all()
+    np.testing.assert_array_equal(hidden.snr[north], free.snr[north])
+    assert (hidden.pd[north] > 0.9).all()
+
+
+def test_the_second_array_of_a_pair_hears_by_where_it_stands(tmp_path: Path) -> None:
+    """A block stands between it and the drone, and not between that and the first."""
+    city = write_buildings(tmp_path, [(footprint(45.0, 280.0, 40.0), 80.0)])
+    pair = {
+        "id": "pair", "type": "acoustic_pair", "scan": staring(), "noise_db": 0.0,
+        "sensitivity_db": -20.0, "range_max_m": 1000.0, "azimuth_beamwidth_deg": 20.0,
+        "second_array": apart(400.0, 0.0, 1.5), "report": ["plots"],
+    }  # fmt: skip
+    drones = [drone("d", 0.0, 4.0, 400.0)]
+    free, hidden = (flown(pair, drones, tmp_path, **named) for named in ({}, {"buildings": [city]}))
+    assert len(free.plots)
+    assert not len(hidden.plots)
+    alone = {k: v for k, v in pair.items() if k != "second_array"} | {"type": "acoustic"}
+    first = flown(alone, drones, tmp_path,
+                  buildings=[city])  # fmt: skip
+    assert (first.looks.pd > 0.9).all()
+
+
+def test_a_beam_that_is_steered_sees_nothing_behind_a_ridge(tmp_path: Path) -> None:
+    ridge = write_ridge(tmp_path, height_m=800)
+    scan = {"kind": "electronic", "period_s": 1.0, "dwell_s": 0.001, "revisit_s": 1.0}
+    sensor = radar(
+        scan=scan, integration_s=0.001, power_w=5e5, azimuth_min_deg=-60.0, azimuth_max_deg=60.0,
+        elevation_min_deg=-5.0, elevation_max_deg=40.0,
+    )  # fmt: skip
+    drones = [drone("behind", 5, 1.0, 4000.0), drone("above", 5, 10.0, 4000.0)]
+    free, hidden = (
+        flown(sensor, drones, tmp_path, **named) for named in ({}, {"elevation": [ridge]})
+    )
+    assert set(free.plots.drone.tolist()) >= {0, 1}
+    assert set(hidden.plots.drone.tolist()) - {-1} == {1}
