@@ -21,6 +21,7 @@ from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
+from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf import RfDirectionFinder
@@ -138,7 +139,12 @@ def case_of(scene: Scene, sensor: Sensor, flights: Flown, effort: Effort, rng: R
 
 
 def alarm_moments(model: SensorModel) -> tuple[float, float]:
-    """Mean and variance of the number of false alarms a scan: binomial where cells are known."""
+    """Mean and variance of the number of false alarms a scan: binomial where cells are known.
+
+    None of a sensor that joins detections: they are no plots by themselves.
+    """
+    if isinstance(model, JointSensor):
+        return 0.0, 0.0
     cells, pfa = (getattr(model, name, None) for name in ("alarm_cells", "alarm_pfa"))
     if cells is None or pfa is None:
         return model.false_alarms_per_scan, model.false_alarms_per_scan

@@ -81,6 +81,16 @@ def pd_energy(snr: Number, pfa: Number, n_samples: int) -> Number:
     return _gamma_tail(n_samples, _energy_threshold(pfa, n_samples) / (1 + MP.mpf(snr)))
 
 
+def at_least(chances: Sequence[Number], needed: int) -> Number:
+    """Probability that so many of independent events come about."""
+    found = [MP.mpf(1)] + [MP.mpf(0)] * len(chances)
+    for chance in chances:
+        for number_of in range(len(found) - 1, 0, -1):
+            found[number_of] += (found[number_of - 1] - found[number_of]) * chance
+        found[0] *= 1 - chance
+    return sum(found[needed:])
+
+
 def pd_logistic(snr_db: Number, sensitivity_db: Number, slope_per_db: Number) -> Number:
     """Equation 43, in dB throughout."""
     margin_db = MP.mpf(snr_db) - MP.mpf(sensitivity_db)

@@ -6,11 +6,11 @@ Places are drawn from the volume that the scene's own drones fly through, in the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from plotfeed.feeds.accuracy_chart.charted_model import charted_model
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -89,10 +89,7 @@ class Viewpoint:
     def of(cls, scene: Scene, sensor: Sensor) -> Viewpoint:
         """Model and frame at the scene's site."""
         site = scene.scene.site
-        model: Any = sensor.model(site)
-        if getattr(model, "merging", None) is not None:
-            # Places are drawn by the thousand: their echoes would melt into one.
-            model = replace(model, merging=None)
+        model = charted_model(sensor.model(site))
         return cls(sensor, model, frame_at(site, sensor.position_enu_m))
 
 

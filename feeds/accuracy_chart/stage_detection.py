@@ -9,13 +9,29 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, gammaincc, gammainccinv
+from scipy.special import bdtrc
 
 from plotfeed.feeds.accuracy_chart import precise
 from plotfeed.feeds.accuracy_chart.case import Case, Rng, passive_snrs, strongest_emissions
+from plotfeed.feeds.accuracy_chart.charted_model import PlacesApart
+from plotfeed.feeds.accuracy_chart.detection_methods import (
+    Hits,
+    counted,
+    printed_cfar_swerling1,
+    printed_logistic,
+    printed_sum,
+    signal_cfar,
+    signal_energy,
+    single_cfar_swerling1,
+    single_energy,
+    single_logistic,
+    single_sum_cfar,
+    table,
+)
 from plotfeed.feeds.accuracy_chart.stage import PD, ChartStage, Method, rms
-from plotfeed.models import detection, looks_chain
+from plotfeed.models import detection
 from plotfeed.models.detection import draw_hits
+from plotfeed.models.joined_sets import OUTSIDE
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
@@ -28,12 +44,8 @@ MOST_NUMBERS = 1 << 20
 """That one call of a Monte Carlo may draw."""
 MOST_SAMPLES = 1 << 21
 """Signals of more samples a look are not drawn sample by sample."""
-TABLE_DB = np.linspace(-60.0, 120.0, 1441)
-"""Eight nodes a decibel."""
 AnyFloats = NDArray[np.floating[Any]]
 """Of whatever precision."""
-Singles = NDArray[np.float32]
-Hits = Callable[[Rng], Bools]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,82 +281,34 @@ def _(model: RfDirectionFinder, targets: Targets) -> DetectionLaw:
     )
 
 
-def table(pd_of_db: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """Pd by linear interpolation over the ratio in dB; made once, (n,) in and out."""
-    nodes = pd_of_db(TABLE_DB)
-    return lambda snr_db: np.asarray(np.interp(snr_db, TABLE_DB, nodes))
+@_law_of_kind.register
+def _(model: PlacesApart, targets: Targets) -> DetectionLaw:
+    place_m, n, fewest = targets.true_position_enu_m, len(targets), model.fewest_pairs
+    snrs, _ = model.odds(place_m, targets.rcs_m2())
+    signals = [model.receivers[m].signals for m, _ in model.pairs]
+    left = np.array([each.pd_factor for each in signals])
+    pfa, n_reference = signals[0].pfa, signals[0].n_reference
 
+    def alike() -> Floats:
+        pd = detection.pd_cfar_swerling1(snrs.mean(axis=1), pfa, n_reference) * left[0]
+        return np.asarray(bdtrc(fewest - 1, len(signals), pd) * (1 - OUTSIDE))
 
-def single_cfar_swerling1(snr: Singles, pfa: float, n_reference: int) -> Singles:
-    """Equation 7 in float32."""
-    alpha = np.float32(np.expm1(-np.log(pfa) / n_reference))
-    mean = 1 + snr
-    return np.asarray((mean / (mean + alpha)) ** np.float32(n_reference))
+    def hits(rng: Rng) -> Bools:
+        found = [
+            signal_cfar(snrs[:, [p]], pfa, n_reference, rng) & (rng.random(n) < left[p])
+            for p in range(len(signals))
+        ]
+        return np.asarray((np.sum(found, axis=0) >= fewest) & (rng.random(n) >= OUTSIDE))
 
+    def exact(row: int) -> Any:
+        each = [precise.pd_cfar_swerling1(float(snr), pfa, n_reference) for snr in snrs[row]]
+        enough = precise.at_least([p * float(f) for p, f in zip(each, left, strict=True)], fewest)
+        return enough * (1 - precise.number(OUTSIDE))
 
-def single_sum_cfar(snrs: Singles, pfa: float, n_reference_total: int) -> Singles:
-    """The chain of looks and samples in float32."""
-    ratio = detection.threshold_noncoherent_cfar(pfa, snrs.shape[-1], n_reference_total)
-    chain: Any = looks_chain.outlasting
-    return np.asarray(chain(snrs, np.float32(ratio), n_reference_total))
-
-
-def single_energy(snr: Singles, pfa: float, n_samples: int) -> Singles:
-    """The energy detector in float32."""
-    threshold = np.float32(gammainccinv(n_samples, pfa))
-    return np.asarray(gammaincc(np.float32(n_samples), threshold / (1 + snr)))
-
-
-def single_logistic(snr_db: Singles, sensitivity_db: float, slope_per_db: float) -> Singles:
-    """Equation 43 in float32."""
-    return np.asarray(expit(np.float32(slope_per_db) * (snr_db - np.float32(sensitivity_db))))
-
-
-def printed_cfar_swerling1(snr: Floats, pfa: float, n_reference: int) -> Floats:
-    """Equations 6 and 7, as printed."""
-    alpha = pfa ** (-1 / n_reference) - 1
-    return np.asarray((1 + alpha / (1 + snr)) ** -n_reference)
-
-
-def printed_sum(snrs: Floats, pfa: float) -> Floats:
-    """Equations 18, 22 and 23 as printed: the mean ratio, its half, and known noise."""
-    n_looks = snrs.shape[-1]
-    threshold = gammainccinv(n_looks, pfa)
-    return np.asarray(gammaincc(n_looks, threshold / (1 + snrs.mean(axis=-1) / 2)))
-
-
-@np.errstate(over="ignore")
-def printed_logistic(snr_db: Floats, sensitivity_db: float) -> Floats:
-    """Equation 43 as printed, by ratio and sensitivity in dB."""
-    return np.asarray(1 / (1 + np.exp(-snr_db - sensitivity_db)))
-
-
-def signal_cfar(snrs: Floats, pfa: float, n_reference_total: int, rng: Rng) -> Bools:
-    """Hits of looks made as signals: complex Gaussian cells, target and reference; (n, K) to (n,).
-
-    Right in law: it is what the closed forms are the integrals of.
-    """
-    n, n_looks = snrs.shape
-    ratio = detection.threshold_noncoherent_cfar(pfa, n_looks, n_reference_total)
-    target = (1 + snrs) * (rng.standard_normal((n, n_looks, 2)) ** 2).sum(axis=-1)
-    reference = (rng.standard_normal((n, n_reference_total, 2)) ** 2).sum(axis=(1, 2))
-    return np.asarray(target.sum(axis=-1) > ratio * reference)
-
-
-def signal_energy(snr: Floats, pfa: float, n_samples: int, rng: Rng) -> Bools:
-    """Hits of an energy detector whose samples are drawn one by one; (n,)."""
-    threshold = gammainccinv(n_samples, pfa)
-    energy = [(rng.standard_normal(2 * n_samples) ** 2).sum() / 2 for _ in range(len(snr))]
-    return np.asarray((1 + snr) * np.array(energy) > threshold)
-
-
-def counted(hits: Hits, trials: int) -> Callable[[Rng], Floats]:
-    """Pd by counting so many trials of hits; (n,)."""
-
-    def pd(rng: Rng) -> Floats:
-        total = hits(rng).astype(np.float64)
-        for _ in range(trials - 1):
-            total += hits(rng)
-        return total / trials
-
-    return pd
+    return DetectionLaw(
+        ours=lambda: model.place_pd(model.odds_of(snrs)),
+        others={"as if pairs were alike": alike},
+        hits=hits,
+        signals=2 * (n_reference + 1) * len(signals),
+        exact=exact,
+    )

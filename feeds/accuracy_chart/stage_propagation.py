@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.accuracy_chart.case import Case, passive_snrs
+from plotfeed.feeds.accuracy_chart.charted_model import PlacesApart
 from plotfeed.feeds.accuracy_chart.stage import PD, ChartStage, Method, rms
 from plotfeed.models import propagation
 from plotfeed.models.effects.multipath import Multipath
@@ -157,6 +158,17 @@ def _(model: MicrophoneArray, targets: Targets, _antenna_m: float) -> Propagatio
     return PropagationMethods(ratios=ratios, pds=pds, ours=ours)
 
 
+@propagation_methods.register
+def _(model: PlacesApart, targets: Targets, antenna_m: float) -> PropagationMethods:
+    place_m, rcs_m2 = targets.true_position_enu_m, targets.rcs_m2()
+    return _over_ground(
+        model,
+        antenna_m,
+        lambda radar: radar.odds(place_m, rcs_m2)[0],
+        lambda radar: radar.place_pd(radar.odds(place_m, rcs_m2)[1]),
+    )
+
+
 def _over_ground(
     model: Any,
     antenna_m: float,
@@ -167,9 +179,16 @@ def _over_ground(
     """Methods without a ground and over one, that of the scene if it names one."""
     high_m = max(antenna_m, LOWEST_ANTENNA_M)
     ground = model.multipath or Multipath(reflection=REFLECTION, antenna_height_m=high_m)
-    sensors = {plain: replace(model, multipath=None), TWO_RAYS: replace(model, multipath=ground)}
+    sensors = {plain: _over(model, None), TWO_RAYS: _over(model, ground)}
     return PropagationMethods(
         ratios={name: partial(ratios, sensor) for name, sensor in sensors.items()},
         pds={name: partial(pd, sensor) for name, sensor in sensors.items()},
         ours=plain if model.multipath is None else TWO_RAYS,
     )
+
+
+def _over(model: Any, ground: Multipath | None) -> Any:
+    """A sensor over that ground, all of its receivers too."""
+    if isinstance(model, PlacesApart):
+        return model.over(ground)
+    return replace(model, multipath=ground)

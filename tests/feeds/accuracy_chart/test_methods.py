@@ -10,7 +10,7 @@ from scipy.special import gammainc
 from support.chart_cases import RADAR, SITE, case_of_ratios
 from support.significance import assert_sum
 
-from plotfeed.feeds.accuracy_chart import stage_detection as methods
+from plotfeed.feeds.accuracy_chart import detection_methods as methods
 from plotfeed.feeds.accuracy_chart import stage_geometry as frames
 from plotfeed.feeds.accuracy_chart.stage_plots import PoissonGenerator
 from plotfeed.feeds.accuracy_chart.stage_propagation import (
