@@ -42,8 +42,7 @@ class TargetStrengths:
         while drone.max() >= self._room:
             self._room *= 2  # more targets leave the first ones as they are
             self._drift = self._with_room(self._room)
-        parts = self._drift.at(t_utc_ns).reshape(len(drone), self._room, PARTS)
-        squares = parts[np.arange(len(drone)), drone] ** 2
+        squares = self._drift.of(t_utc_ns, drone, PARTS) ** 2
         one, two = squares[:, :2].sum(axis=1) / 2, squares.sum(axis=1) / PARTS
         factor = np.where(order == ONE_AMPLITUDE, one, np.where(order == TWO_AMPLITUDES, two, 1.0))
         return snrs * factor[:, None], np.full(len(drone), STEADY)

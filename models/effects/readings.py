@@ -77,25 +77,30 @@ class Drift:
 
     def at(self, t_utc_ns: Ints) -> Floats:
         """Values at times (m,); (m, n)."""
+        values, place = self._values_at(t_utc_ns)
+        return values[place]
+
+    def of(self, t_utc_ns: Ints, which: Ints, size: int) -> Floats:
+        """Values at times (m,) of groups of so many processes each, these; (m, size)."""
+        values, place = self._values_at(t_utc_ns)
+        found: Floats = values.reshape(len(values), -1, size)[place, which]
+        return found
+
+    def _values_at(self, t_utc_ns: Ints) -> tuple[Floats, Ints]:
+        """Values of the steps that there are, and of which step each time is."""
         steps, place = np.unique(t_utc_ns // self._step_ns, return_inverse=True)
         values = [self._value_at(step) for step in steps.tolist()]
-        return np.array(values).reshape(-1, self._n)[place]
+        return np.array(values).reshape(-1, self._n), place
 
     def _value(self, step: int) -> Floats:
-        low = step >> self._halvings << self._halvings
-        if step == low:
+        """Value of a step by the two half-way between which it lies; anchors are drawn alone."""
+        width = step & -step
+        if not width or width >> self._halvings:
             return self._draw(step)
-        width = 1 << self._halvings
-        at_low, at_high = self._value_at(low), self._value_at(low + width)
-        while step != low:
-            width //= 2
-            h = width * self._steps
-            middle = (at_low + at_high) / (2 * cosh(h)) + sqrt(tanh(h)) * self._draw(low + width)
-            if step < low + width:
-                at_high = middle
-            else:
-                low, at_low = low + width, middle
-        return at_low
+        h = width * self._steps
+        at_low, at_high = self._value_at(step - width), self._value_at(step + width)
+        middle = (at_low + at_high) / (2 * cosh(h)) + sqrt(tanh(h)) * self._draw(step)
+        return np.asarray(middle)
 
     def _draw(self, step: int) -> Floats:
         return self._chance.rng(self._purpose, step).standard_normal(self._n)
