@@ -1,20 +1,71 @@
-"""Clutter that stays in its place: a map of how often cells have plots, and the plots of a scan."""
+"""Clutter that stays in its place: a map of how often cells have plots, and the plots of a scan.
+
+The power of K-distributed clutter is exponential about a texture, which is gamma distributed of an
+order v and of mean 1 from place to place: fixed for a map, or new in each scan.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import gammaln, kve
+from scipy.stats import geninvgauss
 
 from plotfeed.models.accuracy import fold_over_zenith
 from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
-from plotfeed.models.state import Bools, Floats, Plots
+from plotfeed.models.state import Bools, Floats, Ints, Plots
 
 CLUTTER = "clutter"
 """What its regions are called before their names, among drones and movers."""
+
+
+@nan_without_warnings
+def k_exceedance(threshold: ArrayLike, order: ArrayLike) -> Floats:
+    """Probability that K-distributed clutter exceeds so many times its mean power.
+
+    2/Gamma(v) (vT)^(v/2) K_v(2 sqrt(vT)), by logarithms and the scaled Bessel function.
+    """
+    v = as_floats(order)
+    vt = v * as_floats(threshold)
+    q = 2 * np.sqrt(vt)
+    log = np.log(2.0) - gammaln(v) + v / 2 * np.log(vt) + np.log(kve(v, q)) - q
+    return np.where(vt > 0, np.exp(log), 1.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Spikes:
+    """A fixed threshold over the mean power of K-distributed clutter, and its textures.
+
+    These are by cell, (n,), or None where each scan has its own.
+    """
+
+    threshold: float
+    order: float
+    texture: Floats | None
+
+    def chance(self, n: int) -> Floats:
+        """Probability that a resolution cell within each of n squares crosses the threshold."""
+        if self.texture is None:
+            return np.full(n, float(k_exceedance(self.threshold, self.order)))
+        return np.exp(-self.threshold / np.maximum(self.texture, 1e-300))
+
+    def over_threshold(self, square: Ints, rng: np.random.Generator) -> Floats:
+        """Powers over the threshold of what crosses it in those squares; (n,)."""
+        if self.texture is None:  # that of what crosses: generalised inverse Gaussian
+            scale = np.sqrt(self.threshold / self.order)
+            b = 2 * np.sqrt(self.order * self.threshold)
+            law = geninvgauss(self.order, b, scale=scale)
+            texture = law.rvs(len(square), random_state=rng)
+        else:
+            texture = self.texture[square]
+        excess: Floats = 1 + texture * rng.standard_exponential(len(square)) / self.threshold
+        return excess
 
 
 def inside(east_m: Floats, north_m: Floats, corners_m: Floats) -> Bools:
@@ -41,12 +92,13 @@ class ClutterMap:
     rates: Floats
     rate_m_s: float
     whose: int
+    spikes: Spikes | None = None
 
     def plots(self, model: PolarRadar, sector: Sector, rng: np.random.Generator) -> Plots:
         """The plots of a scan: in each cell a Poisson number, anywhere in it, with their errors.
 
         Whose they are is all that is true of them. Their strength is that of noise over the
-        threshold: what is left of filtered clutter.
+        threshold, what is left of filtered clutter, or that of spikes.
         """
         n = int(rng.poisson(self.rates.sum())) if len(self.rates) else 0
         if not n:
@@ -62,6 +114,8 @@ class ClutterMap:
         if not len(range_m):
             return NO_PLOTS
         plots = model.false_plots(beam_times_ns(sector, azimuth_deg), azimuth_deg, rng)
+        if self.spikes is not None:
+            plots = _as_strong(plots, model, self.spikes.over_threshold(cell[covered], rng), rng)
         errors = rng.standard_normal((4, len(plots)))
         read_deg, read_elevation_deg = fold_over_zenith(
             azimuth_deg + errors[1] * plots.sigma_azimuth_deg,
@@ -77,3 +131,16 @@ class ClutterMap:
         if model.doppler is not None:
             plots = plots.but(range_rate_m_s=self.rate_m_s * errors[3])
         return plots
+
+
+def _as_strong(plots: Plots, model: PolarRadar, over: Floats, rng: np.random.Generator) -> Plots:
+    """Plots of so many times the threshold, with all that follows from their strength."""
+    n = len(plots)
+    _, threshold = model.draw_detected(np.zeros((n, model.n_signals)), rng)
+    snr = threshold * over
+    sigmas = model.sigmas_at(snr, np.zeros(n, np.int64))
+    changed = {name: sigma for name, sigma in sigmas.items() if plots.measures(name)}
+    if model.measures_run_length:
+        changed["run_length_deg"] = model.azimuth_beamwidth_deg * np.sqrt(np.log2(over))
+    amplitude_dbm = model.noise_dbm + 10 * np.log10(snr)
+    return plots.but(snr=snr, amplitude_dbm=amplitude_dbm, **changed)

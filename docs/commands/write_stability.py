@@ -14,6 +14,7 @@ from stability_chances import DETECTION
 from stability_effects import EFFECTS, LINKS
 from stability_joint import JOINT
 from stability_places import BISTATIC, FRAMES
+from stability_sensors import CLUTTER, SENSORS
 from stability_times import TIMES
 
 PAGE = Path(__file__).parents[1] / "stability.md"
@@ -32,7 +33,8 @@ GROUPS = (
     ("Frames and angles", FRAMES),
     ("Detection", DETECTION),
     ("Times, scans and chance", TIMES),
-    ("False alarms, and effects that a scene may name", EFFECTS),
+    ("False alarms, and effects that a scene may name", (*EFFECTS, *CLUTTER)),
+    ("Antennas, arrays, classifiers, steered beams and cameras", SENSORS),
     ("Links", LINKS),
 )
 PICTURES = {

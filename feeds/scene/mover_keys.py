@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -18,6 +18,8 @@ from plotfeed.feeds.scene.fields import (
 )
 
 Way = Annotated[tuple[Location, ...], Field(strict=False, min_length=2, max_length=10_000)]
+MOST_SPIKY_ORDER = 50.0
+"""Of K-distributed clutter: its power varies by a seventh."""
 Area = Annotated[tuple[Location, ...], Field(strict=False, min_length=3, max_length=10_000)]
 
 
@@ -95,11 +97,27 @@ class ClutterKeys(SceneTable):
     """In the ledger its plots are of clutter/ID."""
     area: Area
     """Corners of the region, one after the other."""
-    plots_per_km2: Annotated[float, Field(gt=0, le=10_000)]
-    """In a scan, on average over all maps that a seed may draw."""
+    plots_per_km2: Annotated[float, Field(gt=0, le=10_000)] | None = None
+    """In a scan, on average over all maps that a seed may draw; or else threshold_db is given."""
+    threshold_db: Annotated[float, Field(ge=3, le=60)] | None = None
+    """Of a detector with a fixed threshold, over the mean of what its filters leave of the clutter:
+    plots are what crosses it, in the radar's cells, of K-distributed power of the order `shape`."""
+    texture_stays: bool = True
+    """With threshold_db, whether spiky places are the same in every scan, as on land, or others in
+    each, as of waves."""
     cell_m: Annotated[float, Field(ge=1, le=10_000)] = 50.0
     """Side of the squares, each of which has as many plots on average in every scan."""
     shape: Annotated[float, Field(ge=0.05, le=1000)] = 0.5
     """Of the gamma distribution by which these averages differ: less is spikier."""
     rate_m_s: Annotated[float, Field(ge=0, le=100)] = 0.2
     """Standard deviation of range rates, where they are measured."""
+
+    @model_validator(mode="after")
+    def _comes_somehow(self) -> Self:
+        if (self.plots_per_km2 is None) == (self.threshold_db is None):
+            raise ValueError("expected plots_per_km2 or threshold_db")
+        if self.threshold_db is not None and self.shape > MOST_SPIKY_ORDER:
+            raise ValueError(
+                f"shape: at most {MOST_SPIKY_ORDER:g} with threshold_db: beyond it is noise"
+            )
+        return self

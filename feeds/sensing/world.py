@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from plotfeed.feeds.scene.mover_keys import ClutterKeys
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.clutter import CLUTTER, ClutterMap, inside
+from plotfeed.models.clutter import CLUTTER, ClutterMap, Spikes, inside
 from plotfeed.models.effects.echo_effects import EchoEffects
 from plotfeed.models.effects.jamming import Jamming, behind
 from plotfeed.models.effects.pillars import Pillar
@@ -20,12 +21,17 @@ from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
 from plotfeed.models.frames import Axes, geodetic_to_ecef
 from plotfeed.models.movers import other_name
 from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.electronic_radar import ElectronicRadar
+from plotfeed.models.sensors.multistatic import MultistaticRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.radio_sensor import RadioSensor
 from plotfeed.models.sensors.rf_receiver import RfReceiver
 from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
+
+R = TypeVar("R", bound=EchoRadar)
 
 
 def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
@@ -39,9 +45,30 @@ def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
     return replace(effects, in_the_world=met)
 
 
+def _with_jammers_behind(radar: R, way: OnTheWay) -> R:
+    """A radar whose jammers come by that way."""
+    effects = radar.echo_effects
+    return radar if effects is None else replace(radar, echo_effects=_behind(effects, way))
+
+
+def _rates_of(
+    keys: ClutterKeys, model: PolarRadar, place_m: Floats, texture: Floats
+) -> tuple[Floats, Spikes | None]:
+    """Mean plots of squares in a scan, and how spikes make them, if these do."""
+    area_m2 = keys.cell_m**2
+    if keys.threshold_db is None:
+        return (keys.plots_per_km2 or 0.0) * area_m2 / 1e6 * texture, None
+    stays = texture if keys.texture_stays else None
+    spikes = Spikes(threshold=10 ** (keys.threshold_db / 10), order=keys.shape, texture=stays)
+    ground_m = np.maximum(np.hypot(place_m[:, 0], place_m[:, 1]), keys.cell_m)
+    of_beam_m2 = ground_m * np.radians(model.azimuth_beamwidth_deg) * model.range_resolution_m
+    return area_m2 / of_beam_m2 * spikes.chance(len(place_m)), spikes
+
+
 MAX_CELLS = 1_000_000
 SUNK_M = 1.0
 """By which rasters and masts may disagree about the ground."""
+OF_RADIO = (RadioSensor, ElectronicRadar, MultistaticRadar)
 
 
 class World:
@@ -70,9 +97,9 @@ class World:
             return model
         if isinstance(model, RfReceiver):
             return replace(model, jammers=behind(model.jammers, obstruction))
-        if isinstance(model, EchoRadar) and model.echo_effects is not None:
-            return replace(model, echo_effects=_behind(model.echo_effects, obstruction))
-        return model
+        if isinstance(model, ElectronicRadar):
+            return replace(model, radar=_with_jammers_behind(model.radar, obstruction))
+        return _with_jammers_behind(model, obstruction) if isinstance(model, EchoRadar) else model
 
     def clutter_of(
         self, model: SensorModel, axes: Axes, trajectories: Trajectories
@@ -101,28 +128,30 @@ class World:
         within = inside(east_m + half_m, north_m + half_m, corners_m[:, :2])
         east_m, north_m = east_m[within], north_m[within]
         name = other_name(CLUTTER, keys.id)
-        mean = keys.plots_per_km2 * keys.cell_m**2 / 1e6
         rng = Chance(self._scene.scene.seed, name).rng(Purpose.CLUTTER, 0)
-        rates = mean / keys.shape * rng.standard_gamma(keys.shape, len(east_m))
+        texture = rng.standard_gamma(keys.shape, len(east_m)) / keys.shape
         latitude_deg, longitude_deg, _ = site.to_geodetic(
             np.stack([east_m, north_m, np.zeros(len(east_m))], axis=-1)
         )
         height_m = np.mean([corner[2] for corner in corners])
         place_m = axes.from_ecef(geodetic_to_ecef(latitude_deg, longitude_deg, height_m))
         seen = model.has_sight_of(place_m)
+        place_m, texture = place_m[seen], texture[seen]
+        rates, spikes = _rates_of(keys, model, place_m, texture)
         return ClutterMap(
-            east_m=place_m[seen, 0],
-            north_m=place_m[seen, 1],
-            up_m=place_m[seen, 2],
+            east_m=place_m[:, 0],
+            north_m=place_m[:, 1],
+            up_m=place_m[:, 2],
             side_m=keys.cell_m,
-            rates=rates[seen],
+            rates=rates,
+            spikes=spikes,
             rate_m_s=keys.rate_m_s,
             whose=trajectories.add_other(name),
         )
 
     def _towers(self, sensor: Sensor, model: SensorModel) -> Iterator[Pillar]:
         """Towers that stand in the way of radio waves."""
-        if not isinstance(model, RadioSensor):
+        if not isinstance(model, OF_RADIO):
             return
         for turbine in self._scene.turbine:
             if turbine.tower_width_m:

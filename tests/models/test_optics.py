@@ -55,6 +55,13 @@ def test_a_spot_is_found_by_the_normal_law_over_one_alarm_a_picture(
     assert optics.hot_spot_pd(sigmas + 1, pfa) == pytest.approx(stats.norm.cdf(1.0), abs=0.003)
 
 
+def test_a_spot_is_found_with_a_pfa_below_the_rounding_of_one() -> None:
+    """Without one less the Pfa, which is 1 in float64."""
+    assert optics.hot_spot_pd(0.0, 1e-17) == pytest.approx(1e-17, rel=1e-9)
+    threshold = float(stats.norm.isf(1e-17))
+    assert optics.hot_spot_pd(threshold, 1e-17) == pytest.approx(0.5, rel=1e-12)
+
+
 def test_the_picture_is_a_rectangle_about_the_line_of_sight() -> None:
     rng = np.random.default_rng(1)
     for pan_deg, tilt_deg in ((0.0, 0.0), (200.0, 50.0), (-30.0, -20.0)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy import stats
 from support.radar_equations import pd
 from support.road import START_NS, Road, fly, held, radar, rotating, scene
@@ -161,6 +162,36 @@ def test_scans_of_clutter_are_poisson_in_number_and_independent() -> None:
     dispersion = float(np.var(counts, ddof=1)) / mean * (len(counts) - 1)
     law = stats.chi2(len(counts) - 1)
     assert_chance(2 * min(float(law.cdf(dispersion)), float(law.sf(dispersion))))
+
+
+SEA = {key: value for key, value in WOODS.items() if key != "plots_per_km2"} | {
+    "id": "sea", "threshold_db": 10.0, "shape": 0.5, "cell_m": 50.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_spiky_clutter_crosses_a_fixed_threshold_as_often_as_the_k_distribution_says(
+    stays: bool,
+) -> None:
+    """Ten times the mean, of order 0.5: 0.0114 of all cells, where noise would have 4.5e-5."""
+    sensor = radar(pfa=1e-12, range_resolution_m=40.0, azimuth_beamwidth_deg=4.0)
+    made = scene([sensor], seed=8, clutter=[SEA | {"texture_stays": stays}])
+    plots = simulate(made, 200, start_utc_ns=START_NS)["radar"].plots
+    # Cells in a sector of 40 degrees from 2 to 4 km: as many in every ring.
+    cells = (4000 - 2000) / 40.0 * 40 / 4.0
+    chance = 0.0114228909934669
+    assert cells * chance * 200 > 800
+    mean = 200 * cells * chance
+    assert 0.8 < len(plots) / mean < 1.25  # corners of squares, and of this seed's map
+    counts = np.bincount(plots.scan - plots.scan.min(), minlength=200)[:200]
+    assert counts.var() / counts.mean() < 2.0
+    over = 2 ** ((plots.run_length_deg / 4.0) ** 2)  # power over the threshold
+    twice = np.exp(np.sqrt(20.0) - np.sqrt(40.0))  # the tail of this order is exp(-sqrt(2T))
+    if stays:
+        assert 0.1 < np.mean(over > 2) < 0.25
+    else:
+        n = len(plots)
+        assert_sum(float((over > 2).sum()), n * twice, n * twice * (1 - twice), "spikes")
 
 
 def told(**world: Any) -> Road:

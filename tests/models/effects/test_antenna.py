@@ -69,6 +69,14 @@ def test_a_target_of_one_height_is_as_strong_at_any_range() -> None:
     assert cut.loss_db(one(42.5)) == pytest.approx(cut.loss_db(one(40.0)) + 3.0103, rel=1e-5)
 
 
+def test_a_cosecant_squared_beam_has_an_edge_where_the_sine_is_lost() -> None:
+    """On the horizon and below it: a Gaussian edge, of which 4 of 3 degrees leave 2^(-64/9)."""
+    cut = CosecantSquaredCut(from_deg=4.0, to_deg=30.0, beamwidth_deg=3.0)
+    loss_db = cut.loss_db(one(0.0, -1e-300, -4.0))
+    expected = 10 * np.log10(2) * 4 * np.array([4 / 3, 4 / 3, 8 / 3]) ** 2
+    np.testing.assert_allclose(loss_db, expected, rtol=1e-13)
+
+
 def test_what_a_cosecant_squared_beam_has_less_at_its_peak() -> None:
     for args, loss_db in values_of("cosecant_peak_loss_db"):
         found = cosecant_peak_loss_db(float(args["from_deg"]), float(args["to_deg"]))
