@@ -45,6 +45,8 @@ class Purpose(IntEnum):
     CLUTTER = 9
     FLUCTUATION = 10
     PAIRS = 11
+    SIDELOBES = 12
+    CLAIMS = 13
 
 
 class Chance:

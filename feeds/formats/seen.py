@@ -9,6 +9,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
+from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.messages.user_properties import SectorStamp
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
@@ -172,3 +173,20 @@ def of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
     edges = np.concatenate([[0], np.cumsum(lengths)])
     rows = np.arange(edges[-1]) + np.repeat(by[which] - edges[:-1], lengths)
     return columns.rows(rows), edges
+
+
+def joined_sightings(scans: Sequence[Sighting]) -> Sighting:
+    """Several scans of sensors, the later ones after the earlier ones of each."""
+    if len(scans) == 1:
+        return scans[0]
+    sectors = Sectors.joined([scan.sectors for scan in scans])
+    order = np.lexsort((sectors.end_ns, sectors.sensor))
+
+    def in_order(parts: Sequence[C], offsets: Sequence[Ints]) -> tuple[C, Ints]:
+        lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
+        edges = np.concatenate([[0], np.cumsum(lengths)])
+        return of_parts(type(parts[0]).joined(parts), edges, order)
+
+    looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
+    plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
+    return Sighting(sectors.rows(order), looks, looks_by, plots, plots_by, scans[0].names)

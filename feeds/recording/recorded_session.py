@@ -22,6 +22,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.clutter import CLUTTER
+from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.batch import batch_in, plots_in_batch, plots_of_batch
@@ -181,9 +182,9 @@ def name_in(entry: pb.Look | pb.PlotTruth) -> str:
 
 
 def target_of(plot: pb.PlotTruth) -> str:
-    """The name of what was looked at and gave a plot; empty for clutter, too, which nobody is."""
+    """The name of what was looked at and gave a plot; empty for what is nowhere, too."""
     name = name_in(plot)
-    return "" if name.startswith(CLUTTER + OTHER) else name
+    return "" if name.startswith((CLUTTER + OTHER, SIDELOBE + OTHER)) else name
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, PairDraws, Purpose, ScanDraws
+from plotfeed.models.effects.classification import ClaimDraws
 from plotfeed.models.known_rows import renamed
 from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
@@ -68,12 +69,14 @@ class EmulatedSensors:
         self._frames = frames
         self.cueing = Cueing(self._scene_site, self.sensors, frames)
         self._at_work = SensorsAtWork(
+            names=self._names,
             frames=LocalFrames.of(frames),
             trajectories=trajectories,
             chances=chances,
             timetables=timetables,
             draws=ScanDraws(chances, Purpose.DETECTION),
             pairs=PairDraws(chances),
+            claims=ClaimDraws(chances),
             borders=Borders(len(frames)),
             false_alarms=FalseAlarmsDue(chances, timetables),
             cueing=self.cueing,
@@ -177,6 +180,7 @@ class EmulatedSensors:
         if names is not self._drones:
             self._at_work.borders.forget(renamed(self._drones, names), len(names))
             self._at_work.draws.trim(len(names))
+            self._at_work.claims.trim(len(names))
             self._drones = names
 
     def _later_than_script(self, sectors: Sectors) -> Bools:

@@ -14,15 +14,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.formats.seen import of_parts
+from plotfeed.feeds.formats.seen import joined_sightings
 from plotfeed.feeds.messages.sector_report import Sighting
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
 from plotfeed.feeds.sensing.sensor_site import SensorSite, with_heights
+from plotfeed.feeds.sensing.sidelobe_looks import SidelobeLooks
 from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
 from plotfeed.models.dwell_agenda import Agenda
+from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at
 from plotfeed.models.numerics import nan_without_warnings
@@ -46,12 +48,14 @@ C = TypeVar("C", bound=Columns)
 class SensorsAtWork:
     """What all sensors of a scene have in common, each thing by the index of the sensor."""
 
+    names: Sequence[str]
     frames: Axes
     trajectories: Trajectories
     chances: Sequence[Chance]
     timetables: Sequence[Timetable]
     draws: ScanDraws
     pairs: PairDraws
+    claims: ClaimDraws
     borders: Borders
     false_alarms: FalseAlarmsDue
     cueing: Cueing
@@ -77,6 +81,8 @@ class SensorGroup:
         self._model = stacked(models)
         self._merges = getattr(self._model, "merging", None) is not None
         self._agenda = Agenda.empty()
+        of_scene = at_work.names, at_work.trajectories, at_work.chances
+        self._sidelobes = SidelobeLooks.of(self.models, *of_scene)
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
         reach_m = np.zeros(max(sensors) + 1)
@@ -95,13 +101,13 @@ class SensorGroup:
                 sectors.rows(np.arange(i, min(i + n, len(sectors))))
                 for i in range(0, len(sectors), n)
             ]
-            return _joined([self._turn(turn) for turn in turns])
+            return joined_sightings([self._turn(turn) for turn in turns])
         scans = []
         while len(sectors):  # one scan of each sensor after the other
             first = sectors.first_of_sensors()
             scans.append(self._stare(sectors.rows(first)))
             sectors = sectors.rows(~first)
-        return _joined(scans)
+        return joined_sightings(scans)
 
     def _stare(self, sectors: Sectors) -> Sighting:
         """Looks at all drones that are there when a scan ends; one scan of each sensor."""
@@ -130,6 +136,7 @@ class SensorGroup:
         else:
             looks, detections = self._observed(targets, rng, aims)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
+        alarms += self._by_sidelobes(sectors)
         if aims is not None:
             alarms = [
                 (sensor, aims.of_alarms(found, sensor, self.models[sensor]))
@@ -142,7 +149,7 @@ class SensorGroup:
         """Looks at the drones that beams pass in their sectors."""
         at_work = self._at_work
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
-        alarms = at_work.false_alarms.of_turns(sectors, self.models)
+        alarms = at_work.false_alarms.of_turns(sectors, self.models) + self._by_sidelobes(sectors)
         if not len(met.truth):
             looks, detections = NO_LOOKS, NO_PLOTS
         elif self._merges:
@@ -156,6 +163,15 @@ class SensorGroup:
         targets, row = self._targets(truth, row, sectors.sensor)
         draws = self._at_work.draws.of(sectors.sensor[row], sectors.scan[row], targets.drone)
         return self._observed(targets, draws)
+
+    def _by_sidelobes(self, sectors: Sectors) -> list[OfSensor]:
+        if self._sidelobes is None:
+            return []
+        return self._sidelobes.plots(sectors, self._all_at_the_end)
+
+    def _all_at_the_end(self, sectors: Sectors) -> Targets:
+        row, truth = self._there_at_the_end(sectors)
+        return self._targets(truth, row, sectors.sensor)[0]
 
     def _observed_among_neighbours(
         self, sectors: Sectors, truth: TruthState
@@ -245,6 +261,9 @@ class SensorGroup:
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )
+        if held_ns := self._model.claims_held_ns:
+            held = HeldClaims(self._at_work.claims, int(self.sensors[0]), held_ns)
+            targets = replace(targets, claims=held)
         if self._model.draws_by_pair:
             pairs, names = self._at_work.pairs, self._at_work.trajectories.names
             targets = replace(targets, pair_draws=pairs.of(sensors[row], sensed.drone, names))
@@ -324,20 +343,3 @@ class SensorGroup:
             order = np.argsort(place, kind="stable")
             columns, place = columns.rows(order), place[order]
         return columns, sectors.offsets(place)
-
-
-def _joined(scans: Sequence[Sighting]) -> Sighting:
-    """Several scans of sensors, the later ones after the earlier ones of each."""
-    if len(scans) == 1:
-        return scans[0]
-    sectors = Sectors.joined([scan.sectors for scan in scans])
-    order = np.lexsort((sectors.end_ns, sectors.sensor))
-
-    def in_order(parts: Sequence[C], offsets: Sequence[Ints]) -> tuple[C, Ints]:
-        lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
-        edges = np.concatenate([[0], np.cumsum(lengths)])
-        return of_parts(type(parts[0]).joined(parts), edges, order)
-
-    looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
-    plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
-    return Sighting(sectors.rows(order), looks, looks_by, plots, plots_by, scans[0].names)

@@ -119,9 +119,33 @@ class Pattern:
         return np.asarray(10 ** (-np.minimum(loss_db, self.sidelobe_db) / 10))
 
 
+@dataclass(frozen=True, slots=True)
+class OffBeam(BeamCut):
+    """Directions that a beam does not point at: it has nothing there but its side lobes."""
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss without bounds, of which a pattern leaves its side lobes."""
+        return np.full(len(angle_deg), np.inf)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Antenna:
-    """The patterns by which a radar transmits and receives; None is as wide as the cover."""
+    """The patterns by which a radar transmits and receives; None is as wide as the cover.
+
+    With `shows_sidelobes`, targets are also reported that the beam does not point at.
+    """
 
     transmit: Pattern | None = None
     receive: Pattern | None = None
+    shows_sidelobes: bool = False
+
+    def turned_away(self, *, transmitter_too: bool) -> Antenna:
+        """Patterns for targets that the beam does not point at, out and back or back alone."""
+        out = self.transmit if not transmitter_too else _sidelobes_of(self.transmit)
+        return Antenna(transmit=out, receive=_sidelobes_of(self.receive))
+
+
+def _sidelobes_of(pattern: Pattern | None) -> Pattern | None:
+    if pattern is None:
+        return None
+    return Pattern(azimuth=OffBeam(), elevation=None, sidelobe_db=pattern.sidelobe_db)

@@ -1,7 +1,12 @@
-"""Classifiers that are sometimes wrong: what is claimed of each class, by a confusion matrix."""
+"""Classifiers that are sometimes wrong: what is claimed of each class, by a confusion matrix.
+
+A claim is drawn for each plot by itself, or stays for a while: what fooled a classifier, an aspect
+or a wing beat, is there in the next looks too.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,7 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.state import Floats, Texts
+from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.state import Floats, Ints, Looks, Texts
+
+GOLDEN = (5**0.5 - 1) / 2
+"""Of its multiples the fractions are spread evenly: drones change their claims one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,17 +26,24 @@ class Confusion:
     """Probabilities of each claim, a row for each true class that the matrix names.
 
     `otherwise` is the row of any other class, and of false alarms; without it, nothing is claimed
-    of those.
+    of those. Claims of a drone stay for `held_ns`, 0 for one plot.
     """
 
     claims: tuple[str, ...]
     true_classes: tuple[str, ...]
     rows: tuple[tuple[float, ...], ...]
     otherwise: tuple[float, ...] | None = None
+    held_ns: int = 0
 
-    def claimed(self, true_class: Texts, rng: np.random.Generator) -> tuple[Texts, Floats]:
-        """What is claimed of targets of those classes, and how surely; "" and NaN for nothing."""
-        drawn = rng.random((len(true_class),))
+    def claimed(
+        self, true_class: Texts, rng: np.random.Generator, drawn: Floats | None = None
+    ) -> tuple[Texts, Floats]:
+        """What is claimed of targets of those classes, and how surely; "" and NaN for nothing.
+
+        `drawn` are uniform numbers that are held, (n,); without them, each claim is drawn anew.
+        """
+        if drawn is None:
+            drawn = rng.random((len(true_class),))
         is_class = true_class[:, None] == np.array(self.true_classes, np.object_)
         row = np.where(is_class.any(axis=1), is_class.argmax(axis=1), len(self.true_classes))
         # Rows add up to one but for rounding: what is drawn beyond is the last claim.
@@ -37,9 +53,11 @@ class Confusion:
             claim = np.where(row == len(self.true_classes), len(self.claims), claim)
         return names[claim], np.append(self.certainties, np.nan)[claim]
 
-    def columns(self, true_class: Texts, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
+    def columns(
+        self, true_class: Texts, rng: np.random.Generator, drawn: Floats | None = None
+    ) -> dict[str, NDArray[Any]]:
         """Columns of plots of targets of those classes, (n,)."""
-        kind, probability = self.claimed(true_class, rng)
+        kind, probability = self.claimed(true_class, rng, drawn)
         return {"kind": kind, "kind_probability": probability}
 
     def columns_of_nothing(self, n: int, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
@@ -66,3 +84,34 @@ class Confusion:
     def _cumulated(self) -> Floats:
         other = self.otherwise or tuple(1.0 / len(self.claims) for _ in self.claims)
         return np.asarray(np.cumsum(np.array([*self.rows, other]), axis=1))
+
+
+class ClaimDraws:
+    """Uniform numbers of sensors and drones, which stay for a time, by their indices."""
+
+    def __init__(self, chances: Sequence[Chance]) -> None:
+        self._draws = ScanDraws(chances, Purpose.CLAIMS)
+
+    def of(self, sensor: Ints, drone: Ints, t_utc_ns: Ints, held_ns: int) -> Floats:
+        """Numbers of sensors and drones at times, each (n,), which stay for so long."""
+        shift_ns = np.rint(drone * GOLDEN % 1.0 * held_ns).astype(np.int64)
+        spell = (t_utc_ns + shift_ns) // held_ns
+        return self._draws.of(sensor, spell, drone).random((len(drone),))
+
+    def trim(self, drones: int) -> None:
+        """Keep no room for many more drones than that."""
+        self._draws.trim(drones)
+
+
+@dataclass(frozen=True, slots=True)
+class HeldClaims:
+    """Draws of the sensors of a pass, or of one that is alone, which stay for `held_ns`."""
+
+    draws: ClaimDraws
+    sensor: int
+    held_ns: int
+
+    def of(self, looks: Looks) -> Floats:
+        """Numbers of looks; (n,)."""
+        sensor = np.full(len(looks), self.sensor) if looks.sensor is None else looks.sensor
+        return self.draws.of(sensor, looks.drone, looks.t_utc_ns, self.held_ns)

@@ -210,8 +210,7 @@ class MicrophoneArray(CellSensor):
         )
         claims: dict[str, NDArray[Any]] = {}
         if self.classifier is not None:
-            true_class = targets.signatures.target_class_of(hits.drone)
-            claims = self.classifier.columns(true_class, rng)
+            claims = targets.claims_of(hits, self.classifier, rng)
         return self._plots(
             hits.snr,
             t_utc_ns=hits.t_utc_ns,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
+from plotfeed.models.effects.classification import Confusion
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.echo_effects import EchoPaths
@@ -54,8 +55,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     measures_elevation: bool
     measures_run_length: bool = True
     intervals: PulseIntervals | None = None
+    classifier: Confusion | None = None
 
-    alike: ClassVar[frozenset[str]] = EchoRadar.alike | {"intervals"}
+    alike: ClassVar[frozenset[str]] = EchoRadar.alike | {"intervals", "classifier"}
 
     @abstractmethod
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
@@ -278,6 +280,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             columns |= self.doppler.measured(
                 columns["range_rate_m_s"], snr, echoes.channel, rng, self.error_factor
             )
+        if self.classifier is not None:
+            columns |= targets.claims_of(echoes, self.classifier, rng)
         plots = self._plots(
             snr,
             threshold,
@@ -302,6 +306,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         columns = {}
         if self.doppler is not None:
             columns = self.doppler.of_false_alarms(snr, np.zeros(n, np.int64), rng)
+        if self.classifier is not None:
+            columns |= self.classifier.columns_of_nothing(n, rng)
         return self._plots(
             snr,
             threshold,

@@ -120,15 +120,14 @@ class RfDirectionFinder(RfReceiver):
         plots = mine.rows(detected)._measure(hits, emitted, targets, rng)
         told = self._read(table, emitted)
         if self.classifier is not None:
-            told |= self._claimed(self.classifier, table.kinds(emitted), told["kind"], rng)
+            drawn = None if targets.claims is None else targets.claims.of(hits)
+            claimed = self.classifier.claimed(table.kinds(emitted), rng, drawn)
+            told |= self._unless_read(*claimed, told["kind"])
         return looks, plots.but(**told)
 
     @staticmethod
-    def _claimed(
-        classifier: Confusion, kinds: Texts, read: Texts, rng: np.random.Generator
-    ) -> dict[str, NDArray[Any]]:
-        """What the classifier says of emissions of those kinds, unless they were read."""
-        kind, probability = classifier.claimed(kinds, rng)
+    def _unless_read(kind: Texts, probability: Floats, read: Texts) -> dict[str, NDArray[Any]]:
+        """What the classifier says of emissions, unless they were read."""
         was_read = read != ""
         return {
             "kind": np.where(was_read, read, kind),

@@ -51,6 +51,15 @@ EFFECTS: dict[str, dict[str, Any]] = {
             "receive": {"elevation": {"kind": "gaussian"}},
         }
     },
+    "side lobes": {"antenna": {"receive": {"sidelobe_db": 30.0}, "sidelobe_plots": True}},
+    "classes, held for 10 s": {
+        "classifier": {
+            "claims": ["drone", "bird"],
+            "confusion": {"drone": [0.96, 0.04]},
+            "otherwise": [0.5, 0.5],
+            "held_s": 10.0,
+        }
+    },
     "pulses": {"pulses": {"prf_hz": [4000.0], "pulse_s": 1e-6, "canceller": "single"}},
     "2 of 3 intervals": {"pulses": {"prf_hz": [4e3, 4.5e3, 5.2e3], "needed": 2}},
     "Swerling 3": {"target": [{"swerling": 3}]},
@@ -76,6 +85,20 @@ EFFECTS: dict[str, dict[str, Any]] = {
             {
                 "id": "woods",
                 "plots_per_km2": 5.0,
+                "area": [
+                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
+                ],
+            }
+        ]
+    },
+    "spiky clutter": {
+        "clutter": [
+            {
+                "id": "sea",
+                "threshold_db": 13.0,
+                "texture_stays": False,
                 "area": [
                     {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
                     {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},

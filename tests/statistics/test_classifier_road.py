@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.road import START_NS, Road, fly, held, scene, staring
+from support.road import START_NS, Road, fly, held, radar, scene, staring
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.scene.scene import SceneError
@@ -152,3 +152,59 @@ def test_a_classifier_stands_in_place_of_other_names() -> None:
         scene([MICROPHONES | {"kind": "drone"}], seed=1)
     with pytest.raises(SceneError, match="leave out classifies"):
         scene([RF | {"classifier": CLASSIFIER, "classifies": True}], seed=1)
+
+
+def classes(held_s: float) -> dict[str, Any]:
+    return radar(
+        classifier=CLASSIFIER | {"held_s": held_s}, report=["asterix-015", "plots", "sapient"]
+    )
+
+
+@pytest.mark.parametrize("held_s", [0.0, 5.0])
+def test_classes_of_a_radar_err_as_often_as_stated_and_for_as_long(held_s: float) -> None:
+    """Spells of five scans begin at times of each drone: the first and last are cut short."""
+    drones = [
+        held(f"{name}{i}", 8.0 * i + 4.0 * (name == "bird"), 4.0, 900.0, rcs_m2=1.0,
+             target_class=name)
+        for i in range(40)
+        for name in ("drone", "bird")
+    ]  # fmt: skip
+    found = simulate(scene([classes(held_s)], drones, seed=95), 60, start_utc_ns=START_NS)
+    plots, names = found["radar"].plots, np.array(found.drones)
+    told = plots.rows(plots.drone >= 0)
+    for name, share in (("drone", 0.9), ("bird", 0.75)):
+        mine = np.char.startswith(names[told.drone].astype(str), name)
+        right = told.kind[mine] == name
+        n, spell = len(right), max(held_s, 1.0)
+        assert_sum(float(right.sum()), n * share, n * share * (1 - share) * spell, name)
+    order = np.lexsort((told.t_utc_ns, told.drone))
+    kind, drone = told.kind[order], told.drone[order]
+    same = drone[1:] == drone[:-1]
+    changed = (kind[1:] != kind[:-1])[same]
+    wrong = np.array([0.1, 0.25])
+    by_chance = float((2 * wrong * (1 - wrong)).mean())
+    expected = by_chance / max(held_s, 1.0)
+    assert_sum(float(changed.sum()), same.sum() * expected, 3 * same.sum() * expected, "changes")
+
+
+def test_what_a_radar_calls_its_plots_is_told_in_all_its_formats() -> None:
+    drones = [held("bird0", 40.0, 4.0, 900.0, rcs_m2=1.0, target_class="bird")]
+    road = fly(scene([classes(0.0)], drones, seed=96), 12)
+    codes = {int(record.get("I015/300/0/CLS")) for record in road.records("radar", 15)}
+    assert codes - {0} == {7, 9}  # what is called nothing, a false alarm, has 0
+    messages = [SapientMessage.FromString(p) for p in road.payloads("radar/sapient")]
+    reports = [m.detection_report for m in messages if m.HasField("detection_report")]
+    assert {c.type for r in reports for c in r.classification} == {"drone", "bird"}
+
+
+def test_radars_of_several_receivers_have_no_classes() -> None:
+    net = {
+        "id": "net", "type": "multistatic_mimo", "scan": staring(), "frequency_hz": 15e9,
+        "gain_tx_dbi": 30.0, "integration_s": 0.06, "range_resolution_m": 20.0,
+        "range_max_m": 9000.0, "azimuth_beamwidth_deg": 3.0, "elevation_beamwidth_deg": 10.0,
+        "elevation_min_deg": -5.0, "elevation_max_deg": 60.0, "classifier": CLASSIFIER,
+        "transmitters": [{"power_w": 2000.0, "east_m": 900.0 * k, "north_m": 0.0,
+                          "above_site_m": 3.0} for k in range(3)],
+    }  # fmt: skip
+    with pytest.raises(SceneError, match="classifier of 'net': not modelled of several"):
+        scene([net], seed=1)

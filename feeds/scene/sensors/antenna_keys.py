@@ -172,6 +172,9 @@ class AntennaKeys(SceneTable):
     """Of the transmitting antenna, or of each transmitter; without it, the same over the cover."""
     receive: PatternKeys | None = None
     """Of the receiving antenna; without it, the same over the cover."""
+    sidelobe_plots: bool = False
+    """Whether drones that the beam does not point at are reported in its direction, by what comes
+    through the side lobes: at their range, and of sidelobe/ID in the ledger."""
 
     def model(self, azimuth: BeamCover, elevation: BeamCover) -> Antenna:
         """The antenna of a sensor with those covers."""
@@ -179,7 +182,13 @@ class AntennaKeys(SceneTable):
             None if part is None else part.model(azimuth, elevation)
             for part in (self.transmit, self.receive)
         )
-        return Antenna(transmit=transmit, receive=receive)
+        return Antenna(transmit=transmit, receive=receive, shows_sidelobes=self.sidelobe_plots)
+
+    @model_validator(mode="after")
+    def _has_sidelobes(self) -> Self:
+        if self.sidelobe_plots and self.receive is None:
+            raise ValueError("sidelobe_plots: needs receive, whose sidelobe_db they come by")
+        return self
 
     @property
     def peak_loss_db(self) -> float:

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Name, SceneTable
 from plotfeed.models.effects.classification import Confusion
+from plotfeed.proto.utc import NS
 
 ROUNDING = 1e-6
 """By which a row may miss one."""
@@ -16,7 +17,7 @@ Row = Annotated[tuple[Share, ...], Field(strict=False, min_length=1, max_length=
 
 
 class ClassifierKeys(SceneTable):
-    """What the sensor calls what it finds, by a confusion matrix; each plot is drawn by itself."""
+    """What the sensor calls what it finds, by a confusion matrix."""
 
     claims: Annotated[tuple[Name, ...], Field(strict=False, min_length=1, max_length=64)]
     """What it may say; SAPIENT's Registration declares them."""
@@ -24,6 +25,9 @@ class ClassifierKeys(SceneTable):
     """By true class, the probability of each claim, in their order; a row adds up to one."""
     otherwise: Row | None = None
     """The same of any other class, and of false alarms; without it, they are called nothing."""
+    held_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """For which a claim of a drone stays as it was drawn, and with it its mistake, in all plots of
+    the sensor; 0 for each plot by itself. Drones change theirs at times of their own."""
     codes: dict[str, Annotated[int, Field(ge=1, le=511)]] | None = None
     """By claim, the class in I015/300, which is as receiver and sensor agree; without it, category
     015 says none. What is called nothing has 0."""
@@ -51,4 +55,5 @@ class ClassifierKeys(SceneTable):
             true_classes=tuple(self.confusion),
             rows=tuple(self.confusion.values()),
             otherwise=self.otherwise,
+            held_ns=round(self.held_s * NS),
         )

@@ -118,6 +118,11 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
             )
         if self.illuminators and self.antenna.transmit is not None:
             raise ValueError("antenna.transmit: this radar transmits nothing")
+        steered = getattr(self, "mount", None) is not None or self.scan.kind == "electronic"
+        if self.antenna.sidelobe_plots and (self.illuminators or steered):
+            raise ValueError(
+                "antenna.sidelobe_plots: not of a passive radar, nor of a beam that is steered"
+            )
         return self
 
     @property

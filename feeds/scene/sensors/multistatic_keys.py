@@ -19,6 +19,7 @@ FEWEST_PAIRS = 3
 MOST_PAIRS = 32
 NOT_MODELLED = (
     *("doppler", "merging", "antenna", "straddling", "drift", "tracks", "weather", "jamming"),
+    "classifier",
 )
 """Of one receiver alone."""
 
@@ -43,7 +44,7 @@ def refuse_what_cannot_be(keys: SensorKeys, receivers: int, transmitters: int, f
             f"{fewest}, and at most {MOST_PAIRS} are joined"
         )
     for name in NOT_MODELLED:
-        if name in keys.model_fields_set and getattr(keys, name) is not None:
+        if name in keys.model_fields_set and getattr(keys, name, None) is not None:
             raise ValueError(f"{name}: not modelled of several receivers")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -20,6 +20,7 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, TRACK_FORMATS
+from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
     MergingKeys,
@@ -104,6 +105,9 @@ class PolarRadarKeys(EchoRadarKeys):
     """Without it, no range rates."""
     merging: MergingKeys | None = None
     """Without it, every drone is seen by itself, however close to others."""
+    classifier: ClassifierKeys | None = None
+    """What plots are called, by micro-Doppler say, for each `target_class` of a [[drone]] and of
+    what else moves, rightly or wrongly; without it, nothing."""
 
     @classmethod
     def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
@@ -115,6 +119,16 @@ class PolarRadarKeys(EchoRadarKeys):
     def model(self, site: Site, /) -> PolarRadar | ElectronicRadar:
         """The model that these keys make, at that site."""
         raise NotImplementedError
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """What the classifier may say."""
+        return () if self.classifier is None else self.classifier.claims
+
+    @property
+    def class_codes(self) -> Mapping[str, int]:
+        """The classifier's."""
+        return {} if self.classifier is None else self.classifier.codes or {}
 
     def warnings(self, site: Site, /) -> list[str]:
         """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
@@ -191,6 +205,7 @@ class PolarRadarKeys(EchoRadarKeys):
                 "multipath": self.multipath and self.multipath.model(),
                 "doppler": self._doppler(),
                 "merging": self._merging(),
+                "classifier": self.classifier and self.classifier.model(),
                 "echo_effects": self.echo_effects([self.range_resolution_m], self._doppler()),
             }
         )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.significance import assert_chance, assert_sum
+from support.significance import assert_chance, assert_law, assert_sum
 
-from plotfeed.models.effects.classification import Confusion
+from plotfeed.models.chance import Chance
+from plotfeed.models.effects.classification import ClaimDraws, Confusion
 
 MATRIX = Confusion(
     claims=("drone", "bird", "aircraft"),
@@ -74,3 +75,35 @@ def test_claims_of_one_target_are_independent_of_each_other() -> None:
     wrong = MATRIX.claimed(true, np.random.default_rng(5))[0] != "drone"
     both = (wrong[1:] & wrong[:-1]).mean()
     assert_chance(float(abs(both - 0.04) < 0.008))
+
+
+HELD_NS = 10_000_000_000
+
+
+def draws_at(seconds: np.ndarray, drone: np.ndarray) -> np.ndarray:
+    draws = ClaimDraws([Chance(1, "radar")])
+    return draws.of(
+        np.zeros(len(drone), np.int64), drone, (seconds * 1e9).astype(np.int64), HELD_NS
+    )
+
+
+def test_held_numbers_stay_for_their_time_and_change_at_times_of_each_drone() -> None:
+    seconds, drone = (a.ravel() for a in np.meshgrid(np.arange(100.0), np.arange(8)))
+    found = draws_at(seconds, drone.astype(np.int64)).reshape(8, 100)
+    changes = [np.flatnonzero(np.diff(of_drone)) for of_drone in found]
+    assert all((np.diff(of_drone) == HELD_NS / 1e9).all() for of_drone in changes)
+    assert len({int(of_drone[0]) for of_drone in changes}) > 4
+
+
+def test_held_numbers_are_uniform_over_drones_and_spells_whatever_else_is_asked() -> None:
+    spells, drone = (a.ravel() for a in np.meshgrid(np.arange(60.0) * 10, np.arange(60)))
+    found = draws_at(spells, drone.astype(np.int64))
+    assert_law(found, "uniform", "held")
+    some = np.arange(0, len(drone), 7)
+    np.testing.assert_array_equal(found[some], draws_at(spells[some], drone[some]))
+
+
+def test_a_claim_by_a_number_that_is_held_is_that_of_its_share_of_the_row() -> None:
+    true, drawn = np.full(3, "drone", np.object_), np.array([0.79, 0.81, 0.951])
+    kinds, _ = MATRIX.claimed(true, np.random.default_rng(6), drawn)
+    assert kinds.tolist() == ["drone", "bird", "aircraft"]
