@@ -1,15 +1,20 @@
-"""Draws docs/page-dark.png and page-light.png: the live page of scene field-day, in a browser.
+"""Draws docs/page-dark.png, page-light.png and page-phone.png: the live page of scene field-day.
 
-Needs Chromium and the extra test-page. python docs/commands/draw_page.py
+Needs Chromium and the extra test-page. python docs/commands/draw_page.py [FOLDER]
+With a folder, the page is drawn there too as it is at five sizes, in both themes, as presenter and
+as audience, with the tour and with all cards: to be looked at after a change of its looks.
 """
 
 from __future__ import annotations
 
 import asyncio
 import shutil
+import sys
+from itertools import product
 from pathlib import Path
+from typing import Literal
 
-from playwright.async_api import Page, async_playwright
+from playwright.async_api import Browser, Page, ViewportSize, async_playwright
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_access import PageAddress
@@ -29,10 +34,21 @@ START_UTC_NS = 1_767_268_800_000_000_000
 SECONDS = 70.0
 TRACKS_TOPIC = "plotfeed/tower/asterix/062"
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+WINDOW: ViewportSize = {"width": 1680, "height": 1000}
+PHONE: ViewportSize = {"width": 360, "height": 740}
+SIZES: tuple[ViewportSize, ...] = (
+    PHONE,
+    {"width": 960, "height": 640},
+    {"width": 1280, "height": 720},
+    {"width": 1920, "height": 1080},
+    {"width": 2560, "height": 1440},
+)
+Theme = Literal["dark", "light"]
+THEMES: tuple[Theme, ...] = ("dark", "light")
 
 
-async def draw() -> None:
-    """Run the scene, look at it twice."""
+async def draw(folders: list[Path]) -> None:
+    """Run the scene, look at it."""
     shown, view = example("field-day"), View()
     observer = PageObserver(view)
     basemap = str(shown.page.basemap)
@@ -61,20 +77,52 @@ async def draw() -> None:
         browser = await playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=OPTIONS
         )
-        window = {"width": 1680, "height": 1000}
-        dark = await browser.new_page(viewport=window, color_scheme="dark")
-        light = await browser.new_page(viewport=window, color_scheme="light")
-        for page in (dark, light):
-            await page.goto(url)
+        dark = await _opened(browser, url, WINDOW, "dark")
+        light = await _opened(browser, url, WINDOW, "light")
+        phone = await _opened(browser, url, PHONE, "dark")
         await light.click("#truth")
         await light.get_by_role("button", name="gate").click()
         await asyncio.sleep(SECONDS)
         await dark.screenshot(path=DOCS / "page-dark.png")
+        await phone.screenshot(path=DOCS / "page-phone.png")
         await _select(light)
         await light.screenshot(path=DOCS / "page-light.png")
+        for folder in folders:
+            await _draw_sizes(browser, server, folder)
         await browser.close()
         session.cancel()
-    print(f"{DOCS}/page-dark.png, page-light.png")
+    print(f"{DOCS}/page-dark.png, page-light.png, page-phone.png")
+
+
+async def _opened(browser: Browser, url: str, window: ViewportSize, theme: Theme) -> Page:
+    """A page that has its first plots, without the tour."""
+    page = await browser.new_page(viewport=window, color_scheme=theme)
+    await page.goto(url)
+    while not await page.evaluate("globalThis.plotfeed?.picture.plots.end > 0"):
+        await page.wait_for_timeout(100)  # its policy lets nothing be evaluated from within
+    await page.click("#tour-skip")
+    return page
+
+
+async def _draw_sizes(browser: Browser, server: PageServer, folder: Path) -> None:
+    for window, theme in product(SIZES, THEMES):
+        for kind, url in (("", server.url), ("-audience", server.audience_url)):
+            page = await _opened(browser, url, window, theme)
+            name = f"{window['width']}-{theme}{kind}.png"
+            if not kind:
+                await page.click("#truth")
+                await _select(page)
+            await page.wait_for_timeout(4000)
+            await page.screenshot(path=folder / name)
+            if window is PHONE and not kind:
+                await page.screenshot(path=folder / f"whole-{name}", full_page=True)
+            await page.close()
+        page = await _opened(browser, server.url, window, theme)
+        await page.click("#help-button")
+        await page.click("#connect-button")
+        await page.click("#tour-start")
+        await page.screenshot(path=folder / f"{window['width']}-{theme}-help.png")
+        await page.close()
 
 
 async def _select(page: Page) -> None:
@@ -93,4 +141,7 @@ async def _select(page: Page) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(draw())
+    wanted = [Path(folder) for folder in sys.argv[1:2]]
+    for folder in wanted:
+        folder.mkdir(parents=True, exist_ok=True)
+    asyncio.run(draw(wanted))

@@ -142,7 +142,8 @@ session_options = together(
     click.option(
         "--page",
         metavar="[HOST:]PORT",
-        help="Serve the live page there: to this machine alone, or where HOST says, with a token.",
+        help="Serve the live page there: to this machine alone, or where HOST says, with a token; "
+        "below /audience/ for an audience, without truth and controls.",
     ),
     click.option(
         "--json",

@@ -178,16 +178,16 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
     """Sessions as the page's viewers want them, at the page's usual port or any that is free."""
-    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_token
+    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_tokens
     from plotfeed.feeds.page.run_with_page import run_with_page
 
     def another_clock(other: Scene) -> Clock:
         return _clock(other.scene.start_utc_ns, settings)
 
-    token = fixed_token(os.environ)
+    tokens = fixed_tokens(os.environ)
 
     async def run_at(address: PageAddress) -> SessionCounters:
-        return await run_with_page(address, another_clock=another_clock, token=token, **session)
+        return await run_with_page(address, another_clock=another_clock, tokens=tokens, **session)
 
     if settings.page is not None:
         return await run_at(PageAddress.parse(settings.page))

@@ -32,6 +32,10 @@ TOKEN_NAME = "COMMAND_LINE"  # noqa: S105 - its name, not its value  # nosec B10
 """Of the token that goes where the command line says, if the environment has one."""
 
 
+PAGES = {"page", "audience"}
+"""Addresses that are looked at in a browser."""
+
+
 class NamedDestinations(Protocol):
     """What the options of a command name."""
 
@@ -129,7 +133,7 @@ def introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
         say(f"  {protocol:<12}{url}")
     if note:
         say(f"  {'page':<12}{note}")
-    if urls.keys() - {"page"}:
+    if urls.keys() - PAGES:
         for sensor in scene.sensor:
             for topics in _topics(sensor):
                 say(f"  {sensor.id:<12}{prefix}/{sensor.id}/{topics}")
@@ -143,7 +147,9 @@ def introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
     for name, where in _destinations(scene.outgoing):
         say(f"  {name:<12}{where}")
     looks = [f"in a browser {urls['page']}"] if "page" in urls else []
-    looks += [f"plotfeed show {url.split()[0]}" for name, url in urls.items() if name != "page"][:1]
+    looks += [f"plotfeed show {url.split()[0]}" for name, url in urls.items() if name not in PAGES][
+        :1
+    ]
     if looks:
         say(f"look at it: {', or '.join(looks)}; stop: Ctrl-C")
     sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""The page's web application: who is let in, its files, its feed."""
+"""The page's web application: its files, its feed."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ import contextlib
 import hashlib
 import json
 import logging
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from importlib.resources import files
-from typing import TYPE_CHECKING, ClassVar
-from urllib.parse import parse_qs
+from typing import Any, ClassVar
 
 import h11
 import uvicorn
 from starlette.applications import Starlette
-from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from plotfeed.feeds.page.page_access import PageAccess
+from plotfeed.feeds.page.audience import Audience, Role
+from plotfeed.feeds.page.page_access import AUDIENCE_PATH, PageAccess
+from plotfeed.feeds.page.page_guard import PageGuard
 from plotfeed.feeds.page.updates import (
     MAX_COMMAND_OCTETS,
     Controls,
@@ -33,83 +33,6 @@ from plotfeed.feeds.page.updates import (
 )
 from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-    "connect-src 'self'{socket}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-SAFE_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-cache",
-}
-COOKIE_S = 30 * 86_400
-
-
-class Guard:
-    """ASGI middleware."""
-
-    def __init__(self, app: ASGIApp, access: PageAccess) -> None:
-        self._app = app
-        self._access = access
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request pass, or answer it."""
-        headers = {
-            name.decode("latin-1").lower(): value.decode("latin-1")
-            for name, value in scope["headers"]
-        }
-        answer = self._answer(scope, headers)
-        if answer is None:
-            await self._app(scope, receive, _with_headers(send, headers.get("host", "")))
-        elif scope["type"] == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": 4403})
-        else:
-            await answer(scope, receive, _with_headers(send, ""))
-
-    def _answer(self, scope: Scope, headers: dict[str, str]) -> Response | None:
-        access = self._access
-        if not access.host_is_ours(headers):
-            return PlainTextResponse("This page is not here under that name.\n", 421)
-        if scope["type"] == "websocket" and not access.origin_is_ours(headers):
-            return PlainTextResponse("Only the page itself may ask this.\n", 403)
-        tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        if tokens and scope["type"] == "http" and access.token and access.is_token(tokens[0]):
-            return self._let_in(tokens[0])
-        if not access.has_token(headers):
-            return PlainTextResponse(
-                "This page needs the address that plotfeed printed, with its token.\n", 403
-            )
-        return None
-
-    def _let_in(self, token: str) -> Response:
-        """Keep the token in a cookie, and out of the address."""
-        answer = RedirectResponse("/", 303)
-        answer.set_cookie(
-            self._access.cookie, token, max_age=COOKIE_S, httponly=True, samesite="lax"
-        )
-        return answer
-
-
-def _with_headers(send: Send, host: str) -> Send:
-    # 'self' holds for WebSockets too, but not in every browser that is still about.
-    socket = f" ws://{host}" if host and all(c.isalnum() or c in ".-:[]" for c in host) else ""
-
-    async def send_on(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            headers = MutableHeaders(scope=message)
-            headers.update(SAFE_HEADERS)
-            headers["Content-Security-Policy"] = POLICY.format(socket=socket)
-        await send(message)
-
-    return send_on
-
 
 STALLED_S = 5.0
 """A viewer that takes nothing for so long is dropped."""
@@ -136,8 +59,11 @@ class Application:
         view: View,
         controls: Controls,
         now_utc_ns: Callable[[], int],
+        audience_url: str,
     ) -> None:
         """`viewers` are those who look, here and elsewhere; `now_utc_ns` tells the view's time."""
+        self._audience = Audience()
+        self._audience_url = audience_url
         self._viewers = viewers
         self._view = view
         self._controls = controls
@@ -148,7 +74,7 @@ class Application:
     def server(self, access: PageAccess) -> uvicorn.Server:
         """What serves it to those who may see it; loaded to the last library."""
         config = uvicorn.Config(
-            Guard(self._routes(), access),
+            PageGuard(self._routes(), access),
             http=_Impatient,
             ws="websockets-sansio",
             ws_max_size=MAX_COMMAND_OCTETS,
@@ -172,8 +98,11 @@ class Application:
             routes=[
                 Route("/basemap", self._basemap),
                 Route("/", self._file),
+                Route(f"{AUDIENCE_PATH}/", self._file),
+                Route(AUDIENCE_PATH, self._audience_page),
                 Route("/{name}", self._file),
-                WebSocketRoute("/feed", self._feed),
+                WebSocketRoute("/feed", self._presenters_feed),
+                WebSocketRoute(f"{AUDIENCE_PATH}/feed", self._audience_feed),
             ]
         )
 
@@ -190,14 +119,31 @@ class Application:
             return PlainTextResponse("The scene names no basemap.\n", 404)
         return Response(basemap.content, media_type=basemap.media_type)
 
-    async def _feed(self, websocket: WebSocket) -> None:
+    async def _audience_page(self, _request: Request) -> Response:
+        return RedirectResponse(f"{AUDIENCE_PATH}/", 303)
+
+    async def _presenters_feed(self, websocket: WebSocket) -> None:
+        await self._feed(websocket, Role.PRESENTER)
+
+    async def _audience_feed(self, websocket: WebSocket) -> None:
+        await self._feed(websocket, Role.AUDIENCE)
+
+    async def _feed(self, websocket: WebSocket, role: Role) -> None:
         """Serve one viewer for as long as it stays."""
         if len(self._viewers) >= MAX_VIEWERS:
             await websocket.close(1013)
             return
         await websocket.accept()
-        await websocket.send_text(json.dumps({"build": self._build}))
-        viewer = Viewer(lambda: self._view.snapshot(self._now_utc_ns()))
+        hello = {"build": self._build}
+        if role is Role.PRESENTER:
+            hello["audience_url"] = self._audience_url
+        await websocket.send_text(json.dumps(hello))
+        viewer = Viewer(
+            lambda: self._view.snapshot(self._now_utc_ns()),
+            role=role,
+            called=self._audience.called(role),
+            is_given_truth=lambda: self._audience.truth,
+        )
         self._viewers.add(viewer)
         sending = asyncio.create_task(_send(websocket, viewer), name="viewer")
         receiving = asyncio.create_task(self._receive(websocket, viewer), name="viewer-commands")
@@ -227,14 +173,37 @@ class Application:
         try:
             request = request_in(text)
             if isinstance(request, ViewRequest):
-                viewer.watched = request.watched
-                self._watch()
-                viewer.show_truth(shown=request.truth)
+                self._look(viewer, request)
                 return {"looking": True}
             number = request.number
-            return {"number": number, **await self._controls.apply(request.command)}
+            self._audience.check_command(viewer.role, request.command)
+            answer = await self._carried_out(request.command)
         except PlotfeedError as error:
             return {"number": number, **refused(str(error))}
+        if answer.get("ok"):
+            self._audience.log(self._now_utc_ns(), viewer.who, request.command)
+            self._view.audience(self._audience.news, self._audience.actions)
+        return {"number": number, **answer}
+
+    def _look(self, viewer: Viewer, request: ViewRequest) -> None:
+        """Show a viewer what he looks at; raises `NotAllowed` if the truth is not among it."""
+        viewer.watched, viewer.name = request.watched, request.name
+        self._watch()
+        self._audience.check_look(viewer.role, truth=request.truth)
+        viewer.show_truth(shown=request.truth)
+
+    async def _carried_out(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """The answer to a command of who may give it."""
+        if "audience" not in command:
+            return await self._controls.apply(command)
+        before = self._audience.truth
+        self._audience.give(command["audience"])
+        if self._audience.truth != before:
+            for viewer in self._viewers:
+                if viewer.role is Role.AUDIENCE:
+                    viewer.show_truth(shown=False)
+                    viewer.start_again()
+        return {"ok": True, "in_force": {**self._audience.news, "url": self._audience_url}}
 
     def _watch(self) -> None:
         self._view.watch(sensor for viewer in self._viewers for sensor in viewer.watched)

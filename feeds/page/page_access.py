@@ -1,4 +1,4 @@
-"""Access to the page by host, origin and token, so that no other web site can get at it."""
+"""Access to the page by host, origin and token: no other web site, and to each his own address."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ import ipaddress
 import re
 import secrets
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from typing import Self
+from typing import NamedTuple, Self
 
+from plotfeed.feeds.page.audience import Role
 from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORT = 8590
 TOKEN_OCTETS = 18
 TOKEN_VARIABLE = "PLOTFEED_PAGE_TOKEN"  # noqa: S105 - its name  # nosec B105
+AUDIENCE_VARIABLE = "PLOTFEED_AUDIENCE_TOKEN"
+"""The same for the audience's address."""
+AUDIENCE_PATH = "/audience"
+"""Below it is what the audience may ask for; its own page is there with a slash."""
+PRESENTERS_PATHS = frozenset({"/", "/feed"})
 FIXED_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
@@ -54,29 +60,47 @@ class PageAddress:
             return False
 
 
-def fixed_token(environment: Mapping[str, str]) -> str | None:
-    """The token that the environment fixes, so that a link outlasts a restart; None if none.
+class Tokens(NamedTuple):
+    """What opens the page's two addresses; None where one is to be drawn, or none is needed."""
 
-    Raises `PlotfeedError`, without the token, where it is too short or would not fit in a link.
+    presenter: str | None = None
+    audience: str | None = None
+
+
+def fixed_tokens(environment: Mapping[str, str]) -> Tokens:
+    """The tokens that the environment fixes, so that links outlast a restart.
+
+    Raises `PlotfeedError`, without the token, where one is too short or would not fit in a link,
+    or where both are the same.
     """
-    token = environment.get(TOKEN_VARIABLE)
-    if token is not None and not FIXED_TOKEN.fullmatch(token):
-        raise PlotfeedError(
-            f"{TOKEN_VARIABLE}: expected 16 to 128 letters, digits, - and _, not what it holds"
-        )
-    return token
+    tokens = Tokens(environment.get(TOKEN_VARIABLE), environment.get(AUDIENCE_VARIABLE))
+    for variable, token in zip((TOKEN_VARIABLE, AUDIENCE_VARIABLE), tokens, strict=True):
+        if token is not None and not FIXED_TOKEN.fullmatch(token):
+            raise PlotfeedError(
+                f"{variable}: expected 16 to 128 letters, digits, - and _, not what it holds"
+            )
+    if tokens.presenter is not None and tokens.presenter == tokens.audience:
+        raise PlotfeedError(f"{AUDIENCE_VARIABLE}: expected another token than {TOKEN_VARIABLE}")
+    return tokens
 
 
 class PageAccess:
     """Decides about requests, given their headers by lower-case names."""
 
-    def __init__(self, address: PageAddress, token: str | None = None) -> None:
-        """A token is drawn where one is needed."""
+    def __init__(self, address: PageAddress, fixed: Tokens = Tokens()) -> None:  # noqa: B008
+        """Tokens are drawn where they are needed: beyond loopback, and beside a fixed one."""
         self._address = address
-        self.token: str | None = None
-        if not address.is_loopback:
-            self.token = token or secrets.token_urlsafe(TOKEN_OCTETS)
-        self.cookie = f"plotfeed-{address.port}"
+        self.tokens = Tokens()
+        if not address.is_loopback or any(fixed):
+            self.tokens = Tokens(
+                fixed.presenter or secrets.token_urlsafe(TOKEN_OCTETS),
+                fixed.audience or secrets.token_urlsafe(TOKEN_OCTETS),
+            )
+
+    def cookie(self, role: Role) -> str:
+        """The name of the cookie that keeps that role's token."""
+        name = f"plotfeed-{self._address.port}"
+        return name if role is Role.PRESENTER else f"{name}-audience"
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
         """Says whether a request was made to a name of this machine."""
@@ -94,19 +118,29 @@ class PageAccess:
         origin, host = headers.get("origin"), headers.get("host")
         return host is not None and origin in {f"http://{host}", f"https://{host}"}
 
-    def is_token(self, token: str | None) -> bool:
-        """Says whether a token is the one that was printed, or none is needed."""
-        if self.token is None:
-            return True
-        return token is not None and hmac.compare_digest(token.encode(), self.token.encode())
+    def role_with(self, token: str) -> Role | None:
+        """Whose token that is; None if nobody's."""
+        for role, own in zip((Role.PRESENTER, Role.AUDIENCE), self.tokens, strict=True):
+            if own is not None and hmac.compare_digest(token.encode(), own.encode()):
+                return role
+        return None
 
-    def has_token(self, headers: Mapping[str, str]) -> bool:
-        """Says whether a request's cookie holds the token, or none is needed."""
+    def may_ask(self, headers: Mapping[str, str], path: str) -> bool:
+        """Says whether a request's cookies open what it asks for: a presenter's open everything."""
+        if self.tokens.presenter is None:
+            return True
+        roles = {Role.PRESENTER} if path in PRESENTERS_PATHS else set(Role)
+        return not roles.isdisjoint(self._roles_in(headers.get("cookie", "")))
+
+    def _roles_in(self, cookies: str) -> Iterator[Role]:
         try:
-            morsel = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
+            found = SimpleCookie(cookies)
         except CookieError:
-            morsel = None
-        return self.is_token(None if morsel is None else morsel.value)
+            return
+        for role in Role:
+            morsel = found.get(self.cookie(role))
+            if morsel is not None and self.role_with(morsel.value) is role:
+                yield role
 
 
 def _is_address(name: str) -> bool:

@@ -11,14 +11,16 @@ from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.connections import connections
+from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
+from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
 from plotfeed.feeds.page.time_marks import TimeMarks
 from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.updates import Controls, NoControls
-from plotfeed.feeds.page.view import View, model_differs, tell_settings
+from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
@@ -177,24 +179,24 @@ async def run_with_page(
     stop: asyncio.Event,
     observers: Sequence[Observer],
     on_ready: Callable[[dict[str, str], SessionCounters], None],
-    token: str | None = None,
+    tokens: Tokens = Tokens(),  # noqa: B008 - it does not change
 ) -> SessionCounters:
     """Sessions and replays, as the page's viewers want it; the totals of the last session.
 
-    `on_ready` is told of each session. Without a token, one is drawn where the page needs one.
+    `on_ready` is told of each session. Tokens that are not given are drawn where they are needed.
     Raises `PlotfeedError`. The brokers and the page outlast a session.
     """
     view = View()
     switch = SessionSwitch(scene, view, Path.cwd())
     observer = PageObserver(view, switch)
     server = PageServer(
-        address, view, observer, lambda: _shown_utc_ns(switch, observer), token=token
+        address, view, observer, lambda: _shown_utc_ns(switch, observer), tokens=tokens
     )
     stopping = asyncio.create_task(_pass_on(stop, switch.ending), name="page-stop")
     totals = SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
-        on_ready({**urls, "page": server.url}, totals)
+        on_ready({**urls, **server.urls}, totals)
 
     try:
         async with (
@@ -204,6 +206,8 @@ async def run_with_page(
         ):
             while True:
                 recording = switch.begin()
+                shown = switch.scene if recording is None else recording.scene
+                view.connections(connections(shown, brokers[1], sends_udp=recording is None))
                 if stop.is_set():
                     switch.ending.set()
                 if recording is not None:

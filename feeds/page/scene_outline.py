@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from plotfeed.feeds.scene.fields import Site, enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import BasemapImage
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.scene_head import head_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, VolumeKeys
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef
@@ -56,6 +58,7 @@ def outline(scene: Scene, placements: Placements, basemap: Basemap | None) -> di
     site = scene.scene.site
     return {
         "name": scene.scene.name,
+        "about": _about(scene),
         "site": {
             "latitude_deg": site.latitude_deg,
             "longitude_deg": site.longitude_deg,
@@ -71,6 +74,15 @@ def outline(scene: Scene, placements: Placements, basemap: Basemap | None) -> di
         ],
         "basemap": basemap and {"media_type": basemap.media_type, "corners_m": basemap.corners_m},
     }
+
+
+def _about(scene: Scene) -> dict[str, Any]:
+    """What the scene says of itself, or else what is in it."""
+    head = head_of(scene.text)
+    kinds = Counter(sensor.label for sensor in scene.sensor)
+    counted = ", ".join(f"{number} × {label}" for label, number in kinds.items())
+    words = head.words or f"Scene {scene.scene.name}: {counted or 'no sensor'}."
+    return {"words": words, "look_for": list(head.look_for)}
 
 
 def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, Any]:

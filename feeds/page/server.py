@@ -10,7 +10,13 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
-from plotfeed.feeds.page.page_access import PageAccess, PageAddress, listening
+from plotfeed.feeds.page.page_access import (
+    AUDIENCE_PATH,
+    PageAccess,
+    PageAddress,
+    Tokens,
+    listening,
+)
 from plotfeed.feeds.page.updates import Controls, Viewer
 from plotfeed.feeds.page.view import View
 
@@ -32,9 +38,9 @@ class PageServer:
         controls: Controls,
         now_utc_ns: Callable[[], int],
         *,
-        token: str | None = None,
+        tokens: Tokens = Tokens(),  # noqa: B008 - it does not change
     ) -> None:
-        """`now_utc_ns` tells the session's time; without a token, one is drawn where needed."""
+        """`now_utc_ns` tells the session's time; tokens that are not given are drawn if needed."""
         self.viewers: set[Viewer] = set()
         self._server: uvicorn.Server | None = None
         self._view = view
@@ -43,17 +49,30 @@ class PageServer:
         self._socket = listening(address)
         port = self._socket.getsockname()[1]
         self._address = PageAddress(address.host, port)
-        self._access = PageAccess(self._address, token)
+        self._access = PageAccess(self._address, tokens)
 
     @property
     def url(self) -> str:
-        """The address to look at, with the token if one is needed."""
+        """The presenter's address, with the token if one is needed."""
+        return self._url("/", self._access.tokens.presenter)
+
+    @property
+    def audience_url(self) -> str:
+        """The audience's address, with the token if one is needed."""
+        return self._url(f"{AUDIENCE_PATH}/", self._access.tokens.audience)
+
+    @property
+    def urls(self) -> dict[str, str]:
+        """What to tell people: the audience's address where it needs a token of its own."""
+        told = {"page": self.url}
+        return told | ({"audience": self.audience_url} if self._access.tokens.audience else {})
+
+    def _url(self, path: str, token: str | None) -> str:
         host = self._address.host
         if host in {"0.0.0.0", "::"}:  # noqa: S104 - only printed  # nosec B104
             host = socket.gethostname()
         shown = f"[{host}]" if ":" in host else host
-        token = f"?token={self._access.token}" if self._access.token else ""
-        return f"http://{shown}:{self._address.port}/{token}"
+        return f"http://{shown}:{self._address.port}{path}" + (f"?token={token}" if token else "")
 
     def close(self) -> None:
         """Give up the address, if it was never served."""
@@ -85,7 +104,9 @@ class PageServer:
         """Load the application, in a thread: a session does not wait for the page's libraries."""
         from plotfeed.feeds.page.application import Application
 
-        application = Application(self.viewers, self._view, self._controls, self._now_utc_ns)
+        application = Application(
+            self.viewers, self._view, self._controls, self._now_utc_ns, self.audience_url
+        )
         return application.server(self._access)
 
     async def _publish(self) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
+from plotfeed.feeds.page.audience import Role, name_in
 from plotfeed.proto.errors import PlotfeedError
 
 MAGIC = b"PLF1"
@@ -125,11 +126,13 @@ false alarm -1, and `merged` counts the drones besides."""
 
 
 class Update(NamedTuple):
-    """An update: what everybody sees, and what follows for who sees the truth."""
+    """An update: what a presenter sees, and what follows for who sees the truth."""
 
     public: bytes
     truth: bytes
     is_snapshot: bool
+    audience: bytes | None = None
+    """What an audience sees that is not given the truth, if that is not the same."""
 
 
 def header(number: int, now_utc_ns: int, flags: int = 0) -> bytes:
@@ -164,7 +167,7 @@ def _aligned(columns: Iterable[bytes]) -> Iterable[bytes]:
 MAX_COMMAND_OCTETS = 64 << 10
 MAX_WATCHED = 16
 """Sensors whose details are worked out: for one viewer, and for all of them together."""
-SUBJECTS = ("sensor", "clock", "story", "undo", "session", "record", "replay")
+SUBJECTS = ("sensor", "clock", "story", "undo", "session", "record", "replay", "audience")
 """Of a command: exactly one of these keys says what it is for."""
 
 
@@ -174,6 +177,8 @@ class ViewRequest(NamedTuple):
     truth: bool
     watched: tuple[str, ...]
     """Sensors whose details it shows."""
+    name: str = ""
+    """What who looks calls himself."""
 
 
 class ControlRequest(NamedTuple):
@@ -228,7 +233,8 @@ def _look_in(look: object) -> ViewRequest:
     if not isinstance(watched, list) or not all(isinstance(name, str) for name in watched):
         raise PlotfeedError("look: expected truth and a list to watch")
     truth = isinstance(look, dict) and look.get("truth") is True
-    return ViewRequest(truth, tuple(watched[:MAX_WATCHED]))
+    name = name_in(look.get("name", "")) if isinstance(look, dict) else ""
+    return ViewRequest(truth, tuple(watched[:MAX_WATCHED]), name)
 
 
 MAX_QUEUED = 20
@@ -239,7 +245,19 @@ MAX_QUEUED_OCTETS = 8 << 20
 class Viewer:
     """What waits to be sent to one browser, and what it looks at."""
 
-    def __init__(self, snapshot: Callable[[], Update]) -> None:
+    def __init__(
+        self,
+        snapshot: Callable[[], Update],
+        *,
+        role: Role = Role.PRESENTER,
+        called: str = "",
+        is_given_truth: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """`called` is what it is called among all viewers."""
+        self.role = role
+        self.name = ""
+        self._called = called
+        self._is_given_truth = is_given_truth
         self.sees_truth = False
         self.watched: tuple[str, ...] = ()
         self._snapshot = snapshot
@@ -248,6 +266,11 @@ class Viewer:
         self._queue = BoundedQueue[bytes](MAX_QUEUED, limit_octets=MAX_QUEUED_OCTETS, octets_of=len)
         self._filled = asyncio.Event()
         self._filled.set()
+
+    @property
+    def who(self) -> str:
+        """Who looks, as others are told."""
+        return f"{self.name} ({self._called})" if self.name else self._called
 
     def offer(self, update: Update) -> None:
         """The next update, for when there is time to send it."""
@@ -291,4 +314,6 @@ class Viewer:
         return octets
 
     def _octets_of(self, update: Update) -> bytes:
+        if self.role is Role.AUDIENCE and not self._is_given_truth():
+            return update.public if update.audience is None else update.audience
         return update.public + update.truth if self.sees_truth else update.public

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.losses import LossChain, chain_of
+from plotfeed.feeds.impairment.losses import LossChain
+from plotfeed.feeds.page.audience import CONCEALS, without_truth
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Rates, looks_summary, new_looks
@@ -33,9 +33,7 @@ from plotfeed.feeds.page.updates import (
     news,
 )
 from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -216,6 +214,15 @@ class View:
         """News of the tracker under test."""
         self._tracks.take(tracks)
 
+    def connections(self, told: Mapping[str, Any]) -> None:
+        """Where and how to receive what the session sends."""
+        self._tell("connect", told)
+
+    def audience(self, given: Mapping[str, bool], actions: Sequence[Mapping[str, Any]]) -> None:
+        """What the audience may see and do, and who did what."""
+        self._tell("audience", dict(given))
+        self._tell("actions", list(actions))
+
     def track_problem(self, text: str) -> None:
         """What the tracker published could not be read."""
         self._tell("track_problem", text[:MAX_REASON])
@@ -249,22 +256,26 @@ class View:
         self._changed.clear()
         if seconds:
             told["seconds"] = seconds
-        public = header(self._number, now_utc_ns) + _news(told) + public_plots + public_tracks
+        head, marks = header(self._number, now_utc_ns), public_plots + public_tracks
         names = {"drones": list(self._drones.names)} if self._drones.changed else {}
         self._drones.changed = False
         truth = _news(names, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
-        return Update(public, truth, False)
+        return Update(head + _news(told) + marks, truth, False, _audience(head, told, marks))
 
     def snapshot(self, now_utc_ns: int) -> Update:
         """An update of all that there is to see, for who comes or has missed something."""
         plots, plot_truths = self._plots.kept()
         told = {**self._news, "seconds": list(self._rates.history)}
-        public = header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT) + _news(told)
+        head, marks = (
+            header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT),
+            plots + self._tracks.snapshot(),
+        )
         names = _news({"drones": list(self._drones.names)}, SectionKind.TRUE_NEWS)
         return Update(
-            public + plots + self._tracks.snapshot(),
+            head + _news(told) + marks,
             names + plot_truths + self._drones.section(),
             True,
+            _audience(head, told, marks),
         )
 
     def _begin(self, placements: Placements, sensors: Sequence[str]) -> None:
@@ -310,6 +321,11 @@ def _layouts() -> dict[str, Sequence[Sequence[str]]]:
     return {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 
 
+def _audience(head: bytes, told: Mapping[str, Any], marks: bytes) -> bytes | None:
+    """The update as an audience has it that is not given the truth; None if it is the same."""
+    return head + _news(without_truth(told)) + marks if CONCEALS & told.keys() else None
+
+
 def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> bytes:
     if not told:
         return b""
@@ -318,26 +334,3 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
     except ValueError:
         text = json.dumps(finite(told), separators=(",", ":"), default=str)
     return news(text.encode(), kind)
-
-
-PROBABILITIES = np.linspace(0, 1, 1001)
-
-
-def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
-    """Show a sensor as it is since then, and the delays that its link is to make."""
-    link = sensor.link or LinkSettings()
-    law = DelayLaw.of(link)
-    view.settings(
-        sensor.id,
-        sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
-        asked_latency_ms=law.quantile_ms(PROBABILITIES),
-        asked_loss=None if link.on_loss == "stall" else chain_of(link.loss),
-        since_utc_ns=since_utc_ns,
-        new_model=new_model,
-    )
-
-
-def model_differs(before: Sensor, now: Sensor) -> bool:
-    """Tell whether anything but the link is different."""
-    link = {"link", "event"}
-    return before.model_dump(exclude=link) != now.model_dump(exclude=link)

@@ -59,7 +59,7 @@ class SensorDescriber:
             sectors=sensor.scan.sectors,
             range_max_m=sensor.range_max_m,
             accuracies=_accuracies(sensor.model(self._site)),
-            outputs=_outputs(self._prefix, sensor),
+            outputs=outputs_of(self._prefix, sensor),
             transmitters=self._transmitters(sensor),
         )
         self._put(described, here.latitude_deg, here.longitude_deg, here.height_m)
@@ -119,7 +119,7 @@ def mount_status(sensor: Sensor, state: CuedState) -> pb.MountStatus:
     return told
 
 
-def _outputs(prefix: str, sensor: Sensor) -> Iterator[pb.SensorOutput]:
+def outputs_of(prefix: str, sensor: Sensor) -> Iterator[pb.SensorOutput]:
     """Every topic that it reports on, in the order of its formats."""
     root = f"{prefix}/{sensor.id}"
     for name in dict.fromkeys(sensor.report):

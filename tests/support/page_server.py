@@ -16,7 +16,7 @@ from support.made_up_session import MadeUpSession
 from support.waiting import PATIENCE_S, wait_until
 from websockets.sync.client import ClientConnection, connect
 
-from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.updates import Controls
 from plotfeed.feeds.page.view import View
@@ -66,11 +66,13 @@ class Served:
         finally:
             connection.close()
 
-    def feed(self, *, origin: str | None = None, **more: Any) -> ClientConnection:
+    def feed(
+        self, *, origin: str | None = None, path: str = "/feed", **more: Any
+    ) -> ClientConnection:
         """A viewer's WebSocket, from the page itself unless another origin is given."""
         host = f"127.0.0.1:{self.port}"
         return connect(
-            f"ws://{host}/feed",
+            f"ws://{host}{path}",
             origin=origin or f"http://{host}",  # type: ignore[arg-type] - a NewType of str
             compression=None,
             open_timeout=PATIENCE_S,
@@ -86,7 +88,7 @@ def served(
     now_utc_ns: Callable[[], int],
     *,
     address: PageAddress = LOOPBACK,
-    token: str | None = None,
+    tokens: Tokens = Tokens(),  # noqa: B008 - it does not change
     playing: Callable[[], Coroutine[Any, Any, Any]] | None = None,
 ) -> Iterator[Served]:
     """Meanwhile `playing` runs in the same loop."""
@@ -98,7 +100,7 @@ def served(
         loop, end = asyncio.get_running_loop(), asyncio.Event()
         stop.append(lambda: loop.call_soon_threadsafe(end.set))
         try:
-            server = PageServer(address, view, controls, now_utc_ns, token=token)
+            server = PageServer(address, view, controls, now_utc_ns, tokens=tokens)
             async with serving(server) as url:
                 task = asyncio.create_task(playing()) if playing else None
                 found.append(Served(url, server, loop))

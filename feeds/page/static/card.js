@@ -1,9 +1,10 @@
 // What is known of the mark that is selected, and what the marks mean.
 
 import { TrackFlag } from "./frames.js";
-import { colours, sensorColour } from "./colours.js";
+import { colours } from "./colours.js";
 import { inKilometres } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
+import { shapeOf, swatch } from "./shapes.js";
 import { azimuthOf } from "./viewport.js";
 
 const byId = (id) => document.getElementById(id);
@@ -84,16 +85,15 @@ function describeDrone({ drones, droneNames }, drone, nowMs) {
 }
 
 const MARKS = {
-  plot: (c) => { c.fillStyle = sensorColour(0); c.fillRect(6.5, 6.5, 5, 5); },
-  bearing: (c) => { c.strokeStyle = sensorColour(3); line(c, 1, 16, 17, 3); },
+  bearing: (c) => { c.strokeStyle = colours.ink; line(c, 1, 16, 17, 3); },
   track: (c) => { c.strokeStyle = colours.track; c.strokeRect(4.5, 4.5, 9, 9); line(c, 9, 9, 17, 3); },
   drone: (c) => { c.strokeStyle = colours.truth; arrowhead(c); },
-  "drone gone": (c) => { c.strokeStyle = colours.warn; c.setLineDash([2, 2]); arrowhead(c); },
-  "false alarm": (c) => { c.strokeStyle = sensorColour(0); line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
-  "lost by the link": (c) => { c.strokeStyle = sensorColour(0); c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
-  "several drones": (c) => { c.fillStyle = c.strokeStyle = sensorColour(0); c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
+  "drone gone": (c) => { c.strokeStyle = colours.gone; c.setLineDash([2, 2]); arrowhead(c); },
+  "false alarm": (c) => { c.strokeStyle = colours.ink; line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
+  "lost by the link": (c) => { c.strokeStyle = colours.ink; c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
+  "several drones": (c) => { c.fillStyle = c.strokeStyle = colours.ink; c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
 };
-const ALWAYS = ["plot", "bearing", "track"];
+const ALWAYS = ["bearing", "track"];
 
 function arrowhead(context) {
   context.beginPath();
@@ -109,10 +109,17 @@ function line(context, x0, y0, x1, y1) {
   context.stroke();
 }
 
-/** What the marks mean that are shown. */
-export function showLegend(truth) {
+/** What the marks mean that are shown: the shapes of the scene's kinds of sensors first. */
+export function showLegend(truth, scene) {
+  const kinds = new Map((scene?.sensors ?? []).map((sensor) => [sensor.type, sensor.label])), head = document.createElement("li");
+  head.textContent = "Sensors, and their plots:";
+  const shapes = [...kinds].map(([type, label]) => {
+    const item = document.createElement("li");
+    item.append(swatch(shapeOf(type), ""), label);
+    return item;
+  });
   const names = Object.keys(MARKS).filter((name) => truth || ALWAYS.includes(name)), dpr = devicePixelRatio || 1;
-  byId("legend").replaceChildren(...names.map((name) => {
+  byId("legend").replaceChildren(...(kinds.size ? [head, ...shapes] : []), ...names.map((name) => {
     const item = document.createElement("li"), canvas = document.createElement("canvas");
     canvas.width = canvas.height = 18 * dpr;
     canvas.setAttribute("aria-hidden", "true");

@@ -1,7 +1,7 @@
 // The colours of the theme, read from the style sheet so that they are written once.
 
 export const SENSOR_COLOURS = 8;
-const NAMES = ["night", "sea", "panel", "line", "ink", "quiet", "accent", "good", "warn", "bad", "grid", "grid-strong", "map", "map-line", "track", "truth"];
+const NAMES = ["night", "sea", "panel", "line", "ink", "quiet", "accent", "good", "warn", "bad", "grid", "grid-strong", "map", "map-line", "track", "truth", "gone"];
 
 export const colours = { sensors: [], font: "11px sans-serif" };
 

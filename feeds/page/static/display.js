@@ -2,6 +2,7 @@
 
 import { drawGround, inKilometres, ringSpacing } from "./ground.js";
 import { dronePlace, drawMarks, drawMoving, placeOf, trackPlace } from "./marks.js";
+import { shapesOf } from "./own_map.js";
 import { Pixels } from "./pixels.js";
 import { azimuthOf, Viewport } from "./viewport.js";
 
@@ -11,6 +12,7 @@ const SHORTEST_STILL_MS = 45;
 const LONGEST_STILL_MS = 150;
 const CALM_MS = 250; // between pictures, for who wants little motion
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
+const OVER = ".bar > *, .foot > *, .display > .selected"; // over the picture
 const byId = (id) => document.getElementById(id);
 
 /** A layer that is drawn elsewhere and then copied. */
@@ -24,9 +26,12 @@ export class Display {
   layers = { cover: true, sweep: true, labels: true, tracks: true, basemap: true };
   truth = false;
   glowMs = 10_000;
+  grid = "rings"; // or squares, or none
   selected = null;
   following = false;
   framesDrawn = 0;
+  placed = []; // rectangles of words and sites that lie still
+  words = []; // those, and of the words beside marks
   #box = byId("display");
   #ground = layer(); // what lies still
   #marks = layer(); // ground and marks
@@ -35,6 +40,8 @@ export class Display {
   #groundIsOld = true;
   #marksDueAt = 0;
   #basemap = null;
+  #ownMap = null; // the tree of a GeoJSON file
+  #ownShapes = null;
   #fitted = false;
   #cursor = null;
 
@@ -42,6 +49,8 @@ export class Display {
     this.picture = picture;
     this.onSelect = onSelect;
     new ResizeObserver(() => this.#resize()).observe(this.#box);
+    const covers = new ResizeObserver(() => this.redraw());
+    for (const part of document.querySelectorAll(OVER)) covers.observe(part);
     this.#resize();
     this.#hearMouse();
     requestAnimationFrame((at) => this.#draw(at));
@@ -58,6 +67,7 @@ export class Display {
     this.selected = null;
     this.following = false;
     this.#basemap = null;
+    this.#placeOwnMap();
     this.redraw();
     const basemap = this.picture.news.scene?.basemap;
     if (!basemap) return;
@@ -71,6 +81,26 @@ export class Display {
       this.#basemap = shapes && { shapes };
       this.redraw();
     }
+  }
+
+  /** A map of the user's own in place of the scene's; raises an Error where it is none. */
+  showOwnMap(tree) {
+    this.#ownMap = tree;
+    this.#placeOwnMap();
+    this.redraw();
+  }
+
+  #placeOwnMap() {
+    const { scene } = this.picture.news, tree = this.#ownMap;
+    this.#ownMap = this.#ownShapes = null;
+    if (!tree || !scene) return;
+    this.#ownShapes = shapesOf(tree, scene.site);
+    this.#ownMap = tree;
+  }
+
+  /** How far apart the lines of the grid are, in words. */
+  get rings() {
+    return this.grid === "none" ? "" : `${this.grid} ${inKilometres(ringSpacing(this.view))}`;
   }
 
   home() {
@@ -154,13 +184,20 @@ export class Display {
     const began = performance.now();
     if (this.#groundIsOld) {
       this.#groundIsOld = false;
-      drawGround(this.#ground, this.view, { scene: this.picture.news.scene, hidden: this.hidden, layers: this.layers, basemap: this.#basemap });
+      this.placed = drawGround(this.#ground, this.view, { scene: this.picture.news.scene, hidden: this.hidden, layers: this.layers, basemap: this.#ownShapes ? { shapes: this.#ownShapes } : this.#basemap, grid: this.grid, covered: this.#covered() });
       this.#pixels.setGround(this.#ground);
-      byId("scale").textContent = `rings ${inKilometres(ringSpacing(this.view))}`;
+      byId("scale").textContent = this.rings;
     }
-    drawMarks(this.#marks, this.#pixels, this.view, this.picture, nowMs, this);
+    this.words = drawMarks(this.#marks, this.#pixels, this.view, this.picture, nowMs, this);
     const wait = (performance.now() - began) / MARKS_SHARE;
     this.#marksDueAt = at + Math.min(Math.max(wait, calm.matches ? CALM_MS : SHORTEST_STILL_MS), calm.matches ? CALM_MS : LONGEST_STILL_MS);
+  }
+
+  /** What of the page lies over the picture, as rectangles on it. */
+  #covered() {
+    const { left, top } = this.#box.getBoundingClientRect();
+    return [...document.querySelectorAll(OVER)].map((part) => part.getBoundingClientRect()).filter((box) => box.width > 0)
+      .map((box) => [box.left - left, box.top - top, box.right - left, box.bottom - top, ""]);
   }
 
   #centre(nowMs) {

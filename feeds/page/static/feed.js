@@ -1,5 +1,7 @@
 // The connection to the session: frames in, commands out, and back by itself when it is lost.
 
+import { FEED_PATH } from "./roles.js";
+
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 5000;
 const SILENT_MS = 4000; // ten updates a second come, so this is a connection that is dead
@@ -13,6 +15,7 @@ export class Feed {
   #lastHeard = 0;
   #look = null;
   #build = null;
+  hello = {}; // what the server said first
 
   /** onFrame(buffer); onState("connecting" | "open" | "lost", words). */
   constructor(onFrame, onState) {
@@ -27,7 +30,7 @@ export class Feed {
     this.#connect();
   }
 
-  /** What this viewer looks at: {truth, watch}; said again after every reconnection. */
+  /** What this viewer looks at, and who it is: {truth, watch, name}; said again after every reconnection. */
   look(look) {
     this.#look = look;
     this.#say({ look });
@@ -50,7 +53,7 @@ export class Feed {
 
   #connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = (this.#socket = new WebSocket(`${scheme}://${location.host}/feed`));
+    const socket = (this.#socket = new WebSocket(`${scheme}://${location.host}${FEED_PATH}`));
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.#lastHeard = performance.now();
@@ -69,14 +72,15 @@ export class Feed {
       return;
     }
     const message = JSON.parse(data);
-    if (message.build) this.#checkBuild(message.build);
+    if (message.build) this.#greet(message);
     else if (message.number) this.#answered(message);
   }
 
   /** The server may have come back with another version of this page. */
-  #checkBuild(build) {
-    if (this.#build && this.#build !== build) location.reload();
-    this.#build = build;
+  #greet(hello) {
+    if (this.#build && this.#build !== hello.build) location.reload();
+    this.#build = hello.build;
+    this.hello = hello;
   }
 
   #answered({ number, ...answer }) {

@@ -3,36 +3,46 @@
 
 import { FALSE_ALARM, TrackFlag } from "./frames.js";
 import { colours, faded, sensorColour, SENSOR_COLOURS } from "./colours.js";
+import { Labels } from "./labels.js";
 import { packed } from "./pixels.js";
+import { arrowStamp, shapeOf, stampOf, traceShape } from "./shapes.js";
 
 const LEVELS = 10; // of fading
 const SWEEP_DEG = 32;
 const MOST_SWEEPS = 12; // with an afterglow; of more, lines alone
 const MOST_LABELS = 90;
+const MANY_DRONES = 300;
+const STAMPED_DRONE = 5; // half its length, in pixels
 let size = 1; // of marks, larger on large displays
 const AHEAD_S = 8; // of a velocity's line
 
-const SIDES = Array.from({ length: LEVELS }, (_, level) => (level === 0 ? 5 : level < 3 ? 4 : 3));
+const WIDTHS = Array.from({ length: LEVELS }, (_, level) => (level < 1 ? 9 : level < 4 ? 7 : 5));
 const OPACITIES = Array.from({ length: LEVELS }, (_, level) => 0.12 + 0.88 * (1 - level / LEVELS) ** 1.5);
 const BATCH = 40; // shapes in one path: much longer ones are slow
-const others = []; // plots that are more than a square, each with its level
+const others = []; // plots that are more than a small mark, each with its level
 
-/** What moves slowly or fades, over the ground that `pixels` knows. */
+/** What moves slowly or fades, over the ground that `pixels` knows; the places of all words. */
 export function drawMarks(context, pixels, view, picture, nowMs, options) {
   const scene = picture.news.scene;
   if (!scene) {
     pixels.begin();
     pixels.put(context);
-    return;
+    return [];
   }
   size = Math.min(Math.max(Math.min(view.width, view.height) / 640, 1), 1.7);
   const hiddenNumbers = new Set(scene.sensors.flatMap((sensor, number) => (options.hidden.has(sensor.id) ? [number] : [])));
-  const labels = new Labels(context);
-  drawSquares(pixels, context, view, picture.plots, nowMs, options, hiddenNumbers);
+  const labels = new Labels(context, view, options.placed);
+  const drones = options.truth && picture.drones ? dronesSeen(view, picture.drones, nowMs) : [];
+  pixels.begin();
+  drawPlots(pixels, context, view, picture.plots, nowMs, options, hiddenNumbers, scene);
+  if (drones.length > MANY_DRONES) stampDrones(pixels, context, picture.drones, drones);
+  pixels.put(context);
   drawOthers(context, view, picture.plots, scene, options);
   if (options.truth) drawLost(context, view, picture.lost, nowMs, options, hiddenNumbers);
-  if (options.truth && picture.drones) drawDrones(context, view, picture, nowMs, options, labels);
+  if (drones.length <= MANY_DRONES) drawDrones(context, picture, drones, options, labels);
   if (options.layers.tracks) drawTracks(context, view, picture, nowMs, options, labels);
+  labels.writeAgain();
+  return labels.placed;
 }
 
 /** What turns, and what is selected. */
@@ -74,10 +84,11 @@ function drawSweeps(context, view, picture, scene, nowMs, hidden) {
   }
 }
 
-/** Squares of all plots that have a place; what else there is of plots is drawn over them, later. */
-function drawSquares(pixels, context, view, plots, nowMs, { glowMs, truth }, hiddenNumbers) {
+/** Small marks of all plots that have a place, each in the shape of its kind of sensor; what else there is of plots comes later. */
+function drawPlots(pixels, context, view, plots, nowMs, { glowMs, truth }, hiddenNumbers, scene) {
   const dpr = context.getTransform().a, packedColours = colours.sensors.map(packed);
-  pixels.begin();
+  const odd = (wide) => 2 * Math.round((wide * size * dpr - 1) / 2) + 1;
+  const stamps = scene.sensors.map((sensor) => WIDTHS.map((wide) => stampOf(shapeOf(sensor.type), odd(wide))));
   others.length = 0;
   for (let row = plots.begin; row < plots.end; row++) {
     const at = plots.at(row), age = (nowMs - plots.shown_ms[at]) / glowMs, sensor = plots.sensor[at];
@@ -86,9 +97,8 @@ function drawSquares(pixels, context, view, plots, nowMs, { glowMs, truth }, hid
     if (plots.flags[at] || (truth && (plots.drone[at] === FALSE_ALARM || plots.merged[at]))) others.push(at, level);
     if (plots.flags[at] || (truth && plots.drone[at] === FALSE_ALARM)) continue;
     const x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-    pixels.square(x * dpr, y * dpr, SIDES[level] * size * dpr, packedColours[sensor % SENSOR_COLOURS], Math.round(OPACITIES[level] * 256));
+    pixels.stamp(x * dpr, y * dpr, stamps[sensor][level], packedColours[sensor % SENSOR_COLOURS], Math.round(OPACITIES[level] * 256));
   }
-  pixels.put(context);
 }
 
 /** Bearings, and what the truth tells of plots: false alarms as crosses, a frame about several drones in one. */
@@ -112,7 +122,7 @@ function drawCross(context, x, y, arm) {
   context.stroke();
 }
 
-/** A bearing as a ray to the edge of cover; what has no direction as a ring about its sensor. */
+/** A bearing as a ray to the edge of cover, where its kind's shape is; what has no direction as a ring about its sensor. */
 function drawRay(context, view, plots, sensor, at, truth) {
   const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
   context.setLineDash(truth && plots.isFalse(at) ? [3, 5] : []);
@@ -125,6 +135,10 @@ function drawRay(context, view, plots, sensor, at, truth) {
   }
   context.stroke();
   context.setLineDash([]);
+  if (plots.isNowhere(at)) return;
+  context.fillStyle = context.strokeStyle;
+  traceShape(context, shapeOf(sensor.type), view.x(plots.east_m[at]), view.y(plots.north_m[at]), 4 * size);
+  context.fill();
 }
 
 function drawLost(context, view, lost, nowMs, { glowMs }, hiddenNumbers) {
@@ -145,45 +159,40 @@ export function dronePlace(drones, i, nowMs) {
   return [drones.east_m[i] + seconds * drones.velocity_east_m_s[i], drones.north_m[i] + seconds * drones.velocity_north_m_s[i]];
 }
 
-function drawDrones(context, view, { drones, droneNames }, nowMs, { layers }, labels) {
+/** Numbers of the drones within the window, each with its place there. */
+function dronesSeen(view, drones, nowMs) {
   const seen = [];
   for (let i = 0; i < drones.rows; i++) {
     const [east, north] = dronePlace(drones, i, nowMs), x = view.x(east), y = view.y(north);
     if (x > -20 && y > -20 && x < view.width + 20 && y < view.height + 20) seen.push([i, x, y]);
   }
-  const length = size * (seen.length > 300 ? 5 : 7);
+  return seen;
+}
+
+/** Very many drones: as pixels, which are drawn in a fraction of the time. */
+function stampDrones(pixels, context, drones, seen) {
+  const dpr = context.getTransform().a, truth = packed(colours.truth), warn = packed(colours.gone);
+  for (const [i, x, y] of seen) {
+    const stamp = arrowStamp(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i], STAMPED_DRONE * size * dpr);
+    pixels.stamp(x * dpr, y * dpr, stamp, drones.gone_ms[i] > 0 ? warn : truth, 220);
+  }
+}
+
+function drawDrones(context, { drones, droneNames }, seen, { layers }, labels) {
+  const length = 7 * size;
   context.lineWidth = 1.3;
   context.strokeStyle = colours.truth;
   context.fillStyle = faded(colours.truth, 0.3);
   drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] === 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), true);
-  context.strokeStyle = colours.warn;
+  context.strokeStyle = colours.gone;
   context.setLineDash([2, 2]);
   drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] > 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), false);
   context.setLineDash([]);
   if (!layers.labels || seen.length > MOST_LABELS) return;
+  for (const [, x, y] of seen) labels.block(x, y, 0.8 * length);
   for (const [i, x, y] of seen) {
     const gone = drones.gone_ms[i], name = droneNames[drones.drone[i]] ?? "";
-    labels.put(gone > 0 ? `${name} gone ${Math.round(gone / 1000)} s` : name, x + 10 * size, y - 8 * size, gone > 0 ? colours.warn : colours.truth);
-  }
-}
-
-/** Words beside marks; what would lie over others is left out. */
-class Labels {
-  #taken = [];
-
-  constructor(context) {
-    this.context = context;
-    context.font = colours.font;
-    context.textAlign = "left";
-    context.textBaseline = "middle";
-  }
-
-  put(words, x, y, colour) {
-    const wide = words.length * 6.2 * size;
-    if (this.#taken.some(([tx, ty, tw]) => Math.abs(ty - y) < 11 * size && x < tx + tw && tx < x + wide)) return;
-    this.#taken.push([x, y, wide]);
-    this.context.fillStyle = colour;
-    this.context.fillText(words, x, y);
+    labels.beside(gone > 0 ? `${name} gone ${Math.round(gone / 1000)} s` : name, x, y, colours.ink, { size });
   }
 }
 
@@ -232,7 +241,7 @@ function drawTracks(context, view, { tracks }, nowMs, { layers }, labels) {
     context.moveTo(x, y);
     context.lineTo(view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
     context.stroke();
-    if (labelled) labels.put(`T${track.id}`, x + 10 * size, y + 10 * size, colours.track);
+    if (labelled) labels.beside(`T${track.id}`, x, y, colours.ink, { size });
   }
 }
 

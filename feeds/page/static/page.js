@@ -1,15 +1,22 @@
 // Puts the page together: frames to the picture, the picture to display, strips and tables, wishes back.
 
 import { showCard, showLegend } from "./card.js";
+import { Cards } from "./cards.js";
 import { setTheme, startTheme } from "./colours.js";
+import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
 import { FrameReader } from "./frames.js";
+import { showAbout, showKeys } from "./help.js";
+import { readMap } from "./own_map.js";
 import { Picture } from "./picture.js";
+import { Roles } from "./roles.js";
+import { savePicture } from "./save_picture.js";
 import { Sensors } from "./sensors.js";
 import { Session } from "./session.js";
 import { Stories } from "./stories.js";
 import { Strips } from "./strips.js";
+import { Tour } from "./tour.js";
 
 const byId = (id) => document.getElementById(id);
 const reader = new FrameReader();
@@ -22,6 +29,9 @@ const sensors = new Sensors(picture, display.hidden, { ask, onChoose: look, onHi
 const session = new Session(picture, ask);
 const stories = new Stories(picture, ask);
 const strips = new Strips();
+const roles = new Roles(picture, { ask, onName: look, onTruth: (may) => { if (!may && display.truth) setTruth(false); }, address: () => feed.hello.audience_url });
+const cards = new Cards(showCards);
+const tour = new Tour();
 let generation = null;
 const UPDATES_PER_S = 10;
 const BEHIND_MS = 5000;
@@ -37,11 +47,16 @@ function takeFrame(buffer) {
     byId("glow").value = nearestGlow(picture.news.scene.afterglow_s);
     display.glowMs = 1000 * Number(byId("glow").value);
     display.newScene();
+    showLegend(display.truth, picture.news.scene);
+    tour.tell(picture.news.scene.about.words);
+    showAbout(picture.news.scene.about);
   }
   if (changed.has("missed_updates")) showBehind(picture.news.missed_updates);
-  if (all || changed.has("session") || changed.has("scene")) session.show();
-  if (["snapshot", "stories", "undoes", "session"].some((key) => changed.has(key))) stories.show();
-  if (all || changed.has("settings") || changed.has("session")) sensors.showSettings();
+  if (all || changed.has("audience") || changed.has("actions")) roles.show();
+  if (all || changed.has("connect")) showConnections(picture.news, sensors.chosen);
+  if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
+  if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
+  if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); }
   if (all || changed.has("seconds") || changed.has("details") || changed.has("marks")) strips.draw(picture, sensors.chosen);
@@ -52,7 +67,8 @@ function nearestGlow(seconds) {
 }
 
 function look() {
-  feed.look({ truth: display.truth, watch: sensors.chosen ? [sensors.chosen] : [] });
+  feed.look({ truth: display.truth, watch: sensors.chosen ? [sensors.chosen] : [], name: roles.name });
+  showConnections(picture.news, sensors.chosen);
 }
 
 let behind = "", behindUntil = 0;
@@ -79,7 +95,7 @@ function setTruth(shown) {
     picture.forgetTruth();
     if (display.selected?.kind === "drone") display.select(null);
   }
-  showLegend(shown);
+  showLegend(shown, picture.news.scene);
   refreshCard();
   look();
 }
@@ -87,6 +103,28 @@ function setTruth(shown) {
 function refreshCard() {
   const nowMs = picture.nowMs(performance.now());
   if (!showCard(picture, display.selected, { truth: display.truth, nowMs }) && display.selected && display.selected.kind !== "drone") display.selected = null;
+}
+
+/** Something about the picture is said for as long as nothing else is. */
+function sayOfPicture(words) {
+  byId("picture-said").textContent = words;
+}
+
+async function showOwnMap() {
+  const [file] = byId("own-map").files;
+  byId("own-map").value = "";
+  if (!file) return;
+  try {
+    display.showOwnMap(await readMap(file));
+    sayOfPicture(`Map: ${file.name}`);
+  } catch (error) {
+    sayOfPicture(error.message);
+  }
+}
+
+function toggleFullScreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else document.querySelector(".display").requestFullscreen().catch(() => sayOfPicture("This browser shows nothing on the whole screen."));
 }
 
 function follow() {
@@ -100,37 +138,45 @@ function showFollowing() {
   byId("follow").disabled = !display.selected || display.selected.kind === "plot";
 }
 
+/** Cards were opened, closed or moved: the strips may have another size. */
+function showCards() {
+  for (const name of ["help", "connect"]) byId(`${name}-button`).setAttribute("aria-expanded", String(cards.isOpen(name)));
+  strips.draw(picture, sensors.chosen);
+}
+
 function showTheme() {
   byId("theme").textContent = document.documentElement.dataset.theme === "dark" ? "Light" : "Dark";
-  showLegend(display.truth);
+  showLegend(display.truth, picture.news.scene);
   display.redraw();
   strips.draw(picture, sensors.chosen);
 }
 
+const MOVE = "moves the display";
 const KEYS = {
-  ArrowLeft: () => display.pan(60, 0),
-  ArrowRight: () => display.pan(-60, 0),
-  ArrowUp: () => display.pan(0, 60),
-  ArrowDown: () => display.pan(0, -60),
-  "+": () => display.zoom(1.25),
-  "=": () => display.zoom(1.25),
-  "-": () => display.zoom(0.8),
-  0: () => display.home(),
-  n: () => display.selectNext(1),
-  p: () => display.selectNext(-1),
-  f: follow,
-  t: () => setTruth(!display.truth),
-  u: () => stories.undo(),
-  " ": () => session.togglePause(),
-  ".": () => session.step(),
-  Escape: () => display.select(null),
-};
+  ArrowLeft: [MOVE, () => display.pan(60, 0)],
+  ArrowRight: [MOVE, () => display.pan(-60, 0)],
+  ArrowUp: [MOVE, () => display.pan(0, 60)],
+  ArrowDown: [MOVE, () => display.pan(0, -60)],
+  "+": ["zooms in", () => display.zoom(1.25)],
+  "=": ["", () => display.zoom(1.25)],
+  "-": ["zooms out", () => display.zoom(0.8)],
+  0: ["shows all sensors", () => display.home()],
+  n: ["selects the next plot", () => display.selectNext(1)],
+  p: ["selects the plot before", () => display.selectNext(-1)],
+  f: ["follows what is selected", follow],
+  t: ["shows or hides the truth", () => setTruth(!display.truth)],
+  u: ["takes back what was asked last", () => stories.undo()],
+  " ": ["pauses, or goes on", () => session.togglePause()],
+  ".": ["makes a step", () => session.step()],
+  Escape: ["ends a selection", () => display.select(null)],
+  "?": ["opens or closes this help", () => cards.show("help", !cards.isOpen("help"))],
+}; // what the help says of each, and what it does
 
 byId("display").addEventListener("keydown", (event) => {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   if (!KEYS[key] || event.ctrlKey || event.altKey || event.metaKey) return;
   event.preventDefault();
-  KEYS[key]();
+  KEYS[key][1]();
 });
 byId("zoom-in").addEventListener("click", () => display.zoom(1.4));
 byId("zoom-out").addEventListener("click", () => display.zoom(1 / 1.4));
@@ -138,6 +184,13 @@ byId("home").addEventListener("click", () => display.home());
 byId("follow").addEventListener("click", follow);
 byId("truth").addEventListener("click", () => setTruth(!display.truth));
 byId("glow").addEventListener("change", () => { display.glowMs = 1000 * Number(byId("glow").value); });
+byId("full-screen").addEventListener("click", toggleFullScreen);
+document.addEventListener("fullscreenchange", () => byId("full-screen").setAttribute("aria-pressed", String(Boolean(document.fullscreenElement))));
+byId("save-picture").addEventListener("click", () => savePicture(byId("screen"), { scene: picture.news.scene, hidden: display.hidden, nowMs: picture.nowMs(performance.now()), rings: display.rings }));
+byId("own-map").addEventListener("change", showOwnMap);
+byId("grid").addEventListener("change", () => { display.grid = byId("grid").value; display.redraw(); });
+byId("connect-button").addEventListener("click", () => cards.show("connect", !cards.isOpen("connect")));
+byId("help-button").addEventListener("click", () => cards.show("help", !cards.isOpen("help")));
 byId("theme").addEventListener("click", () => {
   setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
   showTheme();
@@ -151,6 +204,8 @@ for (const layer of Object.keys(display.layers)) {
 addEventListener("resize", () => strips.draw(picture, sensors.chosen));
 setInterval(() => { session.showTime(picture.nowMs(performance.now())); refreshCard(); showFollowing(); }, 100);
 
+showKeys(KEYS);
+showCards();
 showTheme();
 setTruth(false);
 session.showTotals();

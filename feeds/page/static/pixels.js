@@ -1,4 +1,4 @@
-// Thousands of small squares at once: blended into the pixels of the ground by hand, which takes a
+// Thousands of small marks at once: blended into the pixels of the ground by hand, which takes a
 // fraction of the time that as many calls of a canvas do.
 
 export class Pixels {
@@ -24,14 +24,16 @@ export class Pixels {
     this.#pixels.set(this.#ground);
   }
 
-  /** A square about a point, in pixels of the device; colour is 0xBBGGRR, opacity a whole number to 256. */
-  square(x, y, side, colour, opacity) {
-    const left = Math.max(Math.round(x - side / 2), 0), right = Math.min(Math.round(x + side / 2), this.#width);
-    const top = Math.max(Math.round(y - side / 2), 0), bottom = Math.min(Math.round(y + side / 2), this.#height);
-    const rest = 256 - opacity, pixels = this.#pixels;
+  /** A stamp of shapes.js about a point, in pixels of the device; colour is 0xBBGGRR, opacity a whole number to 256. */
+  stamp(x, y, runs, colour, opacity) {
+    const rest = 256 - opacity, pixels = this.#pixels, width = this.#width, height = this.#height;
     const redBlue = (colour & 0xff00ff) * opacity, green = (colour & 0xff00) * opacity;
-    for (let row = top; row < bottom; row++) {
-      for (let at = row * this.#width + left, end = row * this.#width + right; at < end; at++) {
+    const middle = Math.round(x), row = Math.round(y);
+    for (let run = 0; run < runs.length; run += 3) {
+      const line = row + runs[run];
+      if (line < 0 || line >= height) continue;
+      const from = Math.max(middle + runs[run + 1], 0), to = Math.min(middle + runs[run + 2], width);
+      for (let at = line * width + from, end = line * width + to; at < end; at++) {
         const under = pixels[at];
         pixels[at] = 0xff000000 | ((((under & 0xff00ff) * rest + redBlue) >>> 8) & 0xff00ff) | ((((under & 0xff00) * rest + green) >>> 8) & 0xff00);
       }

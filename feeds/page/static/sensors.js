@@ -1,6 +1,8 @@
 // The table of sensors, and what can be asked of the one that is chosen.
 
 import { SENSOR_COLOURS } from "./colours.js";
+import { refusals } from "./roles.js";
+import { shapeOf, swatch } from "./shapes.js";
 import { askedLoss } from "./strips.js";
 
 const byId = (id) => document.getElementById(id);
@@ -43,13 +45,12 @@ export class Sensors {
 
   #row(sensor, number) {
     const row = document.createElement("tr");
-    row.innerHTML = '<td><input type="checkbox" checked></td><td><button type="button" aria-pressed="false"><span class="swatch"></span></button></td><td class="number">0</td><td></td>';
+    row.innerHTML = '<td><input type="checkbox" checked></td><td><button type="button" aria-pressed="false"></button></td><td class="number">0</td><td></td>';
     const box = row.querySelector("input"), button = row.querySelector("button");
     box.setAttribute("aria-label", `Show ${sensor.id}`);
     box.checked = !this.hidden.has(sensor.id);
     box.addEventListener("change", () => { this.hidden[box.checked ? "delete" : "add"](sensor.id); this.onHide(); });
-    button.firstChild.dataset.colour = number % SENSOR_COLOURS;
-    button.append(`${sensor.id} · ${sensor.label}`);
+    button.append(swatch(shapeOf(sensor.type), number % SENSOR_COLOURS), `${sensor.id} · ${sensor.label}`);
     button.title = sensor.preset ? `${sensor.id}: ${sensor.preset}` : sensor.id;
     button.addEventListener("click", () => this.choose(sensor.id));
     this.#rows.set(sensor.id, { row, button, rate: row.children[2], state: row.children[3] });
@@ -84,7 +85,7 @@ export class Sensors {
     }
     const sensor = this.#sensor();
     byId("sensor-title").textContent = sensor ? `${sensor.id}: settings` : "Sensor";
-    byId("sensor-form").inert = !sensor || "sensor" in (this.picture.news.session?.refuses ?? {});
+    byId("sensor-form").inert = !sensor || "sensor" in refusals(this.picture.news);
     if (!sensor) return;
     const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
     if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);

@@ -1,5 +1,7 @@
 // The session as a whole: its clock, recording and replay, the choice of scenes, totals and refusals.
 
+import { refusals } from "./roles.js";
+
 const byId = (id) => document.getElementById(id);
 const TOTALS = [
   ["drones", "Drones"], ["forgotten", "Forgotten"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
@@ -94,7 +96,7 @@ export class Session {
   }
 
   show() {
-    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], refuses = {}, notes = [] } = this.#state;
+    const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], notes = [] } = this.#state, refuses = refusals(news);
     byId("scene-name").textContent = news.scene?.name ?? "";
     document.title = news.scene ? `${news.scene.name} · plotfeed` : "plotfeed";
     for (const element of document.querySelectorAll("[data-needs]")) {
@@ -110,14 +112,14 @@ export class Session {
     if (!refuses.record) byId("record").title = record.file ? `${record.on ? "Recording to" : "Recorded"} ${record.file}` : "";
     fill("scene", scenes, news.scene?.name);
     fill("recording", recordings, replay.file);
-    this.#showReplay(replay);
+    this.#showReplay(replay, "replay" in refuses);
     const sentences = new Set([...notes, ...Object.values(refuses)]);
     byId("not-allowed").textContent = byId("not-allowed").title = [...sentences].join(" ");
   }
 
-  #showReplay(replay) {
+  #showReplay(replay, isRefused) {
     const position = byId("position"), on = Boolean(replay.file);
-    for (const id of ["position", "replay-pause", "replay-back", "replay-ahead", "replay-stop"]) byId(id).disabled = !on;
+    for (const id of ["position", "replay-pause", "replay-back", "replay-ahead", "replay-stop"]) byId(id).disabled = !on || isRefused;
     byId("replay-pause").textContent = replay.paused ? "Play" : "Pause";
     byId("replay-pause").setAttribute("aria-pressed", String(Boolean(replay.paused)));
     position.max = replay.duration_s ?? 1;
@@ -128,7 +130,8 @@ export class Session {
   }
 
   showTotals() {
-    for (const [key] of TOTALS) byId(`total-${key}`).textContent = whole.format(this.picture.news.totals?.[key] ?? 0);
+    const told = this.picture.news.totals ?? {}, none = Object.keys(told).length ? {} : Object.fromEntries(TOTALS.map(([key]) => [key, 0])), totals = { ...none, ...told };
+    for (const [key] of TOTALS) byId(`total-${key}`).textContent = totals[key] == null ? "–" : whole.format(totals[key]);
   }
 
   showRefusal() {

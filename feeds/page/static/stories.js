@@ -1,5 +1,7 @@
 // Stories: what can happen at a word, by one click, and is taken back by another; and undo.
 
+import { refusals } from "./roles.js";
+
 export const MARK_COLOURS = { story: "warn", change: "accent", script: "quiet" };
 const byId = (id) => document.getElementById(id);
 
@@ -19,7 +21,7 @@ export class Stories {
 
   /** Those of the scene, and which are on; told when stories, what undo would undo, or the session changed. */
   show() {
-    const { stories = [], undoes = "", session = {} } = this.picture.news, { refuses = {} } = session;
+    const { stories = [], undoes = "" } = this.picture.news, refuses = refusals(this.picture.news);
     const told = stories.map(({ id, title }) => `${id} ${title}`).join("\n");
     if (told !== this.#told) this.#renew(stories);
     this.#told = told;

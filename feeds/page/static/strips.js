@@ -106,7 +106,7 @@ export class Strips {
     this.#pd.band(curve(-2), curve(2), faded(colours.quiet, 0.22));
     this.#pd.line(curve(0), colours.ink);
     this.#pd.dots(used.map(([n, i]) => [middle(i), found.detected[i] / n, ...wilson(found.detected[i], n)]), colour);
-    if (!used.length) this.#pd.say("no drone within cover yet");
+    if (!used.length) this.#pd.say(found === null ? "not for the audience" : "no drone within cover yet");
     const looks = sum(found?.looks ?? []);
     say("pd-text", looks ? `${(sum(found.detected) / looks).toFixed(3)}, predicted ${(sum(found.expected) / looks).toFixed(3)}${found.off ? OFF : ""}` : "–");
   }
@@ -115,7 +115,7 @@ export class Strips {
     const points = this.#history(this.#late, seconds, [], nice(Math.max(topOf(seconds.map((s) => s.late_p99_us / 1000)), 0.1) * 1.05));
     this.#late.line(points((s) => s.late_p99_us / 1000), colours.warn);
     this.#late.cutOff(points((s) => s.late_p99_us / 1000), colours.warn, (ms) => `${short(ms)} ms`);
-    this.#late.line(points((s) => s.late_p50_us / 1000), colours.good);
+    this.#late.line(points((s) => s.late_p50_us / 1000), colours.ink);
     const last = seconds.at(-1);
     say("late-text", last ? `p50 ${(last.late_p50_us / 1000).toFixed(2)}, p99 ${(last.late_p99_us / 1000).toFixed(2)} ms` : "–");
   }

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NS = road.NS
 SEA = np.array([0x0A, 0x16, 0x1F])
-SENSOR_COLOURS = np.array([[0x4F, 0xE0, 0xA6], [0xFF, 0xB1, 0x4A]])
+SENSOR_COLOURS = np.array([[0x1A, 0xC2, 0xA3], [0xDC, 0x69, 0x6E]])
 """Of the dark theme, as the style sheet has them: what is under plots, the first two sensors."""
 CLEAR_OF_OTHERS_PX = 12
 """Marks of plots this far apart do not lie over each other."""

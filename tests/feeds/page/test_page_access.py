@@ -4,12 +4,15 @@ import socket
 
 import pytest
 
+from plotfeed.feeds.page.audience import Role
 from plotfeed.feeds.page.page_access import (
+    AUDIENCE_VARIABLE,
     DEFAULT_PORT,
     TOKEN_VARIABLE,
     PageAccess,
     PageAddress,
-    fixed_token,
+    Tokens,
+    fixed_tokens,
 )
 from plotfeed.proto.errors import PlotfeedError
 
@@ -61,31 +64,44 @@ def test_bound_wider_addresses_and_this_machine_are_ours_but_not_any_name() -> N
     assert not access.host_is_ours({"host": "evil.example:8000"})
 
 
-def test_a_token_is_drawn_where_others_can_get_and_nowhere_else() -> None:
-    assert PageAccess(LOCAL).token is None
-    assert PageAccess(LOCAL).is_token(None)
-    first, second = PageAccess(WIDE).token, PageAccess(WIDE).token
-    assert first
-    assert second
-    assert len(first) >= 24
-    assert first != second
+def test_tokens_are_drawn_where_others_can_get_and_nowhere_else() -> None:
+    assert PageAccess(LOCAL).tokens == (None, None)
+    assert PageAccess(LOCAL).may_ask({}, "/feed")
+    drawn = [token for _ in range(2) for token in PageAccess(WIDE).tokens]
+    assert all(token and len(token) >= 24 for token in drawn)
+    assert len(set(drawn)) == 4
+
+
+def test_a_token_that_is_fixed_is_needed_on_loopback_too() -> None:
+    access = PageAccess(LOCAL, Tokens("right"))
+    assert access.tokens.presenter == "right"
+    assert access.tokens.audience not in (None, "right")
+    assert not access.may_ask({}, "/")
 
 
 def test_only_the_token_lets_in() -> None:
-    access = PageAccess(WIDE, "right")
-    assert access.has_token({"cookie": f"a=b; {access.cookie}=right"})
-    for cookie in (
-        "",
-        f"{access.cookie}=wrong",
-        f"{access.cookie}=",
-        "other=right",
-        "=;;\x00",
-        "é",
-    ):
-        assert not access.has_token({"cookie": cookie})
-    assert not access.has_token({})
-    assert not access.is_token("rigHt")
-    assert not access.is_token("ä")
+    access = PageAccess(WIDE, Tokens("right", "theirs"))
+    name, theirs = (access.cookie(role) for role in Role)
+    assert access.may_ask({"cookie": f"a=b; {name}=right"}, "/feed")
+    cookies = ("", f"{name}=wrong", f"{name}=", "other=right", "=;;\x00", "é", f"{name}=theirs")
+    for cookie in (*cookies, f"{theirs}=right"):
+        for path in ("/", "/feed", "/page.js", "/audience/", "/audience/feed"):
+            assert not access.may_ask({"cookie": cookie}, path), (cookie, path)
+    assert not access.may_ask({}, "/")
+    assert access.role_with("rigHt") is access.role_with("ä") is access.role_with("") is None
+
+
+def test_the_audience_may_ask_for_its_own_page_and_the_presenter_for_both() -> None:
+    access = PageAccess(WIDE, Tokens("right", "theirs"))
+    presenter, audience = (
+        {"cookie": f"{access.cookie(r)}={t}"} for r, t in zip(Role, access.tokens, strict=True)
+    )
+    for path in ("/audience/", "/audience/feed", "/page.js", "/basemap"):
+        assert access.may_ask(presenter, path)
+        assert access.may_ask(audience, path)
+    for path in ("/", "/feed"):
+        assert access.may_ask(presenter, path)
+        assert not access.may_ask(audience, path)
 
 
 def test_only_the_page_itself_is_of_our_origin() -> None:
@@ -99,10 +115,19 @@ def test_only_the_page_itself_is_of_our_origin() -> None:
     assert not access.origin_is_ours({"origin": "http://localhost:8000"})
 
 
-def test_a_token_of_the_environment_is_taken_and_a_poor_one_refused_without_showing_it() -> None:
-    assert fixed_token({}) is None
-    assert fixed_token({TOKEN_VARIABLE: "field-day_2026-11"}) == "field-day_2026-11"
+@pytest.mark.parametrize("variable", [TOKEN_VARIABLE, AUDIENCE_VARIABLE])
+def test_a_token_of_the_environment_is_taken_and_a_poor_one_refused_without_showing_it(
+    variable: str,
+) -> None:
+    assert fixed_tokens({}) == (None, None)
+    assert "field-day_2026-11" in fixed_tokens({variable: "field-day_2026-11"})
     for poor in ("", "short", "sixteen&letters!", "x" * 129):
-        with pytest.raises(PlotfeedError, match="expected 16 to 128 letters") as error:
-            fixed_token({TOKEN_VARIABLE: poor})
+        with pytest.raises(PlotfeedError, match=f"{variable}: expected 16 to 128") as error:
+            fixed_tokens({variable: poor})
         assert not poor or poor not in str(error.value)
+
+
+def test_presenter_and_audience_do_not_have_the_same_token() -> None:
+    same = dict.fromkeys((TOKEN_VARIABLE, AUDIENCE_VARIABLE), "field-day_2026-11")
+    with pytest.raises(PlotfeedError, match=f"{AUDIENCE_VARIABLE}: expected another token"):
+        fixed_tokens(same)

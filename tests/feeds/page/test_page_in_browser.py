@@ -10,7 +10,7 @@ from support.chromium import axe, looking, new_context, requests, until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, on_stage
 
-from plotfeed.feeds.page.page_access import PageAddress
+from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.view import View
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ PREDICTED_AS_TOLD = """(() => {
   });
 })()"""
 """Whether the strip tells what was detected beside what the looks' own odds come to."""
-SIZES = ((1280, 720), (1440, 900), (1920, 1080), (2560, 1440))
 
 
 def test_two_browsers_see_the_same_and_what_either_changes(
@@ -49,7 +48,7 @@ def test_a_link_with_its_token_works_from_another_site(
 ) -> None:
     """As from a mail or a wiki: the cookie comes along when the browser is sent on."""
     token = "from-a-wiki-page-1"  # noqa: S105 - for this test alone
-    with on_stage(stage, address=PageAddress("0.0.0.0", 0), token=token) as served:  # noqa: S104
+    with on_stage(stage, address=PageAddress("0.0.0.0", 0), tokens=Tokens(token)) as served:  # noqa: S104
         context = new_context(browser)
         page = context.new_page()
         link = f"http://127.0.0.1:{served.port}/?token={token}"
@@ -92,14 +91,14 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
 
 def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: MadeUpSession) -> None:
     wide = PageAddress("0.0.0.0", 0)  # noqa: S104 - with a token
-    with on_stage(stage, address=wide, token="one") as served:  # noqa: S106
+    with on_stage(stage, address=wide, tokens=Tokens("one")) as served:
         address = PageAddress(wide.host, served.port)
         context = new_context(browser)
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{served.port}/?token=one")
         until(page, "plotfeed.picture.plots.end > 0")
         assert "token" not in page.url
-    with on_stage(stage, address=address, token="other"):  # noqa: S106
+    with on_stage(stage, address=address, tokens=Tokens("other")):
         page.locator("#veil").get_by_text("The address has changed").wait_for()
     context.close()
 
@@ -131,39 +130,6 @@ def test_no_rule_of_accessibility_is_broken(browser: Browser, served: Served, sc
         served.call(lambda: served.server._view.refusal("telemetry/x: it was no telemetry"))
         page.get_by_text("Last refused").wait_for()
         assert not [(v["impact"], v["id"], v["nodes"][0]["html"]) for v in axe(page)]
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_everything_has_its_place_at_every_size_and_nothing_jumps(
-    browser: Browser, served: Served, size: tuple[int, int]
-) -> None:
-    viewport = {"width": size[0], "height": size[1]}
-    with looking(browser, served.url, viewport=viewport) as page:
-        page.evaluate(
-            """() => {
-              globalThis.jumps = [];
-              new PerformanceObserver((list) => {
-                for (const e of list.getEntries())
-                  globalThis.jumps.push([e.value, e.sources.map((s) => s.node?.id ?? "")]);
-              }).observe({ type: "layout-shift", buffered: true });
-            }"""
-        )
-        page.get_by_role("button", name="Truth").click()
-        page.get_by_role("application").press("n")
-        page.get_by_label("Pfa", exact=True).fill("7")
-        page.get_by_role("button", name="Apply").click()
-        page.locator("#answer[data-failed]").wait_for()
-        until(page, "plotfeed.picture.seconds.length >= 2")
-        assert sum(value for value, _ in page.evaluate("jumps")) < 0.02, page.evaluate("jumps")
-        scrolls = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-        assert page.evaluate(scrolls) == [size[0], size[1]]
-        for part in ("#display", "header", "aside", ".strips", "#truth", "#theme", "#plots-strip"):
-            box = page.locator(part).bounding_box()
-            assert box
-            assert box["width"] > 20
-            assert box["height"] > 20
-            assert box["x"] + box["width"] <= size[0] + 0.5
-            assert box["y"] + box["height"] <= size[1] + 0.5
 
 
 def test_totals_rates_and_refusals_are_told(

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from plotfeed.feeds.page import application
-from plotfeed.feeds.page.page_access import PageAddress, PageError
+from plotfeed.feeds.page.page_access import PageAddress, PageError, Tokens
 from plotfeed.feeds.page.updates import MAX_COMMAND_OCTETS, NoControls, SectionKind
 from plotfeed.feeds.page.view import View
 
@@ -98,7 +98,7 @@ def test_no_script_of_another_site_reaches_the_feed(page: Served) -> None:
 
 def test_bound_wider_everything_needs_the_token(stage: MadeUpSession) -> None:
     wide = PageAddress("0.0.0.0", 0)  # noqa: S104 - with a token
-    with on_stage(stage, address=wide, token="secret-token") as page:  # noqa: S106
+    with on_stage(stage, address=wide, tokens=Tokens("secret-token")) as page:
         assert page.url.endswith("/?token=secret-token")
         for path in ("/", "/page.js", "/basemap", "/?token=wrong"):
             status, _, body = page.get(path)

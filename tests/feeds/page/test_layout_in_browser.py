@@ -1,0 +1,194 @@
+"""Nothing of the page is cut off or covered, from a phone to a wall of 2560 pixels; cards move."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from support.chromium import looking, until
+from support.page_server import Served
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+SIZES = ((360, 740), (960, 640), (1280, 720), (1920, 1080), (2560, 1440))
+SCROLLS_BELOW_PX = 860
+"""A narrower window has everything one below the other, and the page scrolls."""
+TWO_THIRDS = 2 / 3
+CUT_OFF = """() => {
+  const found = [], without = ".hidden, .skip, svg, .file input";
+  const shown = (e) => e.checkVisibility() && !e.closest(without);
+  for (const element of document.querySelectorAll("body *")) {
+    if (!shown(element) || element.tagName === "CANVAS") continue;
+    const style = getComputedStyle(element), box = element.getBoundingClientRect();
+    const words = [...element.childNodes].some((n) => n.nodeType === 3 && n.data.trim());
+    const clips = (axis) => !["visible", "auto", "scroll"].includes(style[`overflow${axis}`]);
+    if (words && element.scrollWidth > element.clientWidth + 1 && style.display !== "inline")
+      found.push(["wider than its place", element.outerHTML.slice(0, 90)]);
+    if (clips("Y") && !element.matches("main, body, .stage") &&
+        element.scrollHeight > element.clientHeight + 1)
+      found.push(["higher than its place", element.outerHTML.slice(0, 90)]);
+    if (box.right > innerWidth + 1 || box.left < -1)
+      found.push(["beside the window", element.outerHTML.slice(0, 90)]);
+  }
+  return found;
+}"""
+COVERED = """() => {
+  const found = [], controls = [...document.querySelectorAll("button, select, input, summary")];
+  const shown = controls.filter((c) => c.checkVisibility() && !c.closest("[inert]"));
+  for (const control of shown) {
+    control.scrollIntoView({ block: "center", behavior: "instant" });
+    const { left, top, width, height } = control.getBoundingClientRect();
+    const on = document.elementFromPoint(left + width / 2, top + height / 2);
+    if (!on || !(control.contains(on) || on.contains(control)))
+      found.push([control.outerHTML.slice(0, 90), on && on.outerHTML.slice(0, 60)]);
+  }
+  const boxes = shown.map((c) => [c, c.getBoundingClientRect()]);
+  boxes.forEach(([a, p], i) => {
+    for (const [b, q] of boxes.slice(i + 1))
+      if (!a.contains(b) && !b.contains(a) && a.closest("[data-card], header") ===
+          b.closest("[data-card], header") && p.left < q.right - 1 && q.left < p.right - 1 &&
+          p.top < q.bottom - 1 && q.top < p.bottom - 1)
+        found.push([a.outerHTML.slice(0, 90), b.outerHTML.slice(0, 90)]);
+  });
+  return found;
+}"""
+WORDS_OVER_WORDS = """() => {
+  const placed = plotfeed.display.words, found = [];
+  placed.forEach((a, i) => placed.slice(i + 1).forEach((b) => {
+    if ((a[4] || b[4]) && a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3])
+      found.push([a[4], b[4]]);
+  }));
+  return found.filter(([a, b]) => a && b);
+}"""
+
+
+def boxes(page: Page) -> dict[str, Any]:
+    found: dict[str, Any] = page.evaluate(
+        """() => Object.fromEntries(["#display", "header", "aside", ".strips"].map((part) =>
+             [part, document.querySelector(part).getBoundingClientRect().toJSON()]))"""
+    )
+    return found
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_nothing_is_cut_off_or_covered(
+    browser: Browser, served: Served, size: tuple[int, int]
+) -> None:
+    width, height = size
+    with looking(browser, served.url, viewport={"width": width, "height": height}) as page:
+        page.get_by_role("button", name="Truth").click()
+        page.get_by_role("application").press("n")
+        page.get_by_text("Plot of").wait_for()
+        until(page, "plotfeed.picture.seconds.length >= 2")
+        until(page, "plotfeed.picture.drones !== null && plotfeed.display.words.length > 20")
+        assert not page.evaluate(CUT_OFF)
+        assert not page.evaluate(WORDS_OVER_WORDS)
+        scrolls = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        wide, high = page.evaluate(scrolls)
+        assert wide == width
+        if width >= SCROLLS_BELOW_PX:
+            assert high == height
+        assert not page.evaluate(COVERED)
+
+
+def test_the_picture_has_two_thirds_of_a_small_window(page: Page) -> None:
+    box = boxes(page)["#display"]
+    assert box["width"] * box["height"] >= TWO_THIRDS * 1280 * 720
+
+
+def test_nothing_jumps_while_the_page_is_used(browser: Browser, served: Served) -> None:
+    with looking(browser, served.url, viewport={"width": 1920, "height": 1080}) as page:
+        page.evaluate(
+            """() => {
+              globalThis.jumps = [];
+              new PerformanceObserver((list) => {
+                for (const e of list.getEntries()) if (!e.hadRecentInput)
+                  globalThis.jumps.push([e.value, e.sources.map((s) => `${s.node?.outerHTML}`)]);
+              }).observe({ type: "layout-shift", buffered: true });
+            }"""
+        )
+        page.get_by_role("button", name="Truth").click()
+        page.get_by_role("application").press("n")
+        page.get_by_label("Pfa", exact=True).fill("7")
+        page.get_by_role("button", name="Apply").click()
+        page.locator("#answer[data-failed]").wait_for()
+        until(page, "plotfeed.picture.seconds.length >= 2")
+        assert sum(value for value, _ in page.evaluate("jumps")) < 0.02, page.evaluate("jumps")
+
+
+def test_a_card_is_moved_put_back_closed_and_opened_again(page: Page) -> None:
+    card = page.locator("[data-card=totals]")
+    before = card.bounding_box()
+    assert before
+    page.get_by_role("button", name="Move totals").click()
+    page.get_by_role("button", name="Put back totals").press("ArrowUp")
+    moved = card.bounding_box()
+    assert moved
+    assert moved["x"] + moved["width"] <= before["x"]
+    assert moved["y"] < before["y"] or moved["y"] == 0
+    page.reload()
+    until(page, "plotfeed.picture.plots.end > 0")
+    kept = card.bounding_box()
+    assert kept
+    assert (kept["x"], kept["y"]) == pytest.approx((moved["x"], moved["y"]), abs=1)
+    page.get_by_role("button", name="Put back totals").click()
+    back = card.bounding_box()
+    assert back
+    assert back["x"] == pytest.approx(before["x"])
+    page.get_by_role("button", name="Close totals").click()
+    assert card.is_hidden()
+    page.get_by_role("button", name="Cards").click()
+    page.get_by_role("checkbox", name="Totals").check()
+    assert card.is_visible()
+    page.keyboard.press("Escape")
+    assert page.locator("#cards-list").is_hidden()
+
+
+def test_a_card_is_dragged_by_its_head(page: Page) -> None:
+    head = page.get_by_role("heading", name="Sensors", exact=True).bounding_box()
+    assert head
+    x, y = head["x"] + 20, head["y"] + 8
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 300, y + 150, steps=4)
+    page.mouse.up()
+    box = page.locator("[data-card=sensors]").bounding_box()
+    assert box
+    dragged = page.get_by_role("heading", name="Sensors", exact=True).bounding_box()
+    assert dragged
+    assert (dragged["x"], dragged["y"]) == pytest.approx((head["x"] - 300, head["y"] + 150), abs=20)
+
+
+def test_sensors_that_stand_together_are_all_named_and_no_words_lie_over_others(
+    page: Page, served: Served
+) -> None:
+    from support import road
+
+    together = [road.radar(id=f"radar-{i}", position_enu_m=[10.0 * i, 0.0, 5.0]) for i in range(9)]
+    scene = road.scene(together, seed=1)
+    served.call(lambda: served.server._view.scene(scene))
+    page.get_by_role("heading", name="radar-0: settings").wait_for()
+    until(page, "plotfeed.display.words.filter((w) => w[4].startsWith('radar-')).length === 9")
+    assert not page.evaluate(WORDS_OVER_WORDS)
+
+
+def test_a_stranger_is_told_what_there_is_and_the_tour_is_not_shown_again(page: Page) -> None:
+    words = page.locator("#words")
+    tour = page.get_by_role("group", name="Tour")
+    for step in range(1, 8):
+        assert words.inner_text().startswith(f"{step} of 7: ")
+        assert page.locator(".toured").count() == 1
+        page.locator("#tour-next").click()
+    assert tour.is_hidden()
+    assert "radar" in words.inner_text()
+    page.reload()
+    until(page, "plotfeed.picture.plots.end > 0")
+    assert tour.is_hidden()
+    page.get_by_role("application").press("?")
+    page.get_by_role("button", name="Show the tour").click()
+    page.get_by_role("button", name="Skip the tour").click()
+    assert tour.is_hidden()
+    keys = page.get_by_role("table", name="Keys").inner_text()
+    assert "zooms in" in keys
+    assert "Space" in keys

@@ -1,0 +1,102 @@
+"""Presenter and audience in two browsers; the picture that they save, their maps and grids."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from support.chromium import looking, until
+from support.made_up_session import MadeUpSession
+from support.page_server import Served, wait_for_command
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+NEAR = {"type": "Point", "coordinates": [-3.73, 40.45]}
+"""The site of the made-up session."""
+
+
+def test_the_audience_sees_and_does_what_the_presenter_gives(
+    browser: Browser, page: Page, served: Served, stage: MadeUpSession
+) -> None:
+    with looking(browser, f"{served.url}audience/") as other:
+        truth = other.get_by_role("button", name="Truth")
+        pause = other.get_by_role("button", name="Pause").first
+        assert truth.is_disabled()
+        assert pause.is_disabled()
+        assert other.evaluate("document.getElementById('sensor-form').inert")
+        until(other, "document.getElementById('total-drones').textContent === '–'")
+        other.get_by_text("has not given the audience the controls").first.wait_for()
+        page.get_by_role("button", name="Cards").click()
+        page.get_by_role("checkbox", name="Audience").check()
+        page.keyboard.press("Escape")
+        assert page.get_by_label("Its address").input_value() == f"{served.url}audience/"
+        page.get_by_role("checkbox", name="It may use the controls").check()
+        until(other, "!document.getElementById('pause').disabled")
+        pause.click()
+        wait_for_command(other, stage, {"clock": {"paused": True}})
+        page.get_by_role("checkbox", name="It may see the truth").check()
+        until(other, "!document.getElementById('truth').disabled")
+        truth.click()
+        until(other, "plotfeed.picture.drones !== null")
+        page.get_by_role("checkbox", name="It may see the truth").uncheck()
+        until(other, "plotfeed.picture.drones === null")
+        assert truth.is_disabled()
+        done = page.get_by_label("Actions, the newest first")
+        for who, what in (
+            ("presenter 1", "audience: controls"),
+            ("audience 1", "clock: paused"),
+            ("presenter 1", "audience: truth false"),
+        ):
+            done.get_by_text(f"{who} {what}").last.wait_for()
+
+
+def test_the_picture_is_saved_as_it_is(page: Page) -> None:
+    with page.expect_download() as saving:
+        page.get_by_role("button", name="PNG").click()
+    assert saving.value.suggested_filename.startswith("plotfeed-road-")
+    data = Path(saving.value.path()).read_bytes()
+    assert data.startswith(b"\x89PNG\r\n\x1a\n")
+    width, height = struct.unpack(">II", data[16:24])
+    canvas = "[document.getElementById('screen').width, document.getElementById('screen').height]"
+    wide, high = page.evaluate(canvas)
+    assert width == wide
+    assert high < height < high + 100
+
+
+def test_a_map_of_ones_own_lies_where_it_is_and_what_is_none_is_told(page: Page) -> None:
+    named = {"type": "Feature", "geometry": NEAR, "properties": {"name": "Here"}}
+
+    def choose(content: object) -> None:
+        text = content if isinstance(content, str) else json.dumps(content)
+        file = {"name": "mine.geojson", "mimeType": "application/json", "buffer": text.encode()}
+        page.get_by_label("Own map").set_input_files(file)  # type: ignore[arg-type]
+
+    page.get_by_role("button", name="Zoom in").click(click_count=3)
+    choose(named)
+    page.get_by_text("Map: mine.geojson").wait_for()
+    until(page, "plotfeed.display.placed.some((p) => p[4] === 'Here')")
+    left, top, right, bottom = page.evaluate(
+        "plotfeed.display.placed.find((p) => p[4] === 'Here').slice(0, 4)"
+    )
+    x, y = page.evaluate("[plotfeed.display.view.x(0), plotfeed.display.view.y(0)]")
+    assert left - 120 < x < right + 120
+    assert top - 60 < y < bottom + 60
+    choose("no JSON")
+    page.get_by_text("mine.geojson: expected GeoJSON").wait_for()
+    choose({"type": "Point", "coordinates": [400, 95]})
+    page.get_by_text("expected longitudes and latitudes").wait_for()
+    choose({"type": "Topology"})
+    page.get_by_text("expected a GeoJSON geometry").wait_for()
+
+
+def test_the_grid_has_squares_in_place_of_rings(page: Page) -> None:
+    words = "plotfeed.display.placed.map((p) => p[4])"
+    until(page, f"{words}.includes('090°')")
+    page.get_by_label("Grid").select_option("squares")
+    until(page, f"{words}.some((w) => w.endsWith(' E')) && !{words}.includes('090°')")
+    page.locator("#scale").get_by_text("squares ").wait_for()
+    page.get_by_label("Grid").select_option("none")
+    until(page, f"!{words}.some((w) => w.endsWith(' E') || w.endsWith('°'))")
