@@ -50,7 +50,7 @@ ENDED: Fate
 STALE: Fate
 
 class Telemetry(_message.Message):
-    __slots__ = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference", "velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s", "horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s", "rcs_m2", "sound_power_db", "emitters")
+    __slots__ = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference", "velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s", "horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s", "rcs_m2", "sound_power_db", "emitters", "target_class", "size_m")
     TIME_UTC_FIELD_NUMBER: _ClassVar[int]
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
     LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -65,6 +65,8 @@ class Telemetry(_message.Message):
     RCS_M2_FIELD_NUMBER: _ClassVar[int]
     SOUND_POWER_DB_FIELD_NUMBER: _ClassVar[int]
     EMITTERS_FIELD_NUMBER: _ClassVar[int]
+    TARGET_CLASS_FIELD_NUMBER: _ClassVar[int]
+    SIZE_M_FIELD_NUMBER: _ClassVar[int]
     time_utc: _timestamp_pb2.Timestamp
     latitude_deg: float
     longitude_deg: float
@@ -79,7 +81,9 @@ class Telemetry(_message.Message):
     rcs_m2: float
     sound_power_db: float
     emitters: _containers.RepeatedCompositeFieldContainer[Emitter]
-    def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_reference: _Optional[_Union[AltitudeReference, str]] = ..., velocity_east_m_s: _Optional[float] = ..., velocity_north_m_s: _Optional[float] = ..., velocity_up_m_s: _Optional[float] = ..., horizontal_accuracy_m: _Optional[float] = ..., vertical_accuracy_m: _Optional[float] = ..., velocity_accuracy_m_s: _Optional[float] = ..., rcs_m2: _Optional[float] = ..., sound_power_db: _Optional[float] = ..., emitters: _Optional[_Iterable[_Union[Emitter, _Mapping]]] = ...) -> None: ...
+    target_class: str
+    size_m: float
+    def __init__(self, time_utc: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_reference: _Optional[_Union[AltitudeReference, str]] = ..., velocity_east_m_s: _Optional[float] = ..., velocity_north_m_s: _Optional[float] = ..., velocity_up_m_s: _Optional[float] = ..., horizontal_accuracy_m: _Optional[float] = ..., vertical_accuracy_m: _Optional[float] = ..., velocity_accuracy_m_s: _Optional[float] = ..., rcs_m2: _Optional[float] = ..., sound_power_db: _Optional[float] = ..., emitters: _Optional[_Iterable[_Union[Emitter, _Mapping]]] = ..., target_class: _Optional[str] = ..., size_m: _Optional[float] = ...) -> None: ...
 
 class Emitter(_message.Message):
     __slots__ = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")

@@ -121,6 +121,8 @@ def sent_elsewhere(scene: Scene, settings: NamedDestinations) -> Iterator[str]:
         yield f"{', '.join(without_secrets(http.url) for http in scene.http)} (--http)"
     if scene.websocket:
         yield "the ports of its WebSockets"
+    if scene.remote_id_service:
+        yield "the ports of its services of Remote ID"
     if scene.sapient.middleware is not None and settings.middleware is None:
         yield f"the middleware {scene.sapient.middleware} (--middleware)"
 
@@ -169,6 +171,8 @@ def _destinations(to: Outgoing) -> Iterator[tuple[str, str]]:
         yield "HTTP", f"{without_secrets(http.url)} ({_of(http)})"
     for websocket in to.websocket:
         yield "WebSocket", f"ws://{websocket.host}:{websocket.port} ({_of(websocket)})"
+    for service in to.remote_id_service:
+        yield "Remote ID", f"http://{service.host}:{service.port}/uss/flights ({_of(service)})"
 
 
 def _of(to: TrackDestination) -> str:

@@ -123,7 +123,8 @@ class PageObserver(Observer):
     def _look_at(self, session: RunningSession) -> None:
         now_ns = session.clock.now_ns()
         trajectories = session.trajectories
-        self._view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
+        state, classes = trajectories.state_at(now_ns), trajectories.signatures.target_class
+        self._view.truth(now_ns, state, trajectories.names, classes)
         self._view.totals(session.totals)
         self._marks.look_at(session)
         if session.totals.last_refusal != self._refusal:

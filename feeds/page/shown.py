@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import Floats, Ints, Plots, TruthState
+from plotfeed.models.state import DRONE, Floats, Ints, Plots, Texts, TruthState
 from plotfeed.proto.units import decibels
 
 SHOWN_AFTER_NS = 30_000_000_000
@@ -27,16 +27,24 @@ class Drones:
 
     def __init__(self, site: LocalFrame) -> None:
         self.names: Sequence[str] = ()
+        self.classes: dict[str, str] = {}
+        """Of those that are no drones, by index."""
         self.changed = False
-        """Whether there is a name that was not told."""
+        """Whether there is a name or a class that was not told."""
         self._site = site
         self._told: Sequence[str] = ()
         self._seen_utc_ns = np.zeros(0, np.int64)
         self._enu: Floats = np.zeros((0, 5))
         self._now_ns = 0
 
-    def take(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
-        """Take drones that are there now; `names` are of all, by index.
+    def take(
+        self,
+        now_utc_ns: int,
+        state: TruthState,
+        names: Sequence[str],
+        target_class: Texts | None = None,
+    ) -> None:
+        """Take drones that are there now; `names` are of all, by index, and so are classes.
 
         Where a name changes, that is another list; one may grow as it is.
         """
@@ -50,11 +58,18 @@ class Drones:
         if more > 0:
             self._seen_utc_ns = np.concatenate([self._seen_utc_ns, np.zeros(more, np.int64)])
             self._enu = np.concatenate([self._enu, np.zeros((more, 5))])
+        classes = {} if target_class is None else _no_drones(target_class[: len(names)])
+        if classes != self.classes:
+            self.classes, self.changed = classes, True
         self._now_ns = now_utc_ns
         self._seen_utc_ns[state.drone] = now_utc_ns
         self._enu[state.drone, :3] = self._site.from_ecef(state.position_ecef_m)
         velocity = self._site.rotate_from_ecef(state.velocity_ecef_m_s)
         self._enu[state.drone, 3:] = velocity[:, :2]
+
+    def news(self) -> dict[str, Any]:
+        """Names, and classes of those that are no drones."""
+        return {"drones": list(self.names), "classes": self.classes}
 
     def section(self) -> bytes:
         """The section of all drones; one that is there has been gone for 0 ms."""
@@ -70,6 +85,11 @@ class Drones:
         return section(
             SectionKind.DRONES, {"drone": shown, "gone_ms": gone_ns[shown] / 1e6, **columns}
         )
+
+
+def _no_drones(target_class: Texts) -> dict[str, str]:
+    others = np.flatnonzero(target_class != DRONE).tolist()
+    return {str(number): str(target_class[number]) for number in others}
 
 
 KEPT_NS = 60_000_000_000

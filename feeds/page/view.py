@@ -34,7 +34,7 @@ from plotfeed.feeds.page.updates import (
 )
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.state import Looks, Plots, TruthState
+from plotfeed.models.state import Looks, Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 MAX_REASON = 300
@@ -147,9 +147,15 @@ class View:
         if first_utc_ns is not None:
             self._rates.plots(number, len(report.plots))
 
-    def truth(self, now_utc_ns: int, state: TruthState, names: Sequence[str]) -> None:
-        """Take where the drones are now; ten times a second is enough."""
-        self._drones.take(now_utc_ns, state, names)
+    def truth(
+        self,
+        now_utc_ns: int,
+        state: TruthState,
+        names: Sequence[str],
+        target_class: Texts | None = None,
+    ) -> None:
+        """Take where the drones are now, and what each is; ten times a second is enough."""
+        self._drones.take(now_utc_ns, state, names, target_class)
 
     def settings(
         self,
@@ -257,7 +263,7 @@ class View:
         if seconds:
             told["seconds"] = seconds
         head, marks = header(self._number, now_utc_ns), public_plots + public_tracks
-        names = {"drones": list(self._drones.names)} if self._drones.changed else {}
+        names = self._drones.news() if self._drones.changed else {}
         self._drones.changed = False
         truth = _news(names, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
         return Update(head + _news(told) + marks, truth, False, _audience(head, told, marks))
@@ -270,7 +276,7 @@ class View:
             header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT),
             plots + self._tracks.snapshot(),
         )
-        names = _news({"drones": list(self._drones.names)}, SectionKind.TRUE_NEWS)
+        names = _news(self._drones.news(), SectionKind.TRUE_NEWS)
         return Update(
             head + _news(told) + marks,
             names + plot_truths + self._drones.section(),

@@ -20,6 +20,7 @@ from plotfeed.feeds.scene.source_keys import TelemetrySource
 from plotfeed.feeds.scene.track_output_keys import (
     HttpDestination,
     QueuedDestination,
+    RemoteIdService,
     TakServer,
     WebSocketKeys,
 )
@@ -46,6 +47,7 @@ class Outgoing:
     tak: tuple[TakServer, ...] = ()
     http: tuple[HttpDestination, ...] = ()
     websocket: tuple[WebSocketKeys, ...] = ()
+    remote_id_service: tuple[RemoteIdService, ...] = ()
     middleware: str | None = None
     """HOST:PORT of a SAPIENT middleware."""
     sources: tuple[TelemetrySource, ...] = ()
@@ -64,13 +66,14 @@ class DestinationTables(SceneTable):
     tak: Annotated[tuple[TakServer, ...], Field(strict=False)] = ()
     http: Annotated[tuple[HttpDestination, ...], Field(strict=False)] = ()
     websocket: Annotated[tuple[WebSocketKeys, ...], Field(strict=False)] = ()
+    remote_id_service: Annotated[tuple[RemoteIdService, ...], Field(strict=False)] = ()
 
     def check_senders(self, reports: Mapping[str, Sequence[str]]) -> None:
         """Raise `ValueError` if a destination names no sensor, or one that has nothing for it.
 
         `reports` are the formats of whoever sends, by name.
         """
-        for kind in ("udp", "tak", "http", "websocket"):
+        for kind in DestinationTables.model_fields:
             for n, each in enumerate(getattr(self, kind)):
                 for name in each.sensors:
                     if name not in reports:
@@ -111,6 +114,7 @@ def outgoing_of(
         tak=_found(destinations.tak, file),
         http=_found(destinations.http, file),
         websocket=destinations.websocket,
+        remote_id_service=destinations.remote_id_service,
         middleware=sapient.middleware,
         sources=sources,
     )

@@ -13,7 +13,14 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
-from plotfeed.feeds.scene.fields import Latitude, Longitude, Positive, SceneTable, split_address
+from plotfeed.feeds.scene.fields import (
+    Latitude,
+    Longitude,
+    Name,
+    Positive,
+    SceneTable,
+    split_address,
+)
 
 LOOPBACK_4 = "127.0.0.1"
 USUAL_BAUD = 57_600
@@ -176,7 +183,11 @@ class TelemetrySource(SceneTable):
     drone: Annotated[str, Field(min_length=1, max_length=64)] | None = None
     """What drones are called, with fields in braces, such as mav-{system}."""
     rcs_m2: Positive | None = None
-    """Of its drones; without it, telemetry.rcs_m2."""
+    """Of all that it tells of; without it, of aircraft by their categories, else
+    telemetry.rcs_m2."""
+    target_class: Name | None = None
+    """What they are to sensors that recognise them; without it, aircraft where they say so by
+    ADS-B, else drone."""
     altitude: Literal["mean_sea_level", "above_takeoff"] = "mean_sea_level"
     """Which of an autopilot's altitudes is taken: above the sea, or above home."""
     qnh_hpa: Annotated[float, Field(ge=850, le=1100)] | None = None

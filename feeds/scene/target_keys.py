@@ -61,7 +61,7 @@ class TargetKeys(SceneTable):
     """A [[target]]: how radars see all drones of a class, scripted or from telemetry."""
 
     target_class: Name = DRONE
-    """Of the drones that this is about; those that state none, and telemetry's, are drone."""
+    """Of the drones that this is about; those that state none are drone."""
     swerling: Swerling | None = None
     """Fluctuation: 0 none, 1 and 3 from scan to scan, 2 and 4 from look to look; 3 and 4 are of
     one strong part and weak ones. Without it, 1, and 2 for a radar of several transmitters."""
@@ -88,6 +88,19 @@ def _of_distinct_classes(targets: tuple[TargetKeys, ...]) -> tuple[TargetKeys, .
 Targets = Annotated[
     tuple[TargetKeys, ...], Field(strict=False), AfterValidator(_of_distinct_classes)
 ]
+
+
+class EchoesByClass:
+    """Echoes of drones by their classes, as the [[target]] of a scene state them."""
+
+    def __init__(self, targets: Sequence[TargetKeys]) -> None:
+        self._numbers = {keys.target_class: n for n, keys in enumerate(targets)}
+        self._echoes = TargetEchoes.of([*(keys.echo(None) for keys in targets), None])
+
+    def of(self, classes: Sequence[str]) -> TargetEchoes:
+        """Echoes of drones of those classes, in their order; none of a class that none names."""
+        numbers = [self._numbers.get(name, -1) for name in classes]
+        return self._echoes.rows(np.array(numbers, np.int64))
 
 
 def echoes_of(

@@ -146,3 +146,20 @@ class WebSocketKeys(TrackDestination):
     def format(self) -> str:
         """Format that it carries."""
         return self.carries
+
+
+class RemoteIdService(TrackDestination):
+    """A [[remote_id_service]] of the scene: where others ask for tracks as network Remote ID."""
+
+    host: Literal["127.0.0.1", "::1", "0.0.0.0", "::"] = "127.0.0.1"  # noqa: S104 - if asked for
+    """Address to listen on; the last two let in who can reach this machine."""
+    port: Annotated[int, Field(ge=1, le=65535)]
+    """To listen on."""
+    token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
+    """Which bearer token whoever asks must send: NAME is that in the environment variable
+    PLOTFEED_HTTP_TOKEN_NAME; without this key all who reach the port are answered."""
+
+    @property
+    def format(self) -> str:
+        """Flights of ASTM F3411."""
+        return "f3411"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, Broker
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import OnMessage
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.feeds.transport.tak import TakTransport
@@ -87,17 +88,23 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
     return BrokerAddress.parse(url, versions=VERSIONS[scene.mqtt.version], access=access)
 
 
-TrackTransport = TakTransport | HttpTransport | WebSocketTransport
+TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport
 
 
-def of_tracks(to: Outgoing) -> list[tuple[TrackDestination, TrackTransport]]:
-    """What carries tracks to servers and maps, with its keys; raises `PlotfeedError`."""
+def of_tracks(
+    to: Outgoing, now_utc_ns: Callable[[], int]
+) -> list[tuple[TrackDestination, TrackTransport]]:
+    """What carries tracks to servers, maps and who asks, with its keys; raises `PlotfeedError`."""
     return [
         *((keys, TakTransport(keys, f"tak[{i}]")) for i, keys in enumerate(to.tak)),
         *((keys, HttpTransport(keys, f"http[{i}]")) for i, keys in enumerate(to.http)),
         *(
             (keys, WebSocketTransport(keys, f"websocket[{i}]"))
             for i, keys in enumerate(to.websocket)
+        ),
+        *(
+            (keys, RemoteIdTransport(keys, now_utc_ns, f"remote_id_service[{i}]"))
+            for i, keys in enumerate(to.remote_id_service)
         ),
     ]
 
@@ -109,7 +116,7 @@ class Outputs:
         observers = context.observers
         to = context.scene.outgoing.udp
         self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
-        self._of_tracks = of_tracks(context.scene.outgoing)
+        self._of_tracks = of_tracks(context.scene.outgoing, context.clock.now_ns)
         self.connected: list[KeptUp] = []
         """All that have to be kept up, the links to brokers first, then those that others share."""
         self.brokers: list[MqttTransport] = []

@@ -37,6 +37,7 @@ OPTIONAL_FIELDS = (
     "velocity_accuracy_m_s",
     "rcs_m2",
     "sound_power_db",
+    "size_m",
 )
 EMITTER_FIELDS = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")
 
@@ -194,6 +195,7 @@ def _report(message: pb.Telemetry) -> PositionReport:
         emitters=tuple(
             Emitter(**{name: getattr(e, name) for name in EMITTER_FIELDS}) for e in message.emitters
         ),
+        target_class=message.target_class,
     )
 
 
@@ -237,6 +239,7 @@ def _message(report: PositionReport) -> pb.Telemetry:
         longitude_deg=report.longitude_deg,
         altitude_m=report.altitude_m,
         altitude_reference=_REFERENCE_TO_PB[report.altitude_reference],
+        target_class=report.target_class,
     )
     message.time_utc.seconds, message.time_utc.nanos = divmod(report.t_utc_ns, NS)
     for name in OPTIONAL_FIELDS:

@@ -27,6 +27,7 @@ from plotfeed.feeds.telemetry.position_report import (
     LIMITS,
     MAX_SPEED_M_S,
     PositionReport,
+    is_class,
 )
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -48,7 +49,9 @@ class ReportRow(NamedTuple):
     sigma_m: float
     rcs_m2: float
     sound_power_db: float
+    size_m: float
     emitters: tuple[Emitter, ...]
+    target_class: str
 
     @classmethod
     def of(cls, report: PositionReport) -> ReportRow:
@@ -64,7 +67,9 @@ class ReportRow(NamedTuple):
             max((a for a in accuracies if a is not None), default=nan),
             nan if report.rcs_m2 is None else report.rcs_m2,
             nan if report.sound_power_db is None else report.sound_power_db,
+            nan if report.size_m is None else report.size_m,
             report.emitters,
+            report.target_class,
         )
 
 
@@ -107,20 +112,24 @@ def _of_protobuf(payload: bytes) -> ReportRow | None:
     east, north = message.velocity_east_m_s, message.velocity_north_m_s
     up = message.velocity_up_m_s
     horizontal, vertical = message.horizontal_accuracy_m, message.vertical_accuracy_m
-    rcs_m2, sound_power_db = message.rcs_m2, message.sound_power_db
+    rcs_m2, sound_power_db, size_m = message.rcs_m2, message.sound_power_db, message.size_m
     if not (
         0.0 <= horizontal < inf
         and 0.0 <= vertical < inf
         and 0.0 <= message.velocity_accuracy_m_s < inf
         and 0.0 <= rcs_m2 < inf
+        and 0.0 <= size_m < inf
         and -inf < sound_power_db < inf
         and east * east + north * north + up * up < SURELY_TAKEN_M2_S2
     ):
         return None
-    if not rcs_m2:
-        if has("rcs_m2"):
+    if not rcs_m2 or not size_m:
+        if (not rcs_m2 and has("rcs_m2")) or (not size_m and has("size_m")):
             return None
-        rcs_m2 = nan
+        rcs_m2, size_m = rcs_m2 or nan, size_m or nan
+    target_class = message.target_class
+    if target_class and not is_class(target_class):
+        return None
     sigma_m = max(horizontal, vertical)
     if not sigma_m and not has("horizontal_accuracy_m") and not has("vertical_accuracy_m"):
         sigma_m = nan
@@ -140,16 +149,18 @@ def _of_protobuf(payload: bytes) -> ReportRow | None:
         sigma_m,
         rcs_m2,
         sound_power_db if sound_power_db or has("sound_power_db") else nan,
+        size_m,
         tuple([_emitter(*[getattr(e, n) for n in EMITTER_FIELDS]) for e in emitters])
         if emitters
         else (),
+        target_class,
     )
 
 
 def _fields(message: Any) -> dict[str, tuple[str, type]]:
     """Names and types of a message's fields, by either spelling that JSON may have."""
     others: dict[str, type] = {"time_utc": str, "altitude_reference": str, "emitters": list}
-    others |= {"kind": str, "identity": str}
+    others |= {"kind": str, "identity": str, "target_class": str}
     return {
         spelling: (field.name, others.get(field.name, float))
         for field in message.DESCRIPTOR.fields
@@ -186,12 +197,15 @@ def _of_json(payload: bytes) -> ReportRow | None:
     up = get("velocity_up_m_s", nan)
     horizontal, vertical = get("horizontal_accuracy_m", nan), get("vertical_accuracy_m", nan)
     rcs_m2, sound_power_db = get("rcs_m2", nan), get("sound_power_db", nan)
+    size_m, target_class = get("size_m", nan), get("target_class", "")
     # What is stated is never NaN here; what is too large for a number is infinite.
     if (
         sum([v * v for v in (east, north, up) if v == v]) >= SURELY_TAKEN_M2_S2  # noqa: PLR0124
         or not all(0.0 <= values[name] < inf for name in values.keys() & NOT_NEGATIVE)
         or rcs_m2 <= 0.0
-        or inf in (rcs_m2, abs(sound_power_db))
+        or size_m <= 0.0
+        or inf in (rcs_m2, size_m, abs(sound_power_db))
+        or not is_class(target_class)
     ):
         return None
     return _row(
@@ -206,7 +220,9 @@ def _of_json(payload: bytes) -> ReportRow | None:
         vertical if vertical > horizontal or horizontal != horizontal else horizontal,  # noqa: PLR0124
         rcs_m2,
         sound_power_db,
+        size_m,
         _emitters_of_pairs(values["emitters"]) if "emitters" in values else (),
+        target_class,
     )
 
 

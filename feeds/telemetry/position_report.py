@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,9 @@ LIMITS = {
     "sound_power_db": (-math.inf, math.inf),
 }
 """Least and greatest value taken, both included."""
+POSITIVE = ("rcs_m2", "size_m")
+"""Values of which none is 0 or less."""
+CLASS_NAMES = "1 to 64 printable characters without space, /, + and #"
 
 MAX_DETAIL = 300
 """Characters of a refusal's text: it quotes what others sent."""
@@ -89,6 +93,15 @@ class PositionReport:
     rcs_m2: float | None = None
     sound_power_db: float | None = None
     emitters: tuple[Emitter, ...] = ()
+    target_class: str = ""
+    """What it is to sensors that recognise it; empty where nobody says it."""
+    size_m: float | None = None
+
+
+@lru_cache(maxsize=256)
+def is_class(name: str) -> bool:
+    """Whether that names a class as scenes may, or is empty."""
+    return len(name) <= 64 and name.isprintable() and not any(c in name for c in "/+# ")
 
 
 def check(report: PositionReport) -> None:
@@ -100,8 +113,12 @@ def check(report: PositionReport) -> None:
         value = getattr(report, name)
         if value is not None:
             _check_value(name, value, least, greatest)
-    if report.rcs_m2 is not None:
-        _check_positive("rcs_m2", report.rcs_m2)
+    for name in POSITIVE:
+        if (value := getattr(report, name)) is not None:
+            _check_positive(name, value)
+    if not is_class(report.target_class):
+        detail = f"target_class is {report.target_class!a}; expected {CLASS_NAMES}"
+        raise Refused(Reason.NAME, detail)
     for emitter in report.emitters:
         _check_emitter(emitter)
     if report.velocity_enu_m_s is not None:

@@ -13,7 +13,7 @@ from google.protobuf import json_format
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.scene.target_keys import echoes_of
+from plotfeed.feeds.scene.target_keys import EchoesByClass
 from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
@@ -91,8 +91,8 @@ class TelemetryReceiver:
         self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._size_m = settings.size_m
-        self._echoes = echoes_of(scene.target, DRONE) if scene.target else None
         self._scripted = frozenset((*scene.fleet.names, *scene.fleet.waiting_names))
+        self._echoes = EchoesByClass(scene.target) if scene.target else None
         self._trajectories = trajectories
         self._welcome, self._part_with = welcome, part_with
         self._published_in_second = (0, 0)
@@ -184,17 +184,18 @@ class TelemetryReceiver:
         return needed
 
     def _add(self, names: Sequence[str], rows: Sequence[ReportRow], starts: Sequence[int]) -> None:
-        t, latitude, longitude, altitude, references, *velocity, sigma, rcs, sound, emitters = zip(
-            *rows, strict=True
-        )
-        rcs_m2, sound_power_db = np.array(rcs), np.array(sound)
+        columns = zip(*rows, strict=True)
+        t, latitude, longitude, altitude, references, east, north, up, *others = columns
+        sigma, rcs, sound, size, emitters, said = others
+        rcs_m2, sound_power_db, size_m = np.array(rcs), np.array(sound), np.array(size)
+        classes = [name or DRONE for name in said] if any(said) else None
         self._trajectories.add_samples(
             names,
             np.array(t, np.int64),
             latitude_deg=np.array(latitude),
             longitude_deg=np.array(longitude),
             height_m=self._datum.heights_m(latitude, longitude, altitude, references),
-            velocity_enu_m_s=np.array(velocity).T,
+            velocity_enu_m_s=np.array((east, north, up)).T,
             sigma_m=np.array(sigma),
             signatures=Signatures(
                 rcs_m2=np.where(np.isnan(rcs_m2), self._rcs_m2, rcs_m2),
@@ -202,8 +203,9 @@ class TelemetryReceiver:
                     np.isnan(sound_power_db), self._sound_power_db, sound_power_db
                 ),
                 emitters=emitters,
-                size_m=np.full(len(rcs_m2), self._size_m),
-                echoes=self._echoes and self._echoes.rows(np.zeros(len(rcs_m2), np.int64)),
+                size_m=np.where(np.isnan(size_m), self._size_m, size_m),
+                target_class=None if classes is None else np.array(classes, np.object_),
+                echoes=self._echoes and self._echoes.of(classes or [DRONE] * len(rows)),
             ),
             starts=starts,
         )

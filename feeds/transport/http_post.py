@@ -49,7 +49,7 @@ class HttpTransport(QueuedTransport):
         target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
         lines = [f"POST {target} HTTP/1.1", f"Host: {parts.netloc}", "User-Agent: plotfeed"]
         if settings.token is not None:
-            token = _token(settings.token, f"{key}.token", environment)
+            token = token_of(settings.token, f"{key}.token", environment)
             lines.append(f"Authorization: Bearer {token}")
         self._head = "".join(f"{line}\r\n" for line in lines).encode()
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
@@ -124,8 +124,8 @@ async def _answer_head(reader: asyncio.StreamReader) -> tuple[int, dict[str, str
     return int(found[1]), {name.strip().lower(): value.strip() for name, _, value in pairs}
 
 
-def _token(name: str, key: str, environment: Mapping[str, str]) -> str:
-    """The token of that name; raises `AccessError`, which does not show it."""
+def token_of(name: str, key: str, environment: Mapping[str, str]) -> str:
+    """The token of that name in the environment; raises `AccessError`, which does not show it."""
     variable = f"{TOKEN_VARIABLE}{name}"
     token = environment.get(variable)
     if not token:

@@ -7,7 +7,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from plotfeed.feeds.scene.source_keys import KINDS, SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
@@ -58,6 +58,8 @@ class LiveSource:
         self.address = settings.address
         self.name = str(self.address)
         self._settings = settings
+        stated = {"rcs_m2": settings.rcs_m2, "target_class": settings.target_class}
+        self._stated: dict[str, Any] = {k: v for k, v in stated.items() if v is not None}
         self._now_utc_ns, self._take, self._refuse = now_utc_ns, take, refuse
         self._listener = listener_of(settings)
         self._octets: _Octets
@@ -95,14 +97,12 @@ class LiveSource:
 
     def octets(self, peer: str, data: bytes) -> None:
         """Hand on the reports in what a peer has sent."""
-        rcs_m2 = self._settings.rcs_m2
         for heard in self._listener.hear(peer, data, self._now_utc_ns()):
             if isinstance(heard.said, Refused):
                 self._refuse(heard.drone, heard.said)
-            elif rcs_m2 is None:
-                self._take(heard.drone, heard.said)
             else:
-                self._take(heard.drone, replace(heard.said, rcs_m2=rcs_m2))
+                said = replace(heard.said, **self._stated) if self._stated else heard.said
+                self._take(heard.drone, said)
         for note in self._listener.notes():
             log.warning("%s: %s", self.name, note)
 

@@ -57,7 +57,24 @@ def location_fix(text: str) -> dict[str, Any]:
     return {"name": schema.name, "unknown": sorted(json.loads(text).keys() - fields)}
 
 
-READERS = {"cot": cot, "f3411": f3411, "location-fix": location_fix}
+def display_data(text: str) -> dict[str, Any]:
+    """What a display shows, as InterUSS parses what it observes."""
+    from implicitdict import ImplicitDict
+    from uas_standards.interuss.automated_testing.rid.v1.observation import GetDisplayDataResponse
+
+    found = ImplicitDict.parse(json.loads(text), GetDisplayDataResponse)
+    return {
+        "flights": [flight.id for flight in found.flights],
+        "clusters": [cluster.number_of_flights for cluster in found.clusters],
+    }
+
+
+READERS = {
+    "cot": cot,
+    "f3411": f3411,
+    "display-data": display_data,
+    "location-fix": location_fix,
+}
 
 if __name__ == "__main__":
     for line in sys.stdin:

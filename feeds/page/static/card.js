@@ -67,13 +67,14 @@ function describeTrack(track, nowMs) {
   };
 }
 
-function describeDrone({ drones, droneNames }, drone, nowMs) {
+function describeDrone({ drones, droneNames, droneClasses }, drone, nowMs) {
   const i = drones ? Array.prototype.indexOf.call(drones.drone, drone) : -1;
   if (i < 0) return null;
   const [east, north] = dronePlace(drones, i, nowMs), gone = drones.gone_ms[i];
   const speed = Math.hypot(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]);
+  const kind = droneClasses[drone] ?? "drone";
   return {
-    title: `Drone ${droneNames[drone] ?? drone}`,
+    title: `${kind[0].toUpperCase()}${kind.slice(1)} ${droneNames[drone] ?? drone}`,
     rows: [
       ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
       ["Above site", fixed(drones.up_m[i], 0, " m")],

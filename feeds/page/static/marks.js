@@ -178,7 +178,7 @@ function stampDrones(pixels, context, drones, seen) {
   }
 }
 
-function drawDrones(context, { drones, droneNames }, seen, { layers }, labels) {
+function drawDrones(context, { drones, droneNames, droneClasses }, seen, { layers }, labels) {
   const length = 7 * size;
   context.lineWidth = 1.3;
   context.strokeStyle = colours.truth;
@@ -191,7 +191,8 @@ function drawDrones(context, { drones, droneNames }, seen, { layers }, labels) {
   if (!layers.labels || seen.length > MOST_LABELS) return;
   for (const [, x, y] of seen) labels.block(x, y, 0.8 * length);
   for (const [i, x, y] of seen) {
-    const gone = drones.gone_ms[i], name = droneNames[drones.drone[i]] ?? "";
+    const gone = drones.gone_ms[i], number = drones.drone[i], what = droneClasses[number];
+    const name = (droneNames[number] ?? "") + (what ? ` (${what})` : "");
     labels.beside(gone > 0 ? `${name} gone ${Math.round(gone / 1000)} s` : name, x, y, colours.ink, { size });
   }
 }

@@ -109,6 +109,7 @@ export class Picture {
   lost = new Plots();
   drones = null; // columns, with rows
   droneNames = [];
+  droneClasses = {}; // of those that are no drones, by number
   tracks = new Map();
   news = {};
   seconds = [];
@@ -136,7 +137,7 @@ export class Picture {
 
   #takeSection({ kind, news, rows, first, columns }, frame, at, changed) {
     if (kind === Kind.NEWS) this.#takeNews(news, changed);
-    else if (kind === Kind.TRUE_NEWS) this.droneNames = news.drones ?? this.droneNames;
+    else if (kind === Kind.TRUE_NEWS) [this.droneNames, this.droneClasses] = [news.drones ?? this.droneNames, news.classes ?? this.droneClasses];
     else if (kind === Kind.PLOTS) this.plots.add(columns, rows, first);
     else if (kind === Kind.PLOT_TRUTHS) this.plots.addTruths(columns, rows, first);
     else if (kind === Kind.LOST_PLOTS) this.lost.add(columns, rows, 0);
@@ -175,6 +176,7 @@ export class Picture {
     this.lost.clear();
     this.drones = null;
     this.droneNames = [];
+    this.droneClasses = {};
     this.tracks.clear();
     this.news = {};
     this.seconds = [];

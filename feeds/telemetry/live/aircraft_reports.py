@@ -6,6 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from plotfeed.feeds.telemetry.live.aircraft_kinds import (
+    OF_CATEGORY,
+    OF_EMITTER_021,
+    SMALL,
+    AircraftKind,
+    as_reported,
+)
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
@@ -32,41 +39,6 @@ MAX_LINE_OCTETS = 1024
 STANDARD_HPA = 1013.25
 METRES_PER_HPA = 8.23
 """At sea level in the standard atmosphere."""
-RCS_M2 = {
-    "light": 1.0,
-    "small": 2.0,
-    "large": 20.0,
-    "heavy": 100.0,
-    "fast": 6.0,
-    "rotorcraft": 3.0,
-    "glider": 0.5,
-    "unmanned": None,
-}
-"""By kind: Skolnik, Introduction to Radar Systems, 3rd edition, table 2.2; a glider is assumed."""
-_OF_CATEGORY = {
-    "A1": "light",
-    "A2": "small",
-    "A3": "large",
-    "A4": "large",
-    "A5": "heavy",
-    "A6": "fast",
-    "A7": "rotorcraft",
-    "B1": "glider",
-    "B4": "glider",
-    "B6": "unmanned",
-}
-_OF_EMITTER = {
-    1: "light",
-    2: "small",
-    3: "large",
-    4: "large",
-    5: "heavy",
-    6: "fast",
-    10: "rotorcraft",
-    11: "glider",
-    13: "unmanned",
-    16: "glider",
-}
 
 
 @dataclass(slots=True)
@@ -74,7 +46,8 @@ class _Aircraft:
     """What is remembered of one, which says one thing at a time."""
 
     callsign: str = ""
-    kind: str = ""
+    kind: AircraftKind | None = SMALL
+    """That of one that tells none is the usual one."""
     halves: dict[bool, tuple[int, CprPosition]] = field(default_factory=dict)
     place: tuple[float, float] | None = None
     place_ns: int = 0
@@ -203,7 +176,7 @@ class AircraftReports:
             aircraft.geometric_less_pressure_m = said.geometric_less_pressure_ft * FOOT_M
         else:
             aircraft.callsign = said.callsign or aircraft.callsign
-            aircraft.kind = _OF_CATEGORY.get(said.category, aircraft.kind)
+            aircraft.kind = OF_CATEGORY.get(said.category, aircraft.kind)
 
     def _hear_blocks(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """Data blocks: of a datagram, or of a stream that is cut anywhere."""
@@ -231,7 +204,7 @@ class AircraftReports:
     def _of_block(self, said: AircraftReport, now_utc_ns: int) -> HeardReport:
         aircraft = self._of(said.icao)
         aircraft.callsign = said.callsign or aircraft.callsign
-        aircraft.kind = _OF_EMITTER.get(said.emitter, aircraft.kind)
+        aircraft.kind = OF_EMITTER_021.get(said.emitter, aircraft.kind)
         velocity = said.velocity_east_m_s, said.velocity_north_m_s, said.climb_m_s
         if not all(map(math.isnan, velocity)):
             aircraft.velocity, aircraft.velocity_ns = velocity, now_utc_ns
@@ -264,7 +237,7 @@ class AircraftReports:
             altitude_m=altitude_m,
             altitude_reference=reference,
             velocity_enu_m_s=aircraft.velocity if has_velocity else None,
-            rcs_m2=RCS_M2.get(aircraft.kind, RCS_M2["small"]),
+            **as_reported(aircraft.kind),
         )
         return HeardReport.checked(name, report)
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
+from plotfeed.feeds.telemetry.live.mavlink_traffic import ADSB_VEHICLE, aircraft_in
 from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
 from plotfeed.feeds.telemetry.live.sender_clock import SenderClock
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
@@ -36,7 +37,7 @@ SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION = 2, 24, 33, 242
 ODID_BASIC_ID, ODID_LOCATION, ODID_PACK = 12900, 12901, 12915
 WANTED = frozenset(
     {SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION}
-    | {ODID_BASIC_ID, ODID_LOCATION, ODID_PACK}
+    | {ODID_BASIC_ID, ODID_LOCATION, ODID_PACK, ADSB_VEHICLE}
 )
 FIX_3D = 3
 UNKNOWN_U16 = 0xFFFF
@@ -68,7 +69,7 @@ class MavlinkReports:
     """Hears MAVLink from several peers, of each several systems, each a drone.
 
     A drone is followed by GLOBAL_POSITION_INT, what its autopilot estimates; where it sends none,
-    by GPS_RAW_INT, else by its own Remote ID. Remote ID of others that it hears is theirs.
+    by GPS_RAW_INT, else by its own Remote ID. Remote ID and ADS-B of others is theirs.
     """
 
     def __init__(self, template: str, altitude: AltitudeKind = "mean_sea_level") -> None:
@@ -91,6 +92,7 @@ class MavlinkReports:
             ODID_BASIC_ID: self._basic_id,
             ODID_LOCATION: self._location,
             ODID_PACK: self._pack,
+            ADSB_VEHICLE: lambda _peer, _system, message, now: aircraft_in(message, now),
         }
 
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:

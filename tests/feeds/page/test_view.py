@@ -294,6 +294,30 @@ def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
     assert frame.column(SectionKind.DRONES, "drone").tolist() == [1]
 
 
+def true_news(update: Update) -> list[Any]:
+    sections = frames(update)[1].sections
+    return [each.news for each in sections if each.kind == SectionKind.TRUE_NEWS]
+
+
+def test_the_class_of_what_is_no_drone_is_told_beside_the_names() -> None:
+    view = view_of_radar()
+    state = TruthState(
+        drone=np.arange(2),
+        t_utc_ns=np.full(2, road.START_NS),
+        position_ecef_m=road.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]])),
+        velocity_ecef_m_s=np.zeros((2, 3)),
+    )
+    classes = np.array(["drone", "aircraft", 0, 0], np.object_)  # with room for more
+    names = ["a", "b"]
+    view.truth(road.START_NS, state, names, classes)
+    said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}}
+    assert said in true_news(view.update(road.START_NS, 0.0))
+    view.truth(road.START_NS, state, names, classes)
+    assert said not in true_news(view.update(road.START_NS, 0.0))
+    view.truth(road.START_NS, state, names, np.array(["drone", "drone"], np.object_))
+    assert {**said, "classes": {}} in true_news(view.update(road.START_NS, 0.0))
+
+
 def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
     view = view_of_radar()
     view.report(report(plots(2), "nobody"))

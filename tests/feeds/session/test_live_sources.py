@@ -6,8 +6,10 @@ import asyncio
 import contextlib
 import json
 import math
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -222,3 +224,31 @@ def test_a_wrong_source_is_told_by_its_key(source: str, says: str) -> None:
     with pytest.raises(PlotfeedError) as error:
         scene(source)
     assert says in str(error.value)
+
+
+@pytest.mark.asyncio
+async def test_an_autopilot_that_sends_what_it_is_asked_for_is_followed() -> None:
+    common = pytest.importorskip("pymavlink.dialects.v20.common")
+    mav, asked = common.MAVLink(None, srcSystem=4, srcComponent=1), dict[int, float]()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.setblocking(False)
+        port = free_port()
+        async with session(scene(f'url = "mavlink:udp://:{port}"\nask_hz = 5')) as at_work:
+
+            def follows() -> bool:
+                said = mav.heartbeat_encode(2, 3, 0, 0, 4)
+                if 33 in asked:
+                    place = (404_500_000, -37_300_000, 750_000, 100_000)
+                    boot_ms = round(1000 * time.monotonic()) % 2**32
+                    said = mav.global_position_int_encode(boot_ms, *place, 0, 0, 0, 0)
+                autopilot.sendto(said.pack(mav), ("127.0.0.1", port))
+                with contextlib.suppress(BlockingIOError):
+                    while True:
+                        for message in mav.parse_buffer(autopilot.recv(2048)) or []:
+                            if message.get_type() == "COMMAND_LONG" and message.command == 511:
+                                asked[int(message.param1)] = message.param2
+                return at_work.totals.telemetry > 0
+
+            await until(follows)
+            assert at_work.session.trajectories.names == ["mav-4"]
+    assert asked == {33: 200_000, 24: 200_000, 2: 1_000_000, 242: 1_000_000}

@@ -84,6 +84,24 @@ async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger
 
 
 @pytest.mark.asyncio
+async def test_events_reach_a_group_as_taks_mesh_has_them() -> None:
+    stop, events = asyncio.Event(), list[bytes]()
+    with receiver("127.0.0.1", "239.2.3.77") as ears:
+        to = {"destination": place(ears), "carries": "cot", "interface": "127.0.0.1", "ttl": 0}
+        running = asyncio.create_task(session(made(udp=[to]), stop))
+
+        def have_come() -> bool:
+            events.extend(heard(ears))
+            return len(events) > 2
+
+        await until(have_come)
+        stop.set()
+        _, sent = await running
+        events.extend(heard(ears))
+    assert events == [m.payload for m in sent if m.topic.endswith("cot")]
+
+
+@pytest.mark.asyncio
 async def test_a_websocket_lets_in_pages_that_are_named_and_those_who_ask_for_this_host() -> None:
     port, stop = free_port(), asyncio.Event()
     good, bad = "http://localhost:5173", "http://evil.example"

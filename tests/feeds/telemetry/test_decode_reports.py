@@ -23,6 +23,8 @@ REPORT = PositionReport(
     altitude_reference=AltitudeReference.ELLIPSOID,
     velocity_enu_m_s=(1.0, -2.0, 0.5),
     horizontal_accuracy_m=1.5,
+    size_m=0.5,
+    target_class="aircraft",
     rcs_m2=0.01,
     emitters=(Emitter(frequency_hz=2.4e9, bandwidth_hz=2e7, eirp_dbm=20.0, kind="control"),),
 )
@@ -58,6 +60,8 @@ reports = st.builds(
     vertical_accuracy_m=non_negative,
     velocity_accuracy_m_s=non_negative,
     rcs_m2=st.none() | positive,
+    size_m=st.none() | positive,
+    target_class=st.sampled_from(["", "drone", "aircraft", "Flügel", "x" * 64]),
     sound_power_db=st.none() | st.floats(-100, 300),
     emitters=st.lists(emitters, max_size=3).map(tuple),
 )
@@ -177,6 +181,10 @@ def test_a_missing_field_is_named(name: str) -> None:
         ({"velocity_accuracy_m_s": -0.5}, Reason.OUT_OF_RANGE),
         ({"rcs_m2": 0}, Reason.OUT_OF_RANGE),
         ({"rcs_m2": -1}, Reason.OUT_OF_RANGE),
+        ({"size_m": 0}, Reason.OUT_OF_RANGE),
+        ({"target_class": "a/b"}, Reason.NAME),
+        ({"target_class": "x" * 65}, Reason.NAME),
+        ({"target_class": 5}, Reason.UNDECODABLE),
         ({"emitters": [{"frequency_hz": 0}]}, Reason.OUT_OF_RANGE),
         ({"emitters": [{"frequency_hz": 1e9, "eirp_dbm": "NaN"}]}, Reason.NOT_FINITE),
         ({"latitude_deg": "NaN"}, Reason.NOT_FINITE),

@@ -64,6 +64,8 @@ messages = st.fixed_dictionaries(
         "velocity_accuracy_m_s": number,
         "rcs_m2": number,
         "sound_power_db": number,
+        "size_m": number,
+        "target_class": st.sampled_from(["", "aircraft", "a b", "x" * 65, "\n"]),
         "emitters": st.lists(
             st.fixed_dictionaries(
                 {},
@@ -118,6 +120,7 @@ spellings = {
 }
 values = {
     "time_utc": times | st.just(FIELDS["time_utc"]) | anything,
+    "target_class": st.sampled_from(["", "aircraft", "a+b", "x" * 65, "\ud800"]) | anything,
     "altitude_reference": st.sampled_from(["ELLIPSOID", "MEAN_SEA_LEVEL", "x", 1, 2, 9]) | anything,
     "emitters": st.lists(
         st.dictionaries(
@@ -167,6 +170,8 @@ USUAL = PositionReport(
     velocity_enu_m_s=(1.0, math.nan, 0.0),
     vertical_accuracy_m=1.5,
     rcs_m2=0.01,
+    size_m=11.0,
+    target_class="aircraft",
     emitters=(Emitter(frequency_hz=2.4e9, eirp_dbm=20.0, kind="vidéo"),),
 )
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from support.scene_files import DRONE, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.scene.target_keys import EchoesByClass, TargetKeys
 from plotfeed.feeds.telemetry.position_report import Reason
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver
 from plotfeed.models.frames import ecef_to_geodetic
@@ -214,3 +216,21 @@ def test_awkward_json_is_refused(scene: Scene, payload: bytes) -> None:
     refusal = receiver.take("plotfeed/telemetry/a", payload, "application/json", NOW)
     assert refusal is not None
     assert json.loads(refusal.payload)["detail"].isprintable()
+
+
+def test_a_class_and_a_size_that_are_reported_are_those_of_the_drone(scene: Scene) -> None:
+    receiver, trajectories = make(scene)
+    said = report(-0.1, target_class="aircraft", size_m=35.8, rcs_m2=20.0)
+    assert receiver.take("t/telemetry/airliner", said, PROTOBUF, NOW) is None
+    assert receiver.take("t/telemetry/own", report(-0.1), PROTOBUF, NOW) is None
+    signatures = trajectories.signatures
+    rows = np.array([list(trajectories.names).index(name) for name in ("airliner", "own")])
+    assert signatures.target_class_of(rows).tolist() == ["aircraft", "drone"]
+    assert signatures.size_m_of(rows).tolist() == [35.8, scene.telemetry.size_m]
+    assert signatures.rcs_m2[rows].tolist() == [20.0, scene.telemetry.rcs_m2]
+
+
+def test_echoes_are_those_of_the_class_that_is_reported() -> None:
+    targets = (TargetKeys(target_class="aircraft", swerling=3), TargetKeys(swerling=1))
+    echoes = EchoesByClass(targets).of(["aircraft", "drone", "bird"])
+    assert [None if n < 0 else echoes.kinds[n].swerling for n in echoes.kind] == [3, 1, None]

@@ -13,6 +13,7 @@ from support.told_tracks import NS, RADAR, T_NS, told_tracks
 
 from plotfeed.proto.tracks.cot import cot_events
 from plotfeed.proto.tracks.geojson import location_fixes
+from plotfeed.proto.tracks.remote_id_answers import DisplayArea, KnownFlights
 from plotfeed.proto.tracks.utm_json import f3411_flights
 
 ROOT = Path(__file__).parents[3]
@@ -64,3 +65,20 @@ def test_interuss_parses_flights_of_sensors_with_heights_and_without() -> None:
 def test_foxglove_knows_every_key_of_a_location_fix() -> None:
     for answer in read("location-fix", location_fixes(TRACKS, RADAR)):
         assert answer == {"name": "foxglove.LocationFix", "unknown": []}
+
+
+def test_interuss_parses_what_a_service_of_remote_id_answers() -> None:
+    flights = KnownFlights()
+    flights.take(json.loads(f3411_flights(TRACKS, RADAR))["flights"])
+    latitude, longitude = TRACKS.latitude_deg[0], TRACKS.longitude_deg[0]
+    for size in (0.001, 0.02):
+        corners = (latitude - size, longitude - size, latitude + size, longitude + size)
+        area = DisplayArea.parse(",".join(map(str, corners)))
+        provider = flights.flights(area, T_NS, recent_s=60.0)
+        (found,) = read("f3411", [json.dumps(provider).encode()])
+        assert found["ids"] == [f"radar-{TRACKS.track[0]}"]
+        (found,) = read("display-data", [json.dumps(flights.display_data(area, T_NS)).encode()])
+        if size == 0.001:
+            assert found == {"flights": [f"radar-{TRACKS.track[0]}"], "clusters": []}
+        else:
+            assert found == {"flights": [], "clusters": [1]}

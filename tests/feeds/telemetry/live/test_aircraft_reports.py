@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plotfeed.feeds.telemetry.live.aircraft_kinds import (
+    GLIDER,
+    HEAVY,
+    LIGHT,
+    OF_EMITTER_MAVLINK,
+    ROTORCRAFT,
+)
 from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.asterix.decode_021 import read_021
 
 S = 1_000_000_000
 NOW = 1_767_225_600 * S
@@ -128,3 +137,27 @@ def test_nothing_that_comes_is_an_error(kind: str, pieces: list[bytes], now_ns: 
     listener = AircraftReports(kind, "{callsign}")
     for piece in (*pieces, b"MSG,3," + b",".join(pieces) + b"\n", beast(EVEN), beast(ODD)):
         hear(listener, piece, now_ns)
+
+
+@pytest.mark.parametrize(
+    ("emitter", "of_sensors"),
+    [
+        (0, (2.0, 14.6, "aircraft")),  # says nothing
+        (1, (1.0, 11.0, "aircraft")),
+        (5, (100.0, 60.9, "aircraft")),
+        (13, (None, None, "")),  # unmanned
+    ],
+)
+def test_an_aircraft_is_to_sensors_what_its_category_says(
+    emitter: int, of_sensors: tuple[float | None, float | None, str]
+) -> None:
+    listener = AircraftReports("asterix-021", "{icao}")
+    said = replace(read_021(A_BLOCK)[0], emitter=emitter)
+    found = report([listener._of_block(said, NOW)])
+    assert (found.rcs_m2, found.size_m, found.target_class) == of_sensors
+
+
+def test_sets_a_and_b_are_counted_through_in_mavlink() -> None:
+    # ADSB_EMITTER_TYPE of MAVLink: LIGHT 1, HEAVY 5, ROTOCRAFT 7, GLIDER 9, ULTRA_LIGHT 12, UAV 14.
+    expected = {1: LIGHT, 5: HEAVY, 7: ROTORCRAFT, 9: GLIDER, 12: GLIDER, 14: None}
+    assert expected.items() <= dict(OF_EMITTER_MAVLINK).items()

@@ -187,6 +187,47 @@ def test_its_own_remote_id_stands_in_for_an_autopilot_that_says_nothing_else() -
     report(heard)
 
 
+def traffic(**changes: int) -> bytes:
+    """An airliner at 40.5, -3.7, 3 km above the sea, to the east at 200 m/s and down at 5."""
+    fields = {
+        "icao": 0x3C6589,
+        "lat": 405_000_000,
+        "lon": -37_000_000,
+        "altitude_type": 0,
+        "altitude": 3_000_000,
+        "heading": 9000,
+        "speed": 20_000,
+        "climb": -500,
+        "callsign": b"DLH1234\0\0",
+        "emitter": 3,
+        "tslc": 1,
+        "flags": 1 | 2 | 4 | 8 | 16 | 128,
+        "squawk": 0o1234,
+    }
+    return Vehicle().says("adsb_vehicle", *(fields | changes).values())
+
+
+def test_aircraft_that_an_autopilot_hears_are_aircraft() -> None:
+    heard = hear(MavlinkReports("mav-{system}"), traffic())
+    found = report(heard)
+    assert heard[0].drone == "3c6589"
+    assert (found.latitude_deg, found.longitude_deg) == pytest.approx((40.5, -3.7))
+    assert (found.altitude_m, found.altitude_reference) == (3000, AltitudeReference.MEAN_SEA_LEVEL)
+    assert found.velocity_enu_m_s == pytest.approx((200.0, 0.0, -5.0), abs=1e-9)
+    assert found.t_utc_ns == NOW - S
+    assert (found.target_class, found.rcs_m2, found.size_m) == ("aircraft", 20.0, 35.8)
+    by_gnss = report(hear(MavlinkReports("a"), traffic(altitude_type=1, flags=1 | 2)))
+    assert by_gnss.altitude_reference is AltitudeReference.ELLIPSOID
+    assert by_gnss.velocity_enu_m_s is None
+    unmanned = report(hear(MavlinkReports("a"), traffic(emitter=14)))
+    assert (unmanned.target_class, unmanned.rcs_m2) == ("", None)
+
+
+@pytest.mark.parametrize("changes", [{"flags": 1}, {"flags": 2}, {"tslc": 6}, {"altitude_type": 7}])
+def test_an_aircraft_without_a_place_of_now_is_none(changes: dict[str, int]) -> None:
+    assert hear(MavlinkReports("a"), traffic(**changes)) == []
+
+
 def test_a_pack_is_taken_apart() -> None:
     message = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
     identity = bytes([2, 0x12]) + b"SERIAL".ljust(20, b"\0") + bytes(3)

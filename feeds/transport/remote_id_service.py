@@ -1,0 +1,222 @@
+"""A service of network Remote ID, which answers whoever asks for tracks over HTTP."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.track_output_keys import RemoteIdService
+from plotfeed.feeds.transport.http_post import token_of
+from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
+
+MAX_HEAD_OCTETS = 8192
+MAX_CLIENTS = 100
+"""At a time; others are told that the service is busy."""
+PATIENCE_S = 10.0
+"""Who takes longer to ask, or to take the answer, is left."""
+
+
+class ServiceError(PlotfeedError):
+    """A port that cannot be listened on."""
+
+    exit_code = 1
+
+
+class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what broke
+    """A request that gets no answer but a status and a line that says why."""
+
+    def __init__(self, status: HTTPStatus, why: str) -> None:
+        super().__init__(why)
+        self.status, self.why = status, why
+
+
+class RemoteIdTransport:
+    """A port at which the flights of a provider and the data of a display are asked for."""
+
+    def __init__(
+        self,
+        settings: RemoteIdService,
+        now_utc_ns: Callable[[], int],
+        key: str = "remote_id_service",
+        environment: Mapping[str, str] = os.environ,
+    ) -> None:
+        """`key` is the destination's place in the scene; raises `AccessError`."""
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        self.name = f"{key} http://{host}:{settings.port}"
+        self.settings = settings
+        self._key, self._now_utc_ns = key, now_utc_ns
+        self._token = ""
+        if settings.token is not None:
+            self._token = token_of(settings.token, f"{key}.token", environment)
+        self._carried = settings.content_type
+        self._flights = KnownFlights()
+        self._clients = 0
+        self._is_up = asyncio.Event()
+        self._error: ServiceError | None = None
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is of the format that is told of there."""
+        return message.content_type == self._carried
+
+    def publish(self, *deliveries: Delivery) -> None:
+        """Know what they tell; what is for others is left to them."""
+        for delivery in deliveries:
+            delivered = None
+            if self.carries(delivery.message):
+                self._take(delivery.message)
+                delivery.leave()
+                delivered = True
+            delivery.settle(delivered=delivered)
+
+    def publish_together(self, messages: Sequence[Message], _made: MakeDeliveries) -> bool:
+        """Know what they tell, at once."""
+        for message in messages:
+            if self.carries(message):
+                self._take(message)
+        return True
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits: who wants to know asks."""
+        return 0
+
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Nothing waits."""
+
+    async def wait_until_up(self, timeout_s: float | None = None) -> None:
+        """Return once it listens; raises `ServiceError` if it cannot."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._is_up.wait()
+        if self._error is not None:
+            raise self._error
+
+    async def run(self) -> None:
+        """Listen until cancelled."""
+        try:
+            server = await asyncio.start_server(
+                self._attend, self.settings.host, self.settings.port, limit=MAX_HEAD_OCTETS
+            )
+        except OSError as error:
+            what = f"{self._key}.port: {self.settings.port}"
+            self._error = ServiceError(f"{what}: {error.strerror or error}")
+            self._is_up.set()
+            return
+        self._is_up.set()
+        try:
+            await asyncio.Future()
+        finally:
+            server.close()
+
+    def _take(self, message: Message) -> None:
+        # A link may have flipped a bit of it: what is no JSON any more tells nothing.
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            self._flights.take(json.loads(message.payload)["flights"])
+
+    async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer one request, and hang up."""
+        self._clients += 1
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                head = await reader.readuntil(b"\r\n\r\n")
+                writer.write(self._answer(head.decode("latin-1")))
+                await writer.drain()
+                writer.close()
+                await writer.wait_closed()
+        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            pass  # who does not ask as one does, or has gone, is told nothing
+        finally:
+            self._clients -= 1
+            writer.transport.abort()
+
+    def _answer(self, head: str) -> bytes:
+        try:
+            status, told = HTTPStatus.OK, self._told(*_request(head))
+        except RefusedRequest as refused:
+            status, told = refused.status, {"message": refused.why}
+        body = json.dumps(told, separators=(",", ":")).encode()
+        more = "WWW-Authenticate: Bearer\r\n" if status is HTTPStatus.UNAUTHORIZED else ""
+        return (
+            f"HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: application/json\r\n"
+            f"Content-Length: {len(body)}\r\n{more}Cache-Control: no-store\r\n"
+            "Connection: close\r\n\r\n"
+        ).encode() + body
+
+    def _told(self, path: str, fields: dict[str, str]) -> dict[str, Any]:
+        """The answer to a request; raises `RefusedRequest`."""
+        on_loopback = self.settings.host in LOOPBACK_NAMES
+        if on_loopback and name_in_host(fields.get("host", "")) not in LOOPBACK_NAMES:
+            raise RefusedRequest(HTTPStatus.FORBIDDEN, "ask for this host by its own name")
+        if "origin" in fields:
+            raise RefusedRequest(HTTPStatus.FORBIDDEN, "web pages are not answered")
+        if self._clients > MAX_CLIENTS:
+            raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
+        said = fields.get("authorization", "").encode()
+        if self._token and not hmac.compare_digest(said, f"Bearer {self._token}".encode()):
+            raise RefusedRequest(HTTPStatus.UNAUTHORIZED, "expected the bearer token")
+        parts = urlsplit(path)
+        asked, now_ns = parse_qs(parts.query), self._now_utc_ns()
+        match parts.path.strip("/").split("/"):
+            case ["uss", "flights"]:
+                return self._flights.flights(_view(asked), now_ns, _recent_s(asked))
+            case ["uss", "flights", flight, "details"]:
+                return {"details": {"id": self._known(flight, now_ns)}}
+            case ["display_data"]:
+                return self._flights.display_data(_view(asked), now_ns)
+            case ["display_data", flight]:
+                return {"uas": {"id": self._known(flight, now_ns)}}
+        where = "/uss/flights, /uss/flights/ID/details, /display_data or /display_data/ID"
+        raise RefusedRequest(HTTPStatus.NOT_FOUND, f"expected {where}")
+
+    def _known(self, quoted: str, now_ns: int) -> str:
+        flight = unquote(quoted)
+        if not self._flights.holds(flight, now_ns):
+            raise RefusedRequest(HTTPStatus.NOT_FOUND, "no such flight in the last minute")
+        return flight
+
+
+def _request(head: str) -> tuple[str, dict[str, str]]:
+    """Path and fields of the head of a request; raises `RefusedRequest`."""
+    first, *lines = head.split("\r\n")
+    method, _, rest = first.partition(" ")
+    path, _, version = rest.rpartition(" ")
+    if not version.startswith("HTTP/1") or not path.startswith("/"):
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST, "expected HTTP/1.1")
+    if method != "GET":
+        raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED, "expected GET")
+    fields = (line.partition(":") for line in lines)
+    return path, {name.strip().lower(): value.strip() for name, _, value in fields}
+
+
+def _view(asked: dict[str, list[str]]) -> DisplayArea:
+    try:
+        view = DisplayArea.parse(asked.get("view", [""])[0])
+    except ValueError as error:
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST, str(error)) from None
+    if view.diagonal_m > MAX_DIAGONAL_M:
+        what = f"the view's diagonal is {view.diagonal_m:.0f} m; expected at most 7000"
+        raise RefusedRequest(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, what)
+    return view
+
+
+def _recent_s(asked: dict[str, list[str]]) -> float:
+    text = asked.get("recent_positions_duration", ["0"])[0]
+    try:
+        return float(text)
+    except ValueError:
+        what = "expected recent_positions_duration in seconds"
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST, what) from None
