@@ -62,6 +62,11 @@ from plotfeed.feeds.cli.options import EXISTING, NEW_FILE, POSITIVE, force_optio
     metavar="LATITUDE,LONGITUDE",
     help="Count alert distances from this place; without it from the site of the scene.",
 )
+@click.option(
+    "--feed",
+    is_flag=True,
+    help="Check the plots of each sensor beside what the sensor claims, in place of a tracker.",
+)
 @force_option("Replace the files of --out and --junit where they are there already.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as one JSON object.")
 def score(recording: Path, **options: Any) -> int:
@@ -69,7 +74,8 @@ def score(recording: Path, **options: Any) -> int:
 
     RECORDING is MCAP, made by run --record or by record. Tracks are ASTERIX 062, SAPIENT, our
     protobuf, JSON, CSV or GeoJSON: those of the tracker's topic in RECORDING, or of another file.
-    With a limit of the profile broken, or a tracker that failed, the exit code is 1.
+    With a limit of the profile broken, a tracker that failed, or with --feed a sensor that does
+    not keep what it claims, the exit code is 1.
     """
     from plotfeed.feeds.score.score_command import ScoreOptions, score_recording
 

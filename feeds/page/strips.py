@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.impairment.losses import LossChain
-from plotfeed.feeds.recording.chances import p_of_losses, p_of_trials
 from plotfeed.feeds.recording.look_tally import LookTally
+from plotfeed.feeds.recording.loss_chances import p_of_losses
 from plotfeed.models.state import Floats
+from plotfeed.models.tail_chances import p_of_trials
 
 RANGE_BINS = 25
 OFF_BELOW = 1e-4

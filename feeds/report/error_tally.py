@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.recording.chances import p_of_normal, p_of_squares
 from plotfeed.feeds.recording.recorded_session import (
     SectorKey,
     Truth,
@@ -27,6 +26,7 @@ from plotfeed.feeds.report.expected_plots import (
     TruePlots,
     compared,
 )
+from plotfeed.models.tail_chances import p_of_normal, p_of_squares
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.replay.recorded import Recorded

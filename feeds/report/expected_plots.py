@@ -8,7 +8,7 @@ format. What is left of a measurement is noise alone, of a variance that is know
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -98,7 +98,11 @@ class Comparison(NamedTuple):
 
 @nan_without_warnings
 def compared(
-    asked: AskedSensor | None, echoes: TrueEchoes, plots: TruePlots, measured: MeasuredPlots
+    asked: AskedSensor | None,
+    echoes: TrueEchoes,
+    plots: TruePlots,
+    measured: MeasuredPlots,
+    rounded: Callable[[Expected, float], Expected] = in_steps,
 ) -> Comparison:
     """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown."""
     category = int(measured.category[0]) if len(measured) else 0
@@ -114,7 +118,7 @@ def compared(
         if name not in expected or not np.isfinite(values[name]).any():
             continue
         step = steps.get("altitude_m" if name == "height" else column, 0.0)
-        law = in_steps(expected[name], step)
+        law = rounded(expected[name], step)
         error = values[name] - law.mean
         if name == "azimuth":
             error = wrap_180(error)

@@ -156,10 +156,10 @@ class _Reading:
         self._log = McapReader(file)
         self._found = Counted(damage=self._log.damage)
         series = list(self._log.summary().counts)
-        self._truths = _truths(series)
+        self._truths = truth_topics(series)
         if not self._truths:
             raise PlotfeedError(f"{path}: {_without_ledger(self._log.damage)}")
-        self._plots = _plots(series, self._truths)
+        self._plots = plot_topics_of(series, self._truths, STAGES)
         self._asked = self._asked_sensors()
         self._join = MeasuredBesideTruth()
         self._seen: OrderedDict[SectorKey, None] = OrderedDict()
@@ -259,7 +259,7 @@ def _without_ledger(damage: list[Damage]) -> str:
     )
 
 
-def _truths(series: list[ChannelKey]) -> dict[tuple[str, Stage], str]:
+def truth_topics(series: list[ChannelKey]) -> dict[tuple[str, Stage], str]:
     """Prefixes by topic and stage: what left, or else what was received of the same topic."""
     found: dict[str, Stage] = {}
     for each in series:
@@ -270,19 +270,22 @@ def _truths(series: list[ChannelKey]) -> dict[tuple[str, Stage], str]:
     return {(topic, stage): topic.removesuffix(TRUTH) for topic, stage in found.items()}
 
 
-def _plots(
-    series: list[ChannelKey], truths: Mapping[tuple[str, Stage], str]
+def plot_topics_of(
+    series: list[ChannelKey], truths: Mapping[tuple[str, Stage], str], stages: Sequence[Stage]
 ) -> dict[tuple[str, Stage], tuple[str, str]]:
-    """Prefix and sensor by topic and stage: of each sensor the most exact kind of plots."""
+    """Prefix and sensor by topic and stage: of each sensor the most exact kind of plots.
+
+    At the first of those stages at which there are any.
+    """
     prefixes = set(truths.values())
     best: dict[tuple[str, str], tuple[int, int, str, Stage]] = {}
     for each in series:
         for rank, kind in enumerate(plot_topics()):
             place = each.topic.removesuffix(f"/{kind}")
             prefix, _, sensor = place.rpartition("/")
-            if place == each.topic or prefix not in prefixes or each.stage not in STAGES:
+            if place == each.topic or prefix not in prefixes or each.stage not in stages:
                 continue
-            found = (rank, STAGES.index(each.stage), each.topic, each.stage)
+            found = (rank, stages.index(each.stage), each.topic, each.stage)
             key = (prefix, sensor)
             best[key] = min(best.get(key, found), found)
     return {(topic, stage): key for key, (_, _, topic, stage) in best.items()}

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.impairment.link import LinkExpectation
-from plotfeed.feeds.recording.chances import p_of_binomial, p_of_lengths, p_of_losses
+from plotfeed.feeds.recording.loss_chances import p_of_losses
 from plotfeed.feeds.report.link_tally import PASSED_LOSS, LinkTally, Order, Setting, why_not_plain
 from plotfeed.feeds.report.spreads import ENOUGH, LawFit, Spread, p_of_distance, z_score
 from plotfeed.models.state import Floats
+from plotfeed.models.tail_chances import p_of_binomial, p_of_lengths
 from plotfeed.proto import plotfeed_pb2 as pb
 
 LONGEST_TOLD = 100

@@ -39,14 +39,25 @@ def over(values: Floats, weights: Floats) -> Expected:
     return Expected(mean, variance, np.asarray(excess**4 @ weights / variance**2))
 
 
-def in_steps(law: Expected, step: float) -> Expected:
-    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
+def with_rounding(law: Expected, step: float) -> Expected:
+    """The law of values with an error of rounding to steps beside, about the unrounded mean.
+
+    Sheppard's: to whoever does not know where in a step the mean is, however coarse that is.
+    """
     if not step:
         return law
     mean, variance, kurtosis, _ = law
     uniform = step**2 / 12
     fourth = kurtosis * variance**2 + 6 * variance * uniform + step**4 / 80
-    told = Expected(mean.copy(), variance + uniform, fourth / (variance + uniform) ** 2, step)
+    return Expected(mean.copy(), variance + uniform, fourth / (variance + uniform) ** 2, step)
+
+
+def in_steps(law: Expected, step: float) -> Expected:
+    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
+    if not step:
+        return law
+    told = with_rounding(law, step)
+    mean, variance = law.mean, law.variance
     coarse = np.sqrt(variance) < step
     if not coarse.any():
         return told

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from plotfeed.feeds.recording.chances import p_of_poisson, p_of_trials
 from plotfeed.feeds.recording.look_tally import LookTally
 from plotfeed.feeds.report.asked_sensors import AskedSensor
 from plotfeed.feeds.report.spreads import share_interval, z_score
 from plotfeed.models.state import Floats
+from plotfeed.models.tail_chances import p_of_poisson, p_of_trials
 
 CELL_M = 25.0
 MAX_CELLS = 40_000

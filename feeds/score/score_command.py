@@ -11,6 +11,7 @@ from pathlib import Path
 from plotfeed.feeds.console.extras import need_matplotlib
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
+from plotfeed.feeds.score.feed_checks import as_json, as_text, check_feed
 from plotfeed.feeds.score.flights_told import read_truths, scene_of
 from plotfeed.feeds.score.junit_xml import junit_of
 from plotfeed.feeds.score.score_figures import Score
@@ -48,6 +49,8 @@ class ScoreOptions:
     stale_s: float | None = None
     protect: str | None = None
     """LATITUDE,LONGITUDE."""
+    feed: bool = False
+    """Whether the feed is checked, and no tracker."""
     as_json: bool = False
     force: bool = False
 
@@ -55,9 +58,11 @@ class ScoreOptions:
 def score_recording(recording: Path, options: ScoreOptions) -> int:
     """Score a tracker and print what it came to; the exit code.
 
-    That is 1 where the tracker failed or a limit of the profile is broken. Raises `PlotfeedError`
-    and `OSError`.
+    That is 1 where the tracker failed or a limit of the profile is broken, or the feed is not as
+    claimed. Raises `PlotfeedError` and `OSError`.
     """
+    if options.feed:
+        return _check_feed(recording, options)
     for path in (options.out, options.junit):
         if path is not None:
             refuse_if_there(path, force=options.force)  # before anything is read in vain
@@ -74,6 +79,21 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
     verdicts = [] if profile is None else verdicts_of(score, profile)
     publish(score, profile, verdicts, options)
     return KEPT if is_kept(verdicts, score.failure) else BROKEN
+
+
+def _check_feed(recording: Path, options: ScoreOptions) -> int:
+    """Check the feed and print what it came to."""
+    for name in ("tracks", "topics", "out", "junit", "profile", "cutoff_m", "stale_s", "protect"):
+        if getattr(options, name):
+            option = {"topics": "topic"}.get(name, name.replace("_", "-"))
+            raise PlotfeedError(f"--feed checks sensors, and --{option} is about a tracker")
+    verdict = check_feed(recording)
+    if options.as_json:
+        say(json.dumps(as_json(verdict)))
+    else:
+        for line in as_text(verdict):
+            say(line)
+    return BROKEN if verdict.wrong else KEPT
 
 
 def settings_of(profile: ScoreProfile | None, options: ScoreOptions) -> ScoreSettings:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtr, bdtrc, gammainc, gammaincc, ndtr, pdtr, pdtrc
 
-from plotfeed.feeds.impairment.losses import LossChain
 from plotfeed.models.state import Floats
 
 FURTHEST_TILT = 60.0
@@ -88,28 +87,6 @@ def p_of_trials(looks: Floats, mean_p: Floats, count: int) -> float:
     return p_of_whole(count - surely, cumulants, possible - surely)
 
 
-def p_of_losses(chain: LossChain, of: int, count: int) -> float:
-    """Probability of so many losses among messages that a chain decided on in turn."""
-    step, emissions = chain.steps, np.array(chain.emissions)
-
-    def log_moment(t: float) -> float:
-        tilt = 1 - emissions + emissions * math.exp(t)
-        first, matrix, log, scale = chain.stationary * tilt, step * tilt, 0.0, 0.0
-        vector, left = first, of - 1
-        while left:
-            if left & 1:
-                vector = vector @ matrix
-                size = float(vector.sum())
-                vector, log = vector / size, log + math.log(size) + scale
-            matrix = matrix @ matrix
-            size = float(matrix.max())
-            matrix, scale = matrix / size, 2 * scale + math.log(size)
-            left >>= 1
-        return log + math.log(float(vector.sum()))
-
-    return p_of_whole(count, _by_differences(log_moment), of)
-
-
 def p_of_lengths(survival: Floats, bursts: int, total: int) -> float:
     """Probability of so many messages in bursts, whose lengths exceed 0, 1, ... by `survival`."""
     lengths = np.arange(1, len(survival) + 1)
@@ -177,14 +154,3 @@ def _upper_tail(
     u = -math.expm1(-t) * math.sqrt(max(found.variance, 1e-12))
     density = math.exp(-w * w / 2) / math.sqrt(2 * math.pi)
     return min(max(float(ndtr(-w)) + density * (1 / u - 1 / w), 0.0), 1.0)
-
-
-STEP = 1e-3
-
-
-def _by_differences(log_moment: Callable[[float], float]) -> Callable[[float], Cumulants]:
-    def cumulants(t: float) -> Cumulants:
-        below, here, above = log_moment(t - STEP), log_moment(t), log_moment(t + STEP)
-        return Cumulants(here, (above - below) / (2 * STEP), (above - 2 * here + below) / STEP**2)
-
-    return cumulants

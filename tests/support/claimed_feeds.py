@@ -1,0 +1,52 @@
+"""Feeds of the radars of examples/scenes/feed-faults.toml, many of each, and their verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
+from plotfeed.feeds.score.feed_residuals import feed_checks
+from plotfeed.feeds.sensing.simulation import simulate
+from plotfeed.models.scoring.residuals import judged_wrong
+
+SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "feed-faults.toml"
+START_NS = 1_767_268_800 * 10**9
+SPREADS = {"range spread", "azimuth spread", "elevation spread"}
+NAMED: Mapping[str, set[str]] = {
+    "clean": set(),
+    "askew": {"azimuth"},
+    "late": {"time"},
+    "blind": {"Pd"},
+    "cluttered": {"false alarms"},
+    "lying": SPREADS,
+}
+"""The checks that must fail, by radar."""
+
+
+def many(faults: Sequence[str], copies: int) -> Scene:
+    """The scene with so many of those radars; the draws of each are its own."""
+    scene = load(SCENE)
+    sensors = [
+        sensor.model_copy(update={"id": f"{sensor.id}-{i}"})
+        for sensor in scene.sensor
+        if sensor.id in faults
+        for i in range(copies)
+    ]
+    return scene.model_copy(update={"sensor": tuple(sensors)})
+
+
+def called_wrong(
+    faults: Sequence[str], copies: int, duration_s: float, seed: int
+) -> dict[str, list[set[str]]]:
+    """The checks that each simulated feed fails, each judged by itself, by fault."""
+    scene = many(faults, copies)
+    seen = simulate(scene, duration_s, seed=seed, start_utc_ns=START_NS)
+    found: dict[str, list[set[str]]] = {}
+    for name, sensor in seen.items():
+        checks = feed_checks(simulated_feed(scene, sensor))
+        wrong = judged_wrong(checks, FALSE_RATE)
+        named = {c.name for c, is_wrong in zip(checks, wrong, strict=True) if is_wrong}
+        found.setdefault(name.rpartition("-")[0], []).append(named)
+    return found
