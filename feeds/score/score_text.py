@@ -112,7 +112,7 @@ def tables_of(score: Score) -> Iterator[Shown]:
     told: list[Row] = [
         (text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()
     ]
-    yield f"{score.reports.reports:.0f} reports, each at its own time", ("", ""), told, "<>"
+    yield f"Reports, {score.reports.reports:.0f}, each at its own time", ("error", ""), told, "<>"
     many = len(score.drones) - score.never_tracked
     beginnings: list[Row] = [
         ("drones that had a track", f"{many} of {len(score.drones)}"),
@@ -120,7 +120,12 @@ def tables_of(score: Score) -> Iterator[Shown]:
         ("distance at the first report, median, m", number(score.alert_median_m, ".0f")),
         ("tracks of no drone ever", f"{score.false_tracks} of {score.tracks}"),
     ]
-    yield "Beginnings; drones that never had a track are in the medians", ("", ""), beginnings, "<>"
+    yield (
+        "Beginnings; drones that never had a track are in the medians",
+        ("first report", ""),
+        beginnings,
+        "<>",
+    )
     header: Row = ("drone", "cover s", "tracked %", "tracks", "breaks", "longest s")
     yield (
         "Drones",

@@ -35,8 +35,9 @@ SITE = LocalFrame(40.45, -3.73, 650.0)
 SIGMA_M, CUTOFF_M = 5.0, 50.0
 AIM_S, AIM_TIMES = 60.0, 100.0
 STEPS_OF_THEIRS = 5
-THEIRS = Path(__file__).parents[2] / ".venv-stonesoup" / "bin" / "python"
-PROGRAM = Path(__file__).parents[1] / "support" / "stonesoup_scores.py"
+ROOT = Path(__file__).parents[2]
+THEIRS = Path(os.environ.get("PLOTFEED_STONESOUP", ROOT / ".venv-stonesoup" / "bin" / "python"))
+PROGRAM = ROOT / "tests" / "support" / "stonesoup_scores.py"
 
 
 def run_of(seconds: int) -> tuple[Truths, TracksRead]:

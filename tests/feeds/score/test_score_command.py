@@ -20,7 +20,7 @@ from plotfeed.feeds.score.score_figures import FIGURE_NAMES
 from plotfeed.feeds.score.score_profiles import load_profile, shipped_profiles
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import Recorded, Stage
 
 MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }'
 NS = 1_000_000_000
@@ -78,6 +78,21 @@ def test_tracks_of_another_file_are_scored_and_profiles_judge_them(
     )
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1] == "3 of 4 limits kept, 1 failed."
+
+
+def test_a_recording_of_a_broker_has_all_that_is_needed(recording: Path, tmp_path: Path) -> None:
+    """Without the scene, sensors stand where they said; the score is the same."""
+    with McapReader(recording) as log:
+        heard = [
+            replace(message, stage=Stage.RECEIVED) for message in log.messages(stages=[Stage.AFTER])
+        ]
+    path = written(tmp_path / "heard.mcap", heard)
+    one, other = score_of(recording), score_of(path)
+    assert (one["scene"], other["scene"]) == ("test", "")
+    assert other["figures"]["alert_median_m"] is None
+    for told in (one, other):
+        del told["figures"]["alert_median_m"]
+    assert other["figures"] == pytest.approx(one["figures"], nan_ok=True)
 
 
 class Suites:
