@@ -183,6 +183,10 @@ class SessionRecorder(Observer):
             )
         )
 
+    def tracked(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """Tracks of the tracker under test, when they came in."""
+        self.received(topic, payload, content_type, t_utc_ns)
+
     def before_link(self, message: Message) -> None:
         """A message is handed to the link when it is due there."""
         self._write(message, message.due_utc_ns, Stage.BEFORE)

@@ -90,6 +90,7 @@ class RecordedTelemetry(Observer):
         """Read from the beginning."""
         self._session = session
         self._mcap = McapReader(self._path)
+        self._tracker = session.scene.page.tracks_topic
         self._messages = self._mcap.messages(stages=[Stage.TELEMETRY])
         self._next: Recorded | None = None
         self._turn()
@@ -105,7 +106,7 @@ class RecordedTelemetry(Observer):
             while self._next is not None and self._next.log_time_ns == t_utc_ns:
                 message = self._next
                 self._turn()
-                if not _is_of_clock(message):
+                if message.topic != self._tracker and not _is_of_clock(message):
                     together.append((message.topic, message.payload, message.content_type or None))
             self._session.receive(together, t_utc_ns)
 

@@ -18,7 +18,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.content_types import asterix_content_type, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.files import open_recording
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json")
 MAX_FILE_OCTETS = 1 << 30
@@ -51,9 +51,8 @@ def read_tracks(
         checked_topic_filter(each)
     chosen = topics or _topic_in(path, scene)
     with open_recording(path, date_utc_ns=date_utc_ns) as recording:
-        wanted = (m for m in recording.reader.messages() if m.stage in WHAT_LEFT)
-        for message in wanted:
-            if is_chosen(message.topic, chosen):
+        for message in recording.reader.messages():
+            if is_chosen(message.topic, chosen) and _is_heard(message):
                 take_message(table, message, site)
     where = ", ".join(chosen)
     return table.read(f"{path.name}: {where}" if where else path.name)
@@ -82,7 +81,7 @@ def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
         if not recording.has_stages:
             return ()
         for message in recording.reader.messages():
-            if message.stage in WHAT_LEFT and _holds_tracks(message):
+            if _is_heard(message) and _holds_tracks(message):
                 found[message.topic] += 1
                 if len(found) > MOST_TOPICS:
                     break
@@ -102,6 +101,13 @@ def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
             "--tracks another file"
         )
     return tuple(found)
+
+
+def _is_heard(message: Recorded) -> bool:
+    """Whether others had a message, or a session did, and it is no telemetry."""
+    if message.stage is Stage.TELEMETRY:
+        return message.topic.split("/")[-2:-1] != ["telemetry"]
+    return message.stage in WHAT_LEFT
 
 
 def _holds_tracks(message: Recorded) -> bool:

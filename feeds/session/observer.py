@@ -129,6 +129,9 @@ class Observer:
     def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry or a command was taken in, as of that time."""
 
+    def tracked(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
+        """The tracker under test published something, where the scene says that it does."""
+
     def obeyed(self, command: Command, t_utc_ns: int) -> None:
         """What a command asked for is in force, as of that time."""
 
@@ -179,3 +182,11 @@ class SessionContext:
     describer: SensorDescriber
     keep_ledger: KeepLedger | None
     """None where nobody is to have it."""
+
+    @property
+    def tracker_topics(self) -> Sequence[str]:
+        """The topic of the tracker under test, if any observer follows it, and no sensor is it."""
+        topic = self.scene.page.tracks_topic
+        own = tuple(f"{self.scene.mqtt.prefix}/{sensor.id}/" for sensor in self.scene.sensor)
+        is_followed = any(cares(observer, "tracked") for observer in self.observers)
+        return (topic,) if topic and is_followed and not topic.startswith(own) else ()

@@ -170,7 +170,8 @@ class Session:
         self._presence = SessionPresence(scene, clock, totals, self._publish)
         mappings = scene.telemetry.mapping
         self._mapped = MappedReports(mappings) if mappings else None
-        topics = [*self._inputs.topics, self._presence.topic]
+        self._tracker_topics = context.tracker_topics
+        topics = [*self._inputs.topics, self._presence.topic, *self._tracker_topics]
         topics += self._mapped.topics if self._mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
@@ -248,6 +249,9 @@ class Session:
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self._presence.topic:
             self._presence.hear(payload)
+        elif topic in self._tracker_topics:
+            for each in self._observers:
+                each.tracked(topic, payload, content_type, self.clock.now_ns())
         elif self._mapped is None or not self._hear_mapped(self._mapped, topic, payload):
             self._loop.queue_input(topic, payload, content_type)
 
