@@ -1,4 +1,4 @@
-"""Prometheus metrics of a session, on a loopback port: plotfeed[metrics]."""
+"""Prometheus metrics of a session or a fleet, on a loopback port: plotfeed[metrics]."""
 
 from __future__ import annotations
 
@@ -6,13 +6,18 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from socketserver import ThreadingMixIn
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.fleet.coordinator import Coordinator
+    from plotfeed.feeds.fleet.fleet_parts import PartHeld
 
 COUNTERS = {
     "looks": "Looks at drones within cover",
@@ -123,6 +128,38 @@ class SessionCollector(Observer):
             yield gauge
 
 
+class FleetCollector:
+    """Reads a fleet when it is asked."""
+
+    def __init__(self, fleet: Coordinator) -> None:
+        self._fleet = fleet
+
+    def collect(self) -> Iterator[Any]:
+        """The metrics of the fleet, and of each part."""
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+        fleet = self._fleet
+        text = "Workers that took over from others"
+        yield CounterMetricFamily("plotfeed_fleet_takeovers", text, value=fleet.takeovers)
+        text = "Parts whose sensors nobody serves at the moment"
+        open_gaps = sum(gap.to_utc_ns is None for gap in fleet.gaps)
+        yield GaugeMetricFamily("plotfeed_fleet_unserved", text, value=open_gaps)
+        gauges: dict[str, tuple[str, Callable[[PartHeld], float]]] = {
+            "sensors": ("Sensors of a part", lambda part: len(part.sensors)),
+            "epoch": ("Which holder of the part has it now", lambda part: part.epoch),
+            "sends": ("1 where the part sends", lambda part: part.joined_utc_ns > 0),
+            "behind_seconds": (
+                "How long ago was due what was last known to be sent",
+                lambda part: (fleet.now_utc_ns - part.sent_until_utc_ns) / NS,
+            ),
+        }
+        for name, (text, value) in gauges.items():
+            family = GaugeMetricFamily(f"plotfeed_fleet_part_{name}", text, labels=["part"])
+            for part in fleet.parts:
+                family.add_metric([part.name], float(value(part)))
+            yield family
+
+
 Application = Callable[..., Iterable[bytes]]
 """Of WSGI, PEP 3333."""
 
@@ -149,10 +186,10 @@ class _Quiet(WSGIRequestHandler):
 
 
 @contextlib.contextmanager
-def served(port: int) -> Iterator[Observer]:
+def served(port: int, of: FleetCollector | None = None) -> Iterator[Observer]:
     """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`.
 
-    They are those of the session that is observed.
+    They are those of the session that is observed, or of a fleet.
     """
     try:
         from prometheus_client import CollectorRegistry, make_wsgi_app
@@ -162,7 +199,7 @@ def served(port: int) -> Iterator[Observer]:
         ) from None
     registry = CollectorRegistry(auto_describe=False)
     collector = SessionCollector()
-    registry.register(collector)
+    registry.register(collector if of is None else of)
     application = _for_this_machine(make_wsgi_app(registry))
     try:
         server = make_server(LOOPBACK, port, application, _Server, _Quiet)

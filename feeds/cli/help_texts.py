@@ -57,6 +57,13 @@ SUMMARIES_AND_EXAMPLES = {
             "score there.mcap --tracks tracks.csv --profile example-f3411",
         ),
     ),
+    "fleet": (
+        "Run a scene over many processes or hosts.",
+        (
+            "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",
+            "fleet here.toml --broker none --speed max --record parts",
+        ),
+    ),
     "chart": (
         "Chart speed against accuracy of a scene's stages.",
         ("chart here.toml --quick --out figures",),

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from plotfeed.feeds.cli.fleet import fleet
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES, epilog_of
 from plotfeed.feeds.cli.options import (
     DEFAULT_BROKER,
@@ -296,7 +297,7 @@ def schema(what: str) -> int:
     return 0
 
 
-for each in (show, convert, record, replay, report, score):
+for each in (show, convert, record, replay, report, score, fleet):
     cli.add_command(each)
 
 

@@ -79,6 +79,12 @@ class Outbox:
         """Messages of this client that wait for a broker."""
         return sum(transport.waiting_of(self.counters) for transport in self.transports)
 
+    @property
+    def oldest_due_ns(self) -> int | None:
+        """When the first was due of what the link holds; None if it holds nothing."""
+        held = [delivery.due_utc_ns for delivery, _ in self._held]
+        return min([*held, *(each.due_utc_ns for each in self._on_the_way)], default=None)
+
     def now_ns(self) -> int:
         """The time by which it sends, UTC."""
         return self._clock.now_ns()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -48,6 +48,10 @@ class BoundedQueue(Generic[Item]):
     def __len__(self) -> int:
         """How many wait."""
         return len(self._items)
+
+    def __iter__(self) -> Iterator[Item]:
+        """Go through the items that wait, the oldest first."""
+        return iter(self._items.values())
 
     def __contains__(self, key: Hashable) -> bool:
         """Whether an item with that key waits."""

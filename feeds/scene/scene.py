@@ -47,7 +47,7 @@ MAX_SCENE_OCTETS = 4 << 20
 MAX_FALSE_ALARMS = 100_000
 """In a scan, on average: each of them is drawn, encoded and sent."""
 TOPICS_OF_SESSION = frozenset(
-    {"telemetry", "truth", "errors", "control", "session", COOPERATIVE, CLAIMED}
+    {"telemetry", "truth", "errors", "control", "session", "fleet", COOPERATIVE, CLAIMED}
 )
 """Levels after the prefix that no sensor can have as its id."""
 OWNERS = ("sensor", "drone", "swarm")

@@ -16,8 +16,10 @@ from plotfeed.feeds.formats import SceneFormats, Seen
 from plotfeed.feeds.messages.sector_report import SectorReport, Sighting
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import frame_at
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue
 from plotfeed.feeds.sensing.sensor_group import SensorGroup, SensorsAtWork
 from plotfeed.feeds.sensing.sensor_site import SensorSite
@@ -32,6 +34,7 @@ from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
 from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
 
 NS_IN_MS = 1_000_000
 AHEAD_NS = 10_000_000
@@ -40,7 +43,16 @@ AHEAD_NS = 10_000_000
 So scripted changes count in sectors that end this much later, or begin no earlier.
 """
 
+SCANS_AGAIN = 2
+"""Of a sensor that keeps no state: a beam must have been at the border of the sector before."""
 NO_GROUP = -1
+
+
+def keeps_state(sensor: Sensor) -> bool:
+    """Whether what a sensor reports depends on more than the scans just before: on all of them."""
+    tells_tracks = any(REPORT_FORMATS[name].tells_tracks for name in sensor.report)
+    is_steered = mount_of(sensor) is not None
+    return tells_tracks or is_steered or sensor.scan.kind == "electronic"
 
 
 class EmulatedSensors:
@@ -115,6 +127,21 @@ class EmulatedSensors:
             reverse=True,
         )
         self._follow_script_until(start_utc_ns)
+
+    def caught_up(self, until_utc_ns: int) -> Iterator[None]:
+        """Work out, a stretch at a time, what others have sent: sectors that end by then.
+
+        Of what keeps no state the last scans are enough; else all since it was started.
+        """
+        for i, sensor in enumerate(self.sensors):
+            if not (keeps_state(sensor) or self.cueing.cues(i)):
+                from_ns = until_utc_ns - SCANS_AGAIN * sensor.scan.period_ns
+                sector = self._at_work.timetables[i].sector_at(from_ns)
+                if sector.start_ns > self._next.sector(i).start_ns:
+                    self._next.go_on_with(i, sector)
+        while (end_ns := self.next_end_ns) is not None and end_ns <= until_utc_ns:
+            for _ in self.reports(min(end_ns + NS, until_utc_ns + 1)):
+                yield
 
     @property
     def next_end_ns(self) -> int | None:

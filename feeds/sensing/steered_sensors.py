@@ -129,6 +129,10 @@ class Cueing:
     def __len__(self) -> int:
         return len(self._steered)
 
+    def cues(self, sensor: int) -> bool:
+        """Whether plots of that sensor cue another."""
+        return sensor in self._cued_by
+
     def start(self, start_utc_ns: int) -> None:
         """Let all mounts be at rest then, where they look without cues."""
         for steered in self._steered.values():

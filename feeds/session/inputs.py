@@ -24,6 +24,7 @@ from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors.mount_keys import CueError, mount_of
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
+from plotfeed.feeds.session.session_part import SharedInputs, plain_topic
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
@@ -50,8 +51,16 @@ class SessionInputs:
         sensor_tasks: Mapping[str, SensorTask],
         publish: Callable[[Message], None],
         obey: Callable[[Command, int], dict[str, Any]],
+        *,
+        shared: SharedInputs | None = None,
     ) -> None:
-        """Refusals are published by `publish`; `obey` does what commands ask, but for the clock."""
+        """Refusals are published by `publish`; `obey` does what commands ask, but for the clock.
+
+        `shared` says what is others' to do, where several sessions hear the same.
+        """
+        self._others = frozenset[str]() if shared is None else shared.others
+        self._leads = shared is None or shared.leads
+        self._own_filters = None if shared is None else shared.telemetry
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._telemetry = TelemetryReceiver(
@@ -82,7 +91,8 @@ class SessionInputs:
         """What there is to subscribe to."""
         prefix = self._control_topic.rpartition("/")[0]
         inboxes = [f"{prefix}/+{end}" for end in self._inbox_ends]
-        return [self._telemetry.topic, self._control_topic, *inboxes]
+        filters = [self._telemetry.topic] if self._own_filters is None else self._own_filters
+        return [*filters, self._control_topic, *inboxes]
 
     def __len__(self) -> int:
         """How many messages wait."""
@@ -101,6 +111,8 @@ class SessionInputs:
 
     def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, or drop it if too much of its topic waits already."""
+        if self._own_filters is not None:
+            topic = plain_topic(topic)
         queue = self._commands if self._is_command(topic) else self._reports
         queue.put(topic, payload, content_type)
 
@@ -156,7 +168,8 @@ class SessionInputs:
     def _take_telemetry(self, turns: Sequence[Turn], as_of_ns: int) -> None:
         self._tell(turns, as_of_ns)
         for refusal in self._telemetry.take_together(turns, as_of_ns):
-            self._publish(refusal)
+            if self._leads:
+                self._publish(refusal)
         totals = self._totals
         totals.telemetry, totals.conflated = self._telemetry.taken, self._telemetry.conflated
         totals.late = self._telemetry.refusals[Reason.LATE]
@@ -166,16 +179,23 @@ class SessionInputs:
     def _take_commands(self, turns: Sequence[Turn], as_of_ns: int) -> None:
         self._tell(turns, as_of_ns)
         for topic, commands in turns:
+            if topic != self._control_topic and self._sensor_of(topic) in self._others:
+                continue  # whose it is answers
             for payload, _ in commands:
+                told = self._leads
                 try:
                     if topic == self._control_topic:
-                        self._obey(parsed(payload), as_of_ns)
+                        command = parsed(payload)
+                        if command.sensor in self._others:
+                            continue
+                        told = told or command.sensor in self._sensor_tasks
+                        self._obey(command, as_of_ns)
                     elif topic.endswith(f"/{CUE_TOPIC}"):
                         self._cue(topic, payload, as_of_ns)
                     else:
                         self._ask(topic, payload, as_of_ns)
                 except (ControlError, ChangeError, CueError) as error:
-                    self._refuse(topic, Refused(Reason.CONTROL, str(error)), as_of_ns)
+                    self._refuse(topic, Refused(Reason.CONTROL, str(error)), as_of_ns, told=told)
 
     def _is_command(self, topic: str) -> bool:
         return topic == self._control_topic or topic.endswith(self._inbox_ends)
@@ -232,7 +252,7 @@ class SessionInputs:
 
     def _control_clock(self, command: ClockCommand) -> dict[str, Any]:
         clock = self._clock
-        if not isinstance(clock, WallClock) or clock.is_real:
+        if not isinstance(clock, WallClock) or clock.is_real or self._others:
             raise ControlError("clock: real time cannot be held or hurried; run a simulated clock")
         if command.speed is not None:
             clock.set_speed(command.speed)
@@ -242,10 +262,20 @@ class SessionInputs:
             clock.step(round(command.step_s * NS))
         return {"paused": clock.is_paused, "speed": clock.speed}
 
-    def _refuse(self, topic: str, refused: Refused, as_of_ns: int, number: int = 1) -> None:
+    def _sensor_of(self, topic: str) -> str:
+        return topic.removeprefix(self._control_topic.rpartition("/")[0] + "/").partition("/")[0]
+
+    def _refuse(
+        self,
+        topic: str,
+        refused: Refused,
+        as_of_ns: int,
+        number: int = 1,
+        told: bool | None = None,
+    ) -> None:
         refusal = self._telemetry.refuse(topic, refused, as_of_ns, number)
         self._count()
-        if refusal is not None:
+        if refusal is not None and (self._leads if told is None else told):
             self._publish(refusal)
 
     def _count_drones(self) -> None:

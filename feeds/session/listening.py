@@ -7,6 +7,7 @@ from functools import partial
 
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
+from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.transport.live_source import LiveSource
@@ -47,3 +48,31 @@ def sources_of(
         )
         for source in sources
     ]
+
+
+def taker_of_mapped(
+    mapped: MappedReports | None,
+    scene: Scene,
+    clock: Clock,
+    queue: Callable[[str, bytes, str | None], None],
+    refuse: Callable[[str, Refused], None],
+) -> Callable[[str, bytes], bool] | None:
+    """A function that takes what other systems publish as if their drones had published it.
+
+    Given topic and payload, it says whether the topic is mapped. None where none is.
+    """
+    if mapped is None:
+        return None
+
+    def take(topic: str, payload: bytes) -> bool:
+        heard = mapped.hear(topic, payload, clock.now_ns())
+        if heard is None:
+            return False
+        to = f"{scene.mqtt.prefix}/telemetry/{heard.drone}" if heard.drone else topic
+        if isinstance(heard.said, Refused):
+            refuse(to, heard.said)
+        else:
+            queue(to, encode_protobuf(heard.said), PROTOBUF)
+        return True
+
+    return take

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Protocol
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
@@ -77,6 +78,7 @@ class SessionLoop:
         self._later_ns: int | None = None
         """When the turn of what waits comes; it has come at the end."""
         self._is_turn_of_later = False
+        self._end_ns: int | None = None
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
         """Wait for these whenever they are full, and with them all sensors."""
@@ -103,11 +105,18 @@ class SessionLoop:
             if self._stands_still():
                 self._clock.wake()
 
+    def end_at(self, end_ns: int) -> None:
+        """Let work end then; what is due by then is still done."""
+        self._end_ns = end_ns
+        self._clock.wake()
+
     async def work(self, end_ns: int | None) -> None:
         """Do everything that is due until then, each thing at its time."""
+        if self._end_ns is None:
+            self._end_ns = end_ns
         drain_ns = self._clock.now_ns()
         while True:
-            due_ns = self.schedule.next_due_ns()
+            due_ns, end_ns = self.schedule.next_due_ns(), self._end_ns
             if due_ns is None or (end_ns is not None and due_ns > end_ns):
                 if end_ns is None:
                     return
@@ -204,3 +213,18 @@ class SessionLoop:
     def _has_time_before(self, due_ns: int) -> bool:
         clock = self._clock
         return clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS
+
+
+async def first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:
+    """Wait for the end of the work, or end it when asked to stop."""
+    working = asyncio.create_task(work, name="work")
+    stopping = asyncio.create_task(stop.wait(), name="stop")
+    try:
+        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        if working.done():
+            working.result()
+    finally:
+        for task in (working, stopping):
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.delivery.counters import SapientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, KeptUp, Transport
@@ -24,8 +24,10 @@ from plotfeed.feeds.scene.track_output_keys import TrackDestination
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message
+from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.http_post import HttpTransport
+from plotfeed.feeds.transport.leased import LeasedLink, LeasedTransport, LeasedWills
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -112,7 +114,12 @@ def of_tracks(
 class Outputs:
     """A link to each broker for all that a session sends, last wills beside it, and UDP sockets."""
 
-    def __init__(self, context: SessionContext, addresses: Sequence[BrokerAddress]) -> None:
+    def __init__(
+        self,
+        context: SessionContext,
+        addresses: Sequence[BrokerAddress],
+        part: SessionPart | None = None,
+    ) -> None:
         observers = context.observers
         to = context.scene.outgoing.udp
         self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
@@ -137,6 +144,9 @@ class Outputs:
         self._wills: dict[str, Message] = {}
         """By whose they are, first that of the session."""
         self._last_wills: list[LastWills] = []
+        self._part = part
+        self._leased: dict[int, LeasedTransport] = {}
+        """By the identity of what they guard, where a lease says what may be sent."""
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
         """The session's own: it receives what comes on those topics. Asked for before any other.
@@ -144,27 +154,46 @@ class Outputs:
         `will` is what a broker is to say should the session die.
         """
         self._on_message = on_message
-        self.brokers = [
-            MqttTransport(
-                to,
-                "plotfeed-session",
-                subscribe=list(topics),
-                on_message=on_message,
-                on_connect=self._announce_again,
-                queue=self._scene.mqtt.queue,
-            )
-            for to in self._addresses
-        ]
+        self.brokers = [self._link(to, topics, on_message) for to in self._addresses]
         self.connected.extend(self.brokers)
         for link in self.brokers:
             if not link.address.ends_with_us:
                 self._wills[SESSION] = will
-                wills = LastWills(link, self._wills, partial(self._is_back, link))
+                wills = self._wills_beside(link)
                 self._last_wills.append(wills)
                 self.connected.append(wills)
         self.connected.extend(transport for _, transport in self._of_tracks)
-        self._of_session = Outbox(self._clock, self.brokers, after_link=self._after_link)
+        self._of_session = Outbox(
+            self._clock, [self._guarded(link) for link in self.brokers], after_link=self._after_link
+        )
         return self._of_session
+
+    def _link(
+        self, to: BrokerAddress, topics: Sequence[str], on_message: OnMessage
+    ) -> MqttTransport:
+        how: dict[str, Any] = {
+            "subscribe": list(topics),
+            "on_message": on_message,
+            "on_connect": self._announce_again,
+            "queue": self._scene.mqtt.queue,
+        }
+        part = self._part
+        if part is None or part.lease is None or not part.client_id:
+            return MqttTransport(to, "plotfeed-session", **how)
+        return LeasedLink(to, part.client_id, part.lease, **how)
+
+    def _wills_beside(self, link: MqttTransport) -> LastWills:
+        part, is_back = self._part, partial(self._is_back, link)
+        if part is None or part.lease is None or not part.wills:
+            return LastWills(link, self._wills, is_back)
+        return LeasedWills(link, self._wills, is_back, stem=part.wills, lease=part.lease)
+
+    def _guarded(self, transport: Transport) -> Transport:
+        """What takes nothing while the lease is not held, where there is one."""
+        if self._part is None or self._part.lease is None:
+            return transport
+        leased = LeasedTransport(transport, self._part.lease)
+        return self._leased.setdefault(id(transport), leased)
 
     def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
         """A sensor goes over the session's links; that it is offline is a last will of its own.
@@ -224,10 +253,22 @@ class Outputs:
         transports = [*self.brokers, *self._sapient, *self.udp, *of_tracks]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
 
-    def forget_wills(self) -> None:
-        """All that there is to say at the end is said: no broker shall say that all have died."""
+    def place_wills(self) -> None:
+        """Leave last wills with brokers from now on, if not before: the session sends."""
         for wills in self._last_wills:
-            wills.forget()
+            if isinstance(wills, LeasedWills):
+                wills.place()
+
+    def forget_wills(self, *, now: bool = False) -> None:
+        """All that there is to say at the end is said: no broker shall say that all have died.
+
+        With `now`, others may place theirs at once.
+        """
+        for wills in self._last_wills:
+            if isinstance(wills, LeasedWills):
+                wills.forget(now=now)
+            else:
+                wills.forget()
 
     def give_up(self) -> None:
         """Settle what brokers have not taken by now, which the session's end leaves undelivered."""
@@ -240,9 +281,12 @@ class Outputs:
         return Outbox(
             self._clock,
             [
-                *transports,
-                *(udp for udp in self.udp if udp.settings.takes(name)),
-                *(transport for keys, transport in self._of_tracks if keys.takes(name)),
+                self._guarded(each)
+                for each in (
+                    *transports,
+                    *(udp for udp in self.udp if udp.settings.takes(name)),
+                    *(transport for keys, transport in self._of_tracks if keys.takes(name)),
+                )
             ],
             schedule=self._context.schedule,
             totals=self._context.totals,

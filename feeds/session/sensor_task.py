@@ -62,26 +62,30 @@ class SensorTask:
         self._description = context.describer.description(self.sensor)
         self._status = status_of(self._description)
 
-    def start(self, start_utc_ns: int) -> None:
-        """Say what there is to say of the sensor, now and from now on."""
+    def start(self, start_utc_ns: int, now_utc_ns: int) -> None:
+        """Say what there is to say of the sensor, now and from now on; its script began before."""
         self._status.scan = self._sensors.next_sector(self._i).scan
         for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns
-            self._context.schedule.put(at_utc_ns, partial(self._change_by_script, at_utc_ns))
-        self._description.time_utc.FromNanoseconds(start_utc_ns)
-        self._follow_script(start_utc_ns)
+            if at_utc_ns >= now_utc_ns:
+                change = partial(self._change_by_script, at_utc_ns)
+                self._context.schedule.put(at_utc_ns, change)
+        self._description.time_utc.FromNanoseconds(now_utc_ns)
+        self._follow_script(now_utc_ns)
         self._publish_status(pb.SensorStatus.ONLINE)
         later_ns = self._i // STATUSES_AT_ONCE * AHEAD_NS
-        self._plan_status(start_utc_ns + later_ns + STATUS_EVERY_NS)
+        self._plan_status(now_utc_ns + later_ns + STATUS_EVERY_NS)
         self.outbox.send_past_link(self.settings, self.description)
         if self._announcer is not None:
-            self._announcer.changed(self.sensor, start_utc_ns)
-            self.outbox.send_past_link(*self._announcer.opening(start_utc_ns))
-            self._plan_announcement(start_utc_ns + self._announcer.every_ns, self._announcer)
+            self._announcer.changed(self.sensor, now_utc_ns)
+            self.outbox.send_past_link(*self._announcer.opening(now_utc_ns))
+            self._plan_announcement(now_utc_ns + self._announcer.every_ns, self._announcer)
 
-    def end(self) -> None:
-        """Say that the sensor is no longer there."""
+    def end(self, *, says_so: bool = True) -> None:
+        """Say that the sensor is no longer there, unless others have it."""
         self.outbox.end()
+        if not says_so:
+            return
         if self._announcer is not None:
             now_ns = self._context.clock.now_ns()
             self.outbox.send_past_link(*self._announcer.closing(now_ns))
@@ -239,10 +243,10 @@ class CooperativeTask:
         self._number = 0
         """Of the period at whose end they speak next."""
 
-    def start(self, start_utc_ns: int) -> None:
-        """Begin with the first period that ends after that time."""
+    def start(self, start_utc_ns: int, joined_utc_ns: int) -> None:
+        """Begin with the first period that ends after `joined_utc_ns`; they flew before."""
         self._drones.start(start_utc_ns)
-        self._number = start_utc_ns // self._drones.period_ns + 1
+        self._number = joined_utc_ns // self._drones.period_ns + 1
 
     @property
     def next_due_ns(self) -> int:

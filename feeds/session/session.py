@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -21,21 +21,19 @@ from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.feeds.session.change_control import ChangeControl
 from plotfeed.feeds.session.drone_control import DroneControl
 from plotfeed.feeds.session.inputs import SessionInputs
-from plotfeed.feeds.session.listening import sources_of
-from plotfeed.feeds.session.loop import SessionLoop
+from plotfeed.feeds.session.listening import sources_of, taker_of_mapped
+from plotfeed.feeds.session.loop import SessionLoop, first_of
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
+from plotfeed.feeds.session.session_part import PartPresence, SessionPart
 from plotfeed.feeds.session.ticks import Ticks
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
-from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.proto.content_types import PROTOBUF
 from plotfeed.proto.utc import NS
 
 FIRST_CONNECTION_S = 5.0
@@ -86,11 +84,15 @@ async def run_over(
     stop: asyncio.Event | None = None,
     observers: Sequence[Observer] = (),
     on_ready: Callable[[dict[str, str], SessionCounters], None] | None = None,
+    part: SessionPart | None = None,
 ) -> SessionCounters:
-    """Run a scene over brokers that outlast the session; closes the clock."""
+    """Run a scene over brokers that outlast the session; closes the clock.
+
+    `part` is for one of several sessions that share the sensors of the scene.
+    """
     totals, (addresses, urls) = SessionCounters(), brokers
     try:
-        session = Session(scene, clock, addresses, totals, observers)
+        session = Session(scene, clock, addresses, totals, observers, part=part)
         try:
             await session.run(
                 scene.scene.duration_s if duration_s is None else duration_s,
@@ -122,11 +124,16 @@ class Session:
         addresses: Sequence[BrokerAddress],
         totals: SessionCounters,
         observers: Sequence[Observer],
+        *,
+        part: SessionPart | None = None,
     ) -> None:
-        self.scene = scene
+        own = scene if part is None else part.scene_of(scene)
+        self.scene = own
+        """With the sensors of its part alone; drones and surroundings are those of the whole."""
+        self._part = part
         self.clock = clock
         self.totals = totals
-        self.start_ns = clock.now_ns()
+        self.start_ns = clock.now_ns() if part is None else part.began_utc_ns
         self.trajectories = trajectories_of(scene)
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
@@ -136,27 +143,26 @@ class Session:
         """Sectors whose entries are to be made next."""
         self._drones = launch(scene, self.trajectories, self.start_ns)
         context = SessionContext(
-            scene=scene,
+            scene=own,
             clock=clock,
             schedule=Schedule(clock.wake),
             totals=totals,
             observers=observers,
-            describer=SensorDescriber(scene),
+            describer=SensorDescriber(own),
             keep_ledger=self._keep_ledger if ledger_is_wanted else None,
         )
         cooperative: CooperativeDrones | None = None
-        if scene.cooperative is not None:
-            cooperative = CooperativeDrones(
-                scene, scene.cooperative, self.trajectories, self._drones
-            )
+        if own.cooperative is not None:
+            cooperative = CooperativeDrones(scene, own.cooperative, self.trajectories, self._drones)
         drone_control = DroneControl(self._drones, cooperative)
-        self.changes = ChangeControl(scene, self.sensor_tasks, self._drones, drone_control)
+        self.changes = ChangeControl(own, self.sensor_tasks, self._drones, drone_control)
         self._inputs = SessionInputs(
             context,
             self.trajectories,
             self.sensor_tasks,
             self._publish,
             self.changes.obey,
+            shared=None if part is None else part.inputs_of(scene),
         )
         self._loop = SessionLoop(
             clock,
@@ -166,26 +172,33 @@ class Session:
             after_later=self._write_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
-        self._outputs = Outputs(context, addresses)
-        self._presence = SessionPresence(scene, clock, totals, self._publish)
+        self._outputs = Outputs(context, addresses, part)
+        self._presence: SessionPresence | PartPresence
+        if part is None:
+            self._presence = SessionPresence(scene, clock, totals, self._publish)
+        else:
+            self._presence = PartPresence(part, context, self._publish)
         mappings = scene.telemetry.mapping
-        self._mapped = MappedReports(mappings) if mappings else None
+        mapped = MappedReports(mappings) if mappings else None
         self._tracker_topics = context.tracker_topics
         topics = [*self._inputs.topics, self._presence.topic, *self._tracker_topics]
-        topics += self._mapped.topics if self._mapped else []
+        topics += mapped.topics if mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
-        sensors = EmulatedSensors(scene, self.trajectories)
-        for i, sensor in enumerate(scene.sensor):
+        sensors = EmulatedSensors(scene, self.trajectories, own.sensor)
+        for i, sensor in enumerate(own.sensor):
             outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
             self.sensor_tasks[sensor.id] = SensorTask(sensors, i, outbox, context, announcer)
         self._cooperative: CooperativeTask | None = None
-        if scene.cooperative is not None and cooperative is not None:
-            link = scene.cooperative.link
+        if own.cooperative is not None and cooperative is not None:
+            link = own.cooperative.link
             outbox = self._outputs.of_cooperative_drones(link)
             self._cooperative = CooperativeTask(cooperative, outbox, context, link)
-        self._ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
-        self._loop.on_input = self._ticks.input_waits
+        self.ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
+        self._loop.on_input = self.ticks.input_waits
+        self._take_mapped = taker_of_mapped(
+            mapped, scene, clock, self._loop.queue_input, self._inputs.refuse_later
+        )
         self._sources = sources_of(scene, clock, self._loop.queue_input, self._inputs.refuse_later)
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
@@ -199,7 +212,7 @@ class Session:
 
         Raises `PlotfeedError`.
         """
-        return self._inputs.command(command, self._ticks.as_of_ns())
+        return self._inputs.command(command, self.ticks.as_of_ns())
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -227,20 +240,31 @@ class Session:
                     for each in self._sources
                 ]
                 try:
-                    await _first_of(self._connected(), stop)
+                    await first_of(self._connected(), stop)
                     if stop.is_set():
                         self._outputs.forget_wills()
                         return  # nothing has begun
                     on_ready()
                     start_ns = self.clock.start()
-                    self._drones.put_off(start_ns - self.start_ns)
-                    self.start_ns = start_ns
-                    await _first_of(self._work(duration_s), stop)
+                    if self._part is None:
+                        self._drones.put_off(start_ns - self.start_ns)
+                        self.start_ns = self.ticks.joined_ns = start_ns
+                    else:
+                        await first_of(self.ticks.join(self._part), stop)
+                        if stop.is_set():
+                            return  # others still have its sensors
+                    await first_of(self._work(duration_s), stop)
                     await self._flush(stop)
                     await self._farewell(running[len(self._outbox.transports) :])
                 finally:
                     for task in running:
                         task.cancel()
+
+    def hand_over(self, at_utc_ns: int) -> None:
+        """Send what ends by that time, and leave the sensors to others, who send what follows."""
+        self._presence.hands_over = True
+        self._loop.end_at(at_utc_ns)
+        self._outputs.forget_wills(now=True)
 
     async def _connected(self) -> None:
         for transport in self._outputs.connected:
@@ -252,20 +276,8 @@ class Session:
         elif topic in self._tracker_topics:
             for each in self._observers:
                 each.tracked(topic, payload, content_type, self.clock.now_ns())
-        elif self._mapped is None or not self._hear_mapped(self._mapped, topic, payload):
+        elif self._take_mapped is None or not self._take_mapped(topic, payload):
             self._loop.queue_input(topic, payload, content_type)
-
-    def _hear_mapped(self, mapped: MappedReports, topic: str, payload: bytes) -> bool:
-        """Take what another system published as if its drone had; whether its topic is mapped."""
-        heard = mapped.hear(topic, payload, self.clock.now_ns())
-        if heard is None:
-            return False
-        to = f"{self.scene.mqtt.prefix}/telemetry/{heard.drone}" if heard.drone else topic
-        if isinstance(heard.said, Refused):
-            self._inputs.refuse_later(to, heard.said)
-        else:
-            self._loop.queue_input(to, encode_protobuf(heard.said), PROTOBUF)
-        return True
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
@@ -294,19 +306,20 @@ class Session:
         self.totals.drones = len(self.trajectories)
         for observer in self._observers:
             observer.begun(self)
-        self._presence.begin(self.start_ns)
-        if any(link.is_up and not link.address.ends_with_us for link in self._outputs.brokers):
-            loop = asyncio.get_running_loop()
-            loop.call_later(ECHO_S, self._presence.complain_if_unheard)
-        self._ticks.start(self.start_ns)
+        self._presence.begin(self.ticks.joined_ns)
+        presence, brokers = self._presence, self._outputs.brokers
+        if any(link.is_up and not link.address.ends_with_us for link in brokers):
+            asyncio.get_running_loop().call_later(ECHO_S, presence.complain_if_unheard)
+        self._outputs.place_wills()
+        self.ticks.start(self.start_ns)
         for task in self.sensor_tasks.values():
-            task.start(self.start_ns)
+            task.start(self.start_ns, self.ticks.joined_ns)
         await self._loop.work(end_ns)
 
     async def _flush(self, stop: asyncio.Event) -> None:
         """Deliver what links hold: all of it after a set time, what is near when told to stop."""
         if not stop.is_set():
-            await _first_of(self._loop.finish(ActionKind.DELIVERY), stop)
+            await first_of(self._loop.finish(ActionKind.DELIVERY), stop)
         if stop.is_set():
             self.clock.wake()
             if isinstance(self.clock, WallClock):
@@ -318,7 +331,7 @@ class Session:
     async def _farewell(self, sensors: Sequence[asyncio.Task[None]]) -> None:
         """Mark every sensor offline, let the sockets empty, and write what became of the rest."""
         for sensor_task in self.sensor_tasks.values():
-            sensor_task.end()
+            sensor_task.end(says_so=not self._presence.hands_over)
         if self._cooperative is not None:
             self._cooperative.outbox.end()
         self._presence.end()
@@ -333,18 +346,3 @@ class Session:
 
     async def _drain(self) -> None:
         await self._outputs.drain(FAREWELL_S)
-
-
-async def _first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:
-    """Wait for the end of the work, or end it when asked to stop."""
-    working = asyncio.create_task(work, name="work")
-    stopping = asyncio.create_task(stop.wait(), name="stop")
-    try:
-        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        if working.done():
-            working.result()
-    finally:
-        for task in (working, stopping):
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task

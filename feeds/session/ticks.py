@@ -9,6 +9,7 @@ what many would; what comes in waits for the next.
 
 from __future__ import annotations
 
+import asyncio
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
+from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.proto.utc import NS
@@ -27,6 +29,8 @@ from plotfeed.proto.utc import NS
 TICK_NS = AHEAD_NS
 LONGEST_NS = NS
 """No tick comes later than this after another, so that what comes in is taken in."""
+CAUGHT_UP_NS = NS // 4
+"""Further behind, a session that joins others is not ready."""
 INTAKE_NS = TICK_NS // 2
 """Real time that a tick spends on what has come in; the rest waits for the next."""
 MOST_SECTORS, MOST_TICKS = 512, 1000
@@ -60,13 +64,40 @@ class Ticks:
         """When it may be at the earliest: what is worked out already was for those before."""
         self._at_once = 1
         """Ticks in one, where time is simulated."""
+        self.joined_ns = 0
+        """What ends by then is not this session's to send: when it begins, if it has no others."""
+
+    @property
+    def sent_until_ns(self) -> int:
+        """All that was due by then has left, or will not, UTC."""
+        dues = [task.outbox.oldest_due_ns for task in self._of_index]
+        due = [each for each in (*dues, self._schedule.next_due_ns()) if each is not None]
+        return min([self._clock.now_ns(), *due]) - 1
+
+    async def join(self, part: SessionPart) -> None:
+        """Work out again what others have sent since the scene began, and note when to go on."""
+        done_ns = part.began_utc_ns
+        self._sensors.start(done_ns)
+        while (now_ns := self._clock.now_ns()) - done_ns > CAUGHT_UP_NS:
+            await self._catch_up(now_ns)
+            done_ns = now_ns
+        self.joined_ns = await part.join(done_ns)
+        await self._catch_up(self.joined_ns)
+
+    async def _catch_up(self, t_utc_ns: int) -> None:
+        for _ in self._sensors.caught_up(t_utc_ns):
+            await asyncio.sleep(0)  # another session of this process may have something to send
 
     def start(self, start_utc_ns: int) -> None:
         """Work out what ends until the second tick from now, and plan the next tick."""
-        self._sensors.start(start_utc_ns)
+        from_ns = start_utc_ns
+        if self.joined_ns == start_utc_ns:
+            self._sensors.start(start_utc_ns)
+        else:
+            from_ns = self._clock.now_ns()
         if self._cooperative is not None:
-            self._cooperative.start(start_utc_ns)
-        self._work_out(start_utc_ns // TICK_NS)
+            self._cooperative.start(start_utc_ns, self.joined_ns)
+        self._work_out(from_ns // TICK_NS)
 
     def input_waits(self) -> None:
         """Something has come in: see to it that there is a tick soon."""

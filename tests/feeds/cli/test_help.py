@@ -46,6 +46,7 @@ SPOKEN = {
     "record": ["mqtt://", "udp://", "MCAP"],
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
     "score": ["MCAP", "pcap", ".ast", "CSV", "GeoJSON", "ASTERIX 062", "SAPIENT", "TOML", "JUnit"],
+    "fleet": ["TOML", "MQTT", "MCAP", "JSON"],
     "chart": ["TOML", "png", "svg", "JSON"],
     "scenes": ["JSON"],
     "sensors": ["JSON"],

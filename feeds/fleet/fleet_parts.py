@@ -1,0 +1,111 @@
+"""What a fleet consists of: its workers, its parts, and what nobody has sent."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from plotfeed.feeds.fleet.part_server import PartOrder, Question
+
+
+class WorkerDiedError(Exception):
+    """A worker whose process is gone."""
+
+
+class Worker(Protocol):
+    """A `PartServer`, wherever it is; each method may raise `WorkerDiedError`."""
+
+    name: str
+
+    async def serve(self, order: PartOrder) -> dict[str, Any]:
+        """Run a part to its end."""
+
+    async def asks(self, key: str) -> Question:
+        """Return when a lease is to be renewed."""
+
+    async def granted(self, key: str, number: int) -> None:
+        """Renew it."""
+
+    async def refused(self, key: str) -> None:
+        """Let it send nothing more."""
+
+    async def ready(self, key: str) -> int:
+        """Return when it has caught up."""
+
+    async def join_at(self, key: str, t_utc_ns: int) -> None:
+        """Let it send what ends after that time."""
+
+    async def hand_over(self, key: str, at_utc_ns: int) -> int:
+        """Let it send nothing that ends after a time, which it says."""
+
+    async def stop(self, key: str) -> None:
+        """End a part."""
+
+    def leave(self) -> None:
+        """End the worker, which runs nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetSettings:
+    """How a fleet runs."""
+
+    workers: int
+    spares: int = 1
+    """Workers that wait to take over."""
+    lease_s: float = 2.0
+    broker: str | None = None
+    """URL, or none for no MQTT."""
+    duration_s: float | None = None
+    is_simulated: bool = False
+    record: Path | None = None
+    """A folder."""
+    ramp_up_s: float = 0.0
+    """Over which parts begin one after another."""
+    cells: int | None = None
+    """Resolution of the cells by which telemetry is shared out; None for all to all."""
+
+
+@dataclass(slots=True)
+class Gap:
+    """What nobody sent of a part: sectors that ended after one time, and by another, UTC."""
+
+    part: str
+    sensors: tuple[str, ...]
+    why: str
+    from_utc_ns: int
+    to_utc_ns: int | None = None
+
+
+@dataclass(slots=True)
+class PartHeld:
+    """A part, and who has it."""
+
+    name: str
+    sensors: tuple[str, ...]
+    leads: bool
+    joins: str
+    joins_utc_ns: int
+    worker: Worker | None = None
+    key: str = ""
+    sent_until_utc_ns: int = 0
+    joined_utc_ns: int = 0
+    epoch: int = 0
+    leaving: bool = False
+    """Others have its sensors soon: nobody takes it over."""
+    is_ready: asyncio.Event = field(default_factory=asyncio.Event)
+    counts: dict[str, Any] = field(default_factory=dict)
+
+
+COUNTED = ("looks", "plots", "false_alarms", "messages", "undelivered", "missed_scans")
+"""What the sum of all parts is told of."""
+
+
+async def or_not(work: Awaitable[None], timeout_s: float) -> None:
+    """Wait for an answer that may never come."""
+    with contextlib.suppress(WorkerDiedError, TimeoutError):
+        async with asyncio.timeout(timeout_s):
+            await work

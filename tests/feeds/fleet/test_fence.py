@@ -1,0 +1,117 @@
+"""Who has lost sensors to another sends nothing more of them, and takes no connection back."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.mqtt_client import listening
+from support.sessions import Start, every_broker
+from support.waiting import until
+
+from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.transport.leased import NO_LEASE, LeasedLink, LeasedTransport, cut_off
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto import plotfeed_pb2 as pb
+
+PATIENCE_S = 60.0
+
+
+class Grant:
+    """A lease that is granted by hand."""
+
+    def __init__(self) -> None:
+        self.holds = True
+        self.wanted = 0
+        self._granted = asyncio.Event()
+        self._granted.set()
+
+    async def renewed(self) -> None:
+        self.wanted += 1
+        await self._granted.wait()
+
+    def withhold(self) -> None:
+        self._granted.clear()
+
+    def grant(self) -> None:
+        self._granted.set()
+
+
+def delivery(text: bytes) -> Delivery:
+    return Delivery(Message("plotfeed/r/plots", text, "text/plain", 0), InstantClock(0), 1)
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_the_next_holder_cuts_off_the_last_which_comes_back_by_a_new_lease_alone(
+    tmp_path: Path, start: Start
+) -> None:
+    port = free_port()
+    with start(tmp_path, port):
+        address = BrokerAddress("127.0.0.1", port, (5,))
+        first, second = Grant(), Grant()
+        old, new = (LeasedLink(address, "part-0", grant) for grant in (first, second))
+        async with old.connected(PATIENCE_S):
+            first.withhold()
+            with listening(port, 5, "plotfeed/#") as client:
+                async with new.connected(PATIENCE_S):
+                    await until(lambda: not old.is_up)
+                    await until(lambda: first.wanted == 2)  # it would, and may not
+                    late, in_time = delivery(b"late"), delivery(b"in time")
+                    old.publish(late)
+                    new.publish(in_time)
+                    await asyncio.to_thread(client.wait_for, lambda m: m.payload == b"in time")
+                    assert new.is_up
+                    assert late.fate == pb.UNDELIVERED
+                    second.withhold()
+                    first.grant()
+                    await until(lambda: old.is_up and not new.is_up)
+                assert [m.payload for m in client.heard] == [b"in time"]
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_whoever_grants_leases_can_have_a_broker_cut_somebody_off(
+    tmp_path: Path, start: Start
+) -> None:
+    port = free_port()
+    with start(tmp_path, port):
+        address, grant = BrokerAddress("127.0.0.1", port, (5,)), Grant()
+        link = LeasedLink(address, "part-0", grant)
+        async with link.connected(PATIENCE_S):
+            grant.withhold()
+            await cut_off(address, "part-0")
+            await until(lambda: not link.is_up)
+            await until(lambda: grant.wanted == 2)
+
+
+class Kept:
+    """A way out that takes everything."""
+
+    def __init__(self) -> None:
+        self.taken: list[bytes] = []
+
+    def publish(self, *deliveries: Delivery) -> None:
+        for each in deliveries:
+            self.taken.append(each.message.payload)
+            each.settle(delivered=True)
+
+
+@pytest.mark.asyncio
+async def test_no_way_out_takes_what_is_sent_without_a_lease() -> None:
+    """UDP and others, where no broker cuts anybody off."""
+    kept, grant = Kept(), Grant()
+    leased = LeasedTransport(kept, grant)  # type: ignore[arg-type]
+    sent, held_back = delivery(b"sent"), delivery(b"held back")
+    leased.publish(sent)
+    grant.holds = False
+    leased.publish(held_back)
+    together = delivery(b"together")
+    assert not leased.publish_together([together.message], lambda: [together])
+    assert kept.taken == [b"sent"]
+    assert (sent.fate, held_back.fate, together.fate) == (pb.SENT, pb.UNDELIVERED, pb.UNDELIVERED)
+    assert held_back.not_to == (NO_LEASE,)

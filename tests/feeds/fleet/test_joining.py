@@ -1,0 +1,81 @@
+"""Whoever takes sensors over goes on at the right scan, with the bytes that were due."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from support.fleet_scenes import by_topic, mixed
+from support.road import NS, START_NS, fly
+
+from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.session.observer import Observer, RunningSession, Tap
+from plotfeed.feeds.session.session import Session, run_over
+from plotfeed.feeds.session.session_part import SessionPart
+from plotfeed.feeds.timing.clock import InstantClock
+
+DURATION_S = 8.0
+EVERY = tuple(sensor.id for sensor in mixed().sensor)
+
+
+class HandsOver(Observer):
+    """Has a session hand over as soon as it sends."""
+
+    def __init__(self, at_ns: int) -> None:
+        self._at_ns = at_ns
+
+    def begun(self, session: RunningSession) -> None:
+        assert isinstance(session, Session)
+        session.hand_over(self._at_ns)
+
+
+def part_flown(sensors: tuple[str, ...], joins_ns: int, ends_ns: int | None) -> list[Message]:
+    """What a session sends that joins at one time, and hands over at another."""
+    messages: list[Message] = []
+
+    async def join(caught_up_ns: int) -> int:
+        assert caught_up_ns <= joins_ns
+        return joins_ns
+
+    tap = Tap(lambda message, _: messages.append(message))
+    part = SessionPart(name="0", sensors=sensors, began_utc_ns=START_NS, join=join)
+    clock = InstantClock(joins_ns)
+    asyncio.run(
+        run_over(
+            ([], {}),
+            mixed(),
+            clock=clock,
+            duration_s=DURATION_S,
+            observers=[tap, *([] if ends_ns is None else [HandsOver(ends_ns)])],
+            part=part,
+        )
+    )
+    return messages
+
+
+@pytest.mark.parametrize("at_s", [3.0, 5.37])
+def test_what_follows_is_what_one_session_would_have_sent(at_s: float) -> None:
+    at_ns = START_NS + round(at_s * NS)
+    whole = by_topic(fly(mixed(), DURATION_S).messages, at_ns)
+    found = by_topic(part_flown(EVERY, at_ns, None), at_ns)
+    assert found == whole
+
+
+def test_what_hands_over_and_what_joins_send_together_all_and_nothing_twice() -> None:
+    at_ns = START_NS + 4 * NS
+    whole = by_topic(fly(mixed(), DURATION_S).messages)
+    before = [by_topic(part_flown(sensors, START_NS, at_ns)) for sensors in partition(mixed(), 2)]
+    after = [by_topic(part_flown(sensors, at_ns, None)) for sensors in partition(mixed(), 3)]
+    found: dict[str, list[bytes]] = {}
+    for part in [*before, *after]:
+        for topic, payloads in part.items():
+            found[topic] = found.get(topic, []) + payloads
+    assert found == whole
+
+
+def test_who_hands_over_does_not_say_that_its_sensors_are_offline() -> None:
+    for ends_ns, state in ((None, "OFFLINE"), (START_NS + NS, "ONLINE")):
+        told = part_flown(EVERY[:1], START_NS, ends_ns)
+        statuses = [m for m in told if m.topic.endswith(f"{EVERY[0]}/status")]
+        assert f'"{state}"'.encode() in statuses[-1].payload
