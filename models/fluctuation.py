@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import (
     betainc,
     betaincc,
@@ -26,6 +26,8 @@ from scipy.special import (
     gammaincinv,
     gammaln,
     nbdtrik,
+    ndtri,
+    pdtr,
     pdtrc,
     pdtrik,
     xlogy,
@@ -46,6 +48,7 @@ LONG_TAIL = 60.0
 SURE = 12.0
 """Standard deviations beyond which nothing is left."""
 NODES = 96
+CORRECTIONS = 6
 AT_ONCE = 1 << 18
 """Weights that are held at once."""
 
@@ -103,6 +106,22 @@ def _beyond(total: Floats, order: float, last: int) -> Floats:
     return np.asarray(betainc(last + 1, order, 1 / (1 + 1 / mean)))
 
 
+def _is_beyond(total: Floats, order: float, terms: _Terms) -> NDArray[np.bool_]:
+    """Whether numbers are beyond the last term, for certain: of strong echoes that are steady.
+
+    Poisson's law leaves e^-(m - k - k ln(m/k)) below k of a mean m: at four times it, 1e-60.
+    """
+    return np.asarray((order == STEADY) & (total > 4 * len(terms.hit)))
+
+
+def _pd(total: Floats, order: float, terms: _Terms) -> Floats:
+    """Pd alone, (n,): 1 of those that are beyond the terms."""
+    pd = np.ones(len(total))
+    within = np.flatnonzero(~_is_beyond(total, order, terms))
+    pd[within] = _chances(total[within], order, terms)[0]
+    return pd
+
+
 def _chances(total: Floats, order: float, terms: _Terms) -> tuple[Floats, Floats]:
     """Pd and its complement, (n,); each is accurate by itself."""
     k = np.arange(len(terms.hit), dtype=np.float64)
@@ -123,8 +142,7 @@ def _total(snr: ArrayLike, n_looks: int) -> Floats:
 def pd_fluctuating(snr: ArrayLike, pfa: float, n_looks: int, order: float) -> Floats:
     """Probability of detection of a sum of looks of that mean ratio each, noise known; (...)."""
     total = _total(snr, n_looks)
-    pd, _ = _chances(total.ravel(), order, _terms_of_known_noise(pfa, n_looks))
-    return pd.reshape(total.shape)
+    return _pd(total.ravel(), order, _terms_of_known_noise(pfa, n_looks)).reshape(total.shape)
 
 
 @nan_without_warnings
@@ -141,8 +159,8 @@ def pd_fluctuating_cfar(
 ) -> Floats:
     """Probability of detection of a sum of looks against a sum of reference samples; (...)."""
     total = _total(snr, n_looks)
-    pd, _ = _chances(total.ravel(), order, _terms_of_cfar(pfa, n_looks, n_reference))
-    return pd.reshape(total.shape)
+    terms = _terms_of_cfar(pfa, n_looks, n_reference)
+    return _pd(total.ravel(), order, terms).reshape(total.shape)
 
 
 def _detected(cfar: FluctuatingCfar, snr: Floats, order: float, u: Floats) -> tuple[Floats, Floats]:
@@ -163,8 +181,29 @@ def _detected(cfar: FluctuatingCfar, snr: Floats, order: float, u: Floats) -> tu
     return np.maximum((1 - reference) * power, threshold), threshold
 
 
+def _poisson(mean: Floats, u: Floats) -> Floats:
+    """Poisson numbers of means beyond a hundred, by uniform ones; (n,).
+
+    The nearest of Cornish and Fisher's expansion, put right by the distribution function.
+    """
+    z = ndtri(np.maximum(u, 1e-300))
+    k = np.maximum(np.floor(mean + z * np.sqrt(mean) + (z * z - 1) / 6), 0.0)
+    for _ in range(CORRECTIONS):
+        step = (pdtr(k, mean) < u).astype(np.float64) - (pdtr(k - 1, mean) >= u)
+        if not step.any():
+            return k
+        k = np.maximum(k + step, 0.0)
+    return np.ceil(pdtrik(u, mean))
+
+
 def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:
     """Numbers k given the hit, by uniform ones; (n,)."""
+    beyond_all = _is_beyond(total, order, terms)
+    if beyond_all.any():
+        found = _poisson(total, u)
+        within = np.flatnonzero(~beyond_all)
+        found[within] = _numbers(total[within], order, terms, u[within])
+        return np.asarray(found)
     k = np.arange(len(terms.hit), dtype=np.float64)
     found = np.empty(len(total))
     step = max(AT_ONCE // len(k), 1)

@@ -51,7 +51,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
             "receive": {"elevation": {"kind": "gaussian"}},
         }
     },
-    "side lobes": {"antenna": {"receive": {"sidelobe_db": 30.0}, "sidelobe_plots": True}},
+    "side lobes": {"antenna": {"receive": {"sidelobe_db": 60.0}, "sidelobe_plots": True}},
     "classes, held for 10 s": {
         "classifier": {
             "claims": ["drone", "bird"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import pdtr
 from support.effect_values import values_of
 from support.significance import assert_law, assert_sum
 
@@ -16,6 +17,7 @@ from plotfeed.models.detection import (
 )
 from plotfeed.models.fluctuation import (
     FluctuatingCfar,
+    _poisson,
     inverse_detected_fluctuating,
     joint_hit_gauss_markov,
     miss_fluctuating,
@@ -120,3 +122,13 @@ def test_two_hits_at_one_amplitude_are_as_likely_as_integrated() -> None:
     pd = 1e-6 ** (1 / (1 + snr))
     after = [joint_hit_gauss_markov(snr, 1e-6, rho) / pd for rho in (0.0, 0.5, 0.9, 0.99)]
     np.testing.assert_allclose(after, [0.517, 0.574, 0.757, 0.845], atol=5e-4)
+
+
+def test_poisson_numbers_are_those_of_the_inverse_to_the_last_one() -> None:
+    mean = np.repeat([950.0, 1e4, 1e6], 400)
+    u = np.tile(
+        np.concatenate([np.linspace(1e-6, 1 - 1e-6, 396), [1e-16, 1e-9, 0.5, 1 - 1e-14]]), 3
+    )
+    found = _poisson(mean, u)
+    assert (pdtr(found, mean) >= u).all()
+    assert (pdtr(found - 1, mean) < u).all()
