@@ -191,9 +191,9 @@ def _poisson(mean: Floats, u: Floats) -> Floats:
     for _ in range(CORRECTIONS):
         step = (pdtr(k, mean) < u).astype(np.float64) - (pdtr(k - 1, mean) >= u)
         if not step.any():
-            return k
+            return np.asarray(k)
         k = np.maximum(k + step, 0.0)
-    return np.ceil(pdtrik(u, mean))
+    return np.asarray(np.ceil(pdtrik(u, mean)))
 
 
 def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:

@@ -220,7 +220,7 @@ def _swerling1(
 
 @_law_of_kind.register
 def _(model: MimoRadar, targets: Targets) -> DetectionLaw | None:
-    if targets.signatures.echoes is not None:  # by a series of its own
+    if targets.signatures.echoes is not None or model.intervals is not None:
         return _predicted_law(model, targets)
     snrs = model.look_snrs(targets)
     pfa, n = model.pfa, model.n_reference_total

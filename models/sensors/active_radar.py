@@ -12,33 +12,31 @@ of the reference samples of all signals. Positions are measured from the receive
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.effects.pulse_intervals import at_least, chosen, first_successes
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.echo_radar import mean_over_signals
-from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.sensor_model import Prediction, Targets, mean_prediction
+from plotfeed.models.sensors.interval_radar import IntervalRadar
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActiveRadar(PolarRadar):
+class ActiveRadar(IntervalRadar):
     """`n_reference` counts the reference cells of the CFAR, `power_w` is the average one."""
 
     power_w: float
     gain_tx_dbi: float
 
     @property
-    def n_signals(self) -> int:
-        """A single signal, or one an interval."""
-        return 1 if self.intervals is None else self.intervals.count
+    def signals_each(self) -> int:
+        """A single signal."""
+        return 1
 
     @sensor_property
     def snr_of_unit(self) -> float:
@@ -71,59 +69,23 @@ class ActiveRadar(PolarRadar):
             snr *= self.way_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
         return snr[:, None]
 
-    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out.
-
-        Of a look of several intervals, (n, N), that enough of them detect.
-        """
-        if self.intervals is not None:
-            return at_least(self._pd_each(snrs, order), self.intervals.needed)
+    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""
         if order is not None:
             return FluctuatingCfar(self.pfa, 1, self.n_reference).pd(snrs[..., 0], order)
         return detection.pd_cfar_swerling1(snrs[..., 0], self.pfa, self.n_reference)
 
-    def draw_detected(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
+    def draw_interval(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
     ) -> tuple[Floats, Floats]:
-        """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out.
-
-        Of several intervals, those of the first that detected.
-        """
-        if self.intervals is not None:
-            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
-            column = chosen(first, rng.random((len(snrs),)))
-            snrs = np.take_along_axis(snrs, column[:, None], axis=1)
+        """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out."""
         if order is not None:
             cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
             return cfar.draw_detected(snrs[..., 0], order, rng)
         return detection.draw_detected_snr_swerling1(snrs[..., 0], self.pfa, self.n_reference, rng)
 
-    def _pd_each(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection of each interval; (n, N)."""
-        if order is None:
-            return detection.pd_cfar_swerling1(snrs, self.pfa, self.n_reference)
-        orders = np.repeat(order, snrs.shape[1])
-        cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-        return cfar.pd(snrs.ravel(), orders).reshape(snrs.shape)
-
-    def predict(self, targets: Targets) -> Prediction:
-        """Closed forms; over all places of the intervals in a beam that passes."""
-        if self.intervals is None or self.intervals.beam is None:
-            return super().predict(targets)
-        everywhere = np.zeros(len(targets), np.int64)
-        found = [
-            super(ActiveRadar, self).predict(replace(targets, t_utc_ns=everywhere + phase_ns))
-            for phase_ns in self.intervals.phases_ns
-        ]
-        return mean_prediction(found)
-
-    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
+    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
         """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
-        if self.intervals is not None:
-            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
-            one = replace(self, intervals=None)
-            columns = [one.inverse_detected(snr[:, None], order) for snr in snrs.T]
-            return np.asarray((first * np.stack(columns, axis=-1)).sum(axis=1))
         if order is not None:
             cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
             return cfar.inverse_detected(snrs[..., 0], order)
@@ -140,13 +102,13 @@ class MimoTransmitter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MimoRadar(PolarRadar):
+class MimoRadar(IntervalRadar):
     """`n_reference` counts the reference cells of the CFAR in each transmitter's signal."""
 
     transmitters: tuple[MimoTransmitter, ...]
 
     @sensor_property
-    def n_signals(self) -> int:
+    def signals_each(self) -> int:
         """A signal a transmitter."""
         return len(self.transmitters)
 
@@ -158,16 +120,16 @@ class MimoRadar(PolarRadar):
     @property
     def n_looks(self) -> int:
         """A look a transmitter."""
-        return self.n_signals
+        return self.signals_each
 
     @property
     def _cfar(self) -> FluctuatingCfar:
-        return FluctuatingCfar(self.pfa, self.n_signals, self.n_reference_total)
+        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
 
     @property
     def n_reference_total(self) -> int:
         """Reference samples of all signals together."""
-        return self.n_reference * self.n_signals
+        return self.n_reference * self.signals_each
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
@@ -176,8 +138,8 @@ class MimoRadar(PolarRadar):
         range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
         places_m = self._places_enu_m
         integration_s, density_w_hz = self.integration_s, self._noise_density_w_hz
-        snrs = np.empty((len(position_enu_m), self.n_signals))
-        for k in range(self.n_signals):
+        snrs = np.empty((len(position_enu_m), self.signals_each))
+        for k in range(self.signals_each):
             place_enu_m = places_m[k].T
             range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
             way_m2 = range_tx_m * range_rx_m
@@ -215,7 +177,7 @@ class MimoRadar(PolarRadar):
     def _noise_density_w_hz(self) -> float:
         return float(propagation.noise_density_w_hz(self.noise_figure_db))
 
-    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
+    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
         """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,).
 
         Of a target that states how it fluctuates, the sum of the ratios decides, which is exact
@@ -225,23 +187,23 @@ class MimoRadar(PolarRadar):
             return self._cfar.pd(mean_over_signals(snrs), order)
         return detection.pd_noncoherent_unequal_cfar(snrs, self.pfa, self.n_reference_total)
 
-    def draw_detected(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
+    def draw_interval(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
     ) -> tuple[Floats, Floats]:
         """Powers a transmitter of detections, and thresholds; (n, K) in, (n,) out."""
         if order is not None:
             power, threshold = self._cfar.draw_detected(mean_over_signals(snrs), order, rng)
-            return power / self.n_signals, threshold / self.n_signals
+            return power / self.signals_each, threshold / self.signals_each
         power, threshold = detection.draw_detected_power_noncoherent(
             snrs, self.pfa, self.n_reference_total, rng
         )
-        return power / self.n_signals, threshold / self.n_signals
+        return power / self.signals_each, threshold / self.signals_each
 
-    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
+    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
         """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
         if order is not None:
             cfar = self._cfar
-            return self.n_signals * cfar.inverse_detected(mean_over_signals(snrs), order)
-        return self.n_signals * detection.inverse_detected_power_noncoherent(
+            return self.signals_each * cfar.inverse_detected(mean_over_signals(snrs), order)
+        return self.signals_each * detection.inverse_detected_power_noncoherent(
             snrs, self.pfa, self.n_reference_total
         )

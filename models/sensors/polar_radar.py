@@ -175,7 +175,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         if targets.velocity_enu_m_s is not None:
             rate_m_s = range_rate_m_s(place_enu_m, targets.velocity_enu_m_s[rows])
         range_m, t_utc_ns = distance_m(place_enu_m), targets.t_utc_ns[rows]
-        return snrs * self.intervals.power_factor(range_m, rate_m_s, t_utc_ns)
+        left = self.intervals.power_factor(range_m, rate_m_s, t_utc_ns)
+        every = left[:, :, None] * snrs[:, None]
+        return np.asarray(every.reshape(len(snrs), left.shape[1] * snrs.shape[1]))
 
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])

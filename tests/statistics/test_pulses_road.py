@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from support.every_kind import MIMO, PASSIVE
 from support.radar_equations import LIGHT_M_S, mean_snr, multiplier
 from support.road import Road, flown, fly, held, radar, rotating, scene, waypoint
 from support.significance import Array, assert_chance, assert_standard_normal, assert_sum
@@ -148,6 +149,48 @@ def test_a_beam_that_passes_leaves_each_interval_what_it_has_meanwhile() -> None
     there = mean_snr(sensor, row["range_m"]) * gain
     mean = (1 - np.prod(1 - pd_of(sensor, there), axis=1)).mean()
     assert row["pd"] == pytest.approx(mean, abs=0.01)
+
+
+@pytest.mark.parametrize("needed", [1, 2])
+def test_intervals_of_a_mimo_radar_decide_by_the_signals_of_all_transmitters(needed: int) -> None:
+    pulses = {"prf_hz": [PRF_HZ, 27e3], "intervals": 3, "needed": needed, "pulse_s": 4e-6}
+    drones = spread(14, rcs_m2=5e-4)
+    plain, found = (
+        fly(scene([MIMO | more], drones, seed=29), 40) for more in ({}, {"pulses": pulses})
+    )
+    assert_detected(found)
+    looks, before = found.looks(), plain.looks()
+    prf_hz = np.array([PRF_HZ, 27e3, PRF_HZ])
+    x = looks.range_m[:, None] * 2 * prf_hz / LIGHT_M_S % 1
+    eclipsed = np.clip(np.minimum(x, 1 - x) / (4e-6 * prf_hz), 0, 1) ** 2
+    gain = linear(looks.snr_db - before.snr_db)
+    np.testing.assert_allclose(gain, eclipsed.mean(axis=1), rtol=1e-6)
+    clear = (eclipsed == 1).all(axis=1)
+    assert clear.sum() > 100
+    p = before.pd[clear]
+    np.testing.assert_allclose(looks.pd[clear], stats.binom.sf(needed - 1, 3, p), rtol=1e-6)
+    plots = found.plots()
+    plots = plots.rows(plots.drone != "")
+    assert_standard_normal((plots.range_m - plots.true_range_m) / plots.sigma_range_m)
+
+
+def test_one_frequency_folds_the_ranges_of_a_mimo_radar_and_blinds_it() -> None:
+    mimo = MIMO | {"pulses": {"prf_hz": [PRF_HZ]}, "range_max_m": 15_000.0}
+    flight = fly(scene([mimo], spread(14, rcs_m2=300.0), seed=30), 5)
+    plots = flight.plots()
+    plots = plots.rows(plots.drone != "")
+    whole = np.rint((plots.true_range_m - plots.range_m) / FOLD_M)
+    assert set(whole) >= {0.0}
+    assert plots.range_m.max() < FOLD_M
+    blind_m_s = LIGHT_M_S / 15e9 * 2000.0 / 2
+    filtered = MIMO | {"pulses": {"prf_hz": [2000.0], "canceller": "single"}}
+    looks = fly(scene([filtered], approaching(blind_m_s, rcs_m2=1.0), seed=30), 20).looks()
+    assert looks.pd.max() < 0.2
+
+
+def test_a_broadcast_has_no_pulses() -> None:
+    with pytest.raises(SceneError, match="broadcasts have none"):
+        scene([PASSIVE | {"pulses": {"prf_hz": [1e3]}}], seed=27)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ MOST_PAIRS = 32
 NOT_MODELLED = (
     *("doppler", "merging", "antenna", "straddling", "drift", "tracks", "weather", "jamming"),
     "classifier",
+    "pulses",
 )
 """Of one receiver alone."""
 

@@ -129,6 +129,16 @@ class PassiveRadarKeys(EchoRadarKeys):
         """The category made for such sensors, and all that was measured."""
         return ("asterix-015", "plots")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_pulses(cls, keys: Any) -> Any:
+        if isinstance(keys, dict) and "pulses" in keys:
+            raise ValueError(
+                "pulses: broadcasts have none: no range folds, no echo is eclipsed and no speed is "
+                "blind; doppler.notch_m_s filters clutter"
+            )
+        return keys
+
     @model_validator(mode="after")
     def _hears(self) -> Self:
         if self.gain_rx_dbi is None and self.elevation_beamwidth_deg is None:

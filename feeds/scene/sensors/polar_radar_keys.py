@@ -103,6 +103,8 @@ class PolarRadarKeys(EchoRadarKeys):
     """The ground's reflection; without it, space is free."""
     doppler: PulsedDopplerKeys | None = None
     """Without it, no range rates."""
+    pulses: PulsesKeys | None = None
+    """Without it, nothing is ambiguous or blind, and a look is one interval."""
     merging: MergingKeys | None = None
     """Without it, every drone is seen by itself, however close to others."""
     classifier: ClassifierKeys | None = None
@@ -132,7 +134,8 @@ class PolarRadarKeys(EchoRadarKeys):
 
     def warnings(self, site: Site, /) -> list[str]:
         """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
-        return [*self._odd_values(), *self._few_cells(), *self._coarse_format(site)]
+        folded = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
+        return [*folded, *self._odd_values(), *self._few_cells(), *self._coarse_format(site)]
 
     @property
     def signals_hz(self) -> Sequence[tuple[float, float]]:
@@ -205,15 +208,37 @@ class PolarRadarKeys(EchoRadarKeys):
                 "multipath": self.multipath and self.multipath.model(),
                 "doppler": self._doppler(),
                 "merging": self._merging(),
+                "intervals": self._intervals(),
                 "classifier": self.classifier and self.classifier.model(),
                 "echo_effects": self.echo_effects([self.range_resolution_m], self._doppler()),
             }
         )
 
-    def _doppler(self) -> Doppler | None:
-        if self.doppler is None:
+    @model_validator(mode="after")
+    def _pulses_are_of_it(self) -> Self:
+        if self.pulses is not None and self.doppler is not None and self.doppler.prf_hz is not None:
+            raise ValueError("doppler.prf_hz: leave it out: pulses say it")
+        if self.pulses is not None and self.pulses.beam_passes and not self.scan.rotates:
+            raise ValueError("pulses.beam_passes: is of a radar that turns")
+        return self
+
+    def _intervals(self) -> PulseIntervals | None:
+        if self.pulses is None:
             return None
-        return self.doppler.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
+        return self.pulses.model(
+            interval_s=self.integration_s,
+            frequency_hz=self.frequency_hz,
+            beamwidth_deg=self.azimuth_beamwidth_deg,
+            turn_s=self.scan.period_s if self.scan.rotates else None,
+        )
+
+    def _doppler(self) -> Doppler | None:
+        keys = self.doppler
+        if keys is None:
+            return None
+        if self.pulses is not None:
+            keys = keys.model_copy(update={"prf_hz": self.pulses.folding_prf_hz})
+        return keys.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
 
     def _merging(self) -> Merging | None:
         if self.merging is None:
@@ -238,8 +263,6 @@ class ActiveRadarKeys(PolarRadarKeys):
     """How it scans."""
     power_w: Positive
     """Average."""
-    pulses: PulsesKeys | None = None
-    """Without it, nothing is ambiguous or blind, and a look is one interval."""
     decorrelation_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
     """After which 1/e of a target's amplitude is left, on average, so that soon after a hit comes
     another; without it, each scan finds it anew. Of Swerling 1 and 3."""
@@ -260,7 +283,6 @@ class ActiveRadarKeys(PolarRadarKeys):
             **self._polar(),
             power_w=self.power_w,
             gain_tx_dbi=self.gain_tx_dbi,
-            intervals=self._intervals(),
         )
         model = self.in_the_world(plain, site)
         if not isinstance(self.scan, ElectronicScan):
@@ -269,36 +291,15 @@ class ActiveRadarKeys(PolarRadarKeys):
         return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
 
     @model_validator(mode="after")
-    def _pulses_are_of_it(self) -> Self:
-        if self.pulses is not None and self.doppler is not None and self.doppler.prf_hz is not None:
-            raise ValueError("doppler.prf_hz: leave it out: pulses say it")
-        if self.pulses is not None and self.pulses.beam_passes and not self.scan.rotates:
-            raise ValueError("pulses.beam_passes: is of a radar that turns")
+    def _strengths_last(self) -> Self:
         if self.pulses is not None and self.pulses.count > 1 and self.decorrelation_s is not None:
             raise ValueError("decorrelation_s: echoes of several pulses.intervals fluctuate anew")
         return self
 
-    def _intervals(self) -> PulseIntervals | None:
-        if self.pulses is None:
-            return None
-        return self.pulses.model(
-            interval_s=self.integration_s,
-            frequency_hz=self.frequency_hz,
-            beamwidth_deg=self.azimuth_beamwidth_deg,
-            turn_s=self.scan.period_s if self.scan.rotates else None,
-        )
-
-    def _doppler(self) -> Doppler | None:
-        if self.pulses is None or self.doppler is None:
-            return super()._doppler()
-        keys = self.doppler.model_copy(update={"prf_hz": self.pulses.folding_prf_hz})
-        return keys.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
-
     def warnings(self, site: Site, /) -> list[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""
-        of_pulses = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
         of_time = self.scan.warnings() if isinstance(self.scan, ElectronicScan) else []
-        return [*self._short_dwell(), *of_time, *of_pulses, *super().warnings(site)]
+        return [*self._short_dwell(), *of_time, *super().warnings(site)]
 
     def _short_dwell(self) -> list[str]:
         if not self.scan.rotates or (self.pulses is not None and self.pulses.beam_passes):
