@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,8 +17,10 @@ import numpy as np
 import pytest
 from support.brokers import free_port
 from support.command import Running, plotfeed_here, running
+from support.mqtt_client import Heard, listening
 from support.waiting import PATIENCE_S
 
+from plotfeed.feeds.page.tracker_tracks import decode_tracks, east_north_m
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 
@@ -158,6 +161,44 @@ def test_stone_soup_tracks_the_drone_by_its_plots(tmp_path: Path) -> None:
     assert scans > 20
     assert off_the_path_m(east_m, north_m) < 40.0
     assert 60 < up_m < 120
+
+
+TRACKERS = {"plain_tracker.py": sys.executable, "stonesoup_tracker.py": ""}
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_tracker_under_test_follows_the_drone(
+    tracker: str, radar_and_port: tuple[Running, int]
+) -> None:
+    python = TRACKERS[tracker] or str(EXAMPLES.parent / ".venv-stonesoup" / "bin" / "python")
+    needed = "import stonesoup, paho.mqtt, google.protobuf"
+    if not Path(python).exists() or (
+        not TRACKERS[tracker] and subprocess.run([python, "-c", needed], check=False).returncode
+    ):
+        pytest.skip("Stone Soup is not installed, with paho-mqtt and plotfeed, in .venv-stonesoup")
+    port = radar_and_port[0].port("MQTT 3.1.1")
+    topic, site = f"under-test/{tracker}", LocalFrame(40.45, -3.73, 650.0)
+
+    def follows(heard: Heard) -> bool:
+        """A track near the path, as the page and the score read it."""
+        news = decode_tracks(heard.payload, time.time_ns(), site)
+        east_m, north_m = east_north_m(news, site)
+        places = zip(east_m.tolist(), north_m.tolist(), strict=True)
+        return any(off_the_path_m(*place) < 60.0 for place in places)
+
+    with listening(port, 4, topic) as client:
+        process = subprocess.Popen(
+            [python, str(EXAMPLES / tracker), "127.0.0.1", str(port), "plotfeed", topic],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            client.wait_for(follows)
+        finally:
+            process.kill()
+            _, errors = process.communicate()
+    assert errors == ""
 
 
 def test_every_example_is_told_of_on_its_page() -> None:
