@@ -24,7 +24,8 @@ export function showCard(picture, selected, { truth, nowMs }) {
   return Boolean(found);
 }
 
-function describe(picture, selected, truth, nowMs) {
+/** Title and rows of what is known of a mark; null of one that is not there, or is hidden. */
+export function describe(picture, selected, truth, nowMs) {
   if (selected.kind === "plot") return describePlot(picture, selected, truth);
   if (selected.kind === "track") return describeTrack(picture.tracks.get(selected.id), nowMs);
   return truth ? describeDrone(picture, selected.drone, nowMs) : null;

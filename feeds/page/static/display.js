@@ -1,10 +1,11 @@
 // The plan-position display: its layers, what the mouse and the keys do there, and a loop of frames.
 
+import { hearGestures } from "./gestures.js";
 import { drawGround, inKilometres, ringSpacing } from "./ground.js";
 import { dronePlace, drawMarks, drawMoving, placeOf, trackPlace } from "./marks.js";
 import { shapesOf } from "./own_map.js";
 import { Pixels } from "./pixels.js";
-import { azimuthOf, Viewport } from "./viewport.js";
+import { Viewport } from "./viewport.js";
 
 const REACH = 11; // pixels within which a mark is hit
 const MARKS_SHARE = 0.06; // of the time, at most, for drawing marks anew
@@ -30,6 +31,9 @@ export class Display {
   selected = null;
   following = false;
   framesDrawn = 0;
+  extras = []; // what else is drawn over all of it: functions of context, view, picture and time
+  onPoint = () => {}; // told where the pointer is, in pixels, or null
+  onPress = () => false; // told of a press; true if it was for somebody else than the marks
   placed = []; // rectangles of words and sites that lie still
   words = []; // those, and of the words beside marks
   #box = byId("display");
@@ -43,7 +47,6 @@ export class Display {
   #ownMap = null; // the tree of a GeoJSON file
   #ownShapes = null;
   #fitted = false;
-  #cursor = null;
 
   constructor(picture, onSelect) {
     this.picture = picture;
@@ -52,13 +55,36 @@ export class Display {
     const covers = new ResizeObserver(() => this.redraw());
     for (const part of document.querySelectorAll(OVER)) covers.observe(part);
     this.#resize();
-    this.#hearMouse();
+    hearGestures(this.#box, {
+      pan: (dx, dy) => this.pan(dx, dy),
+      zoom: (factor, x, y) => this.zoom(factor, x, y),
+      point: (x, y) => this.onPoint(x, y),
+      press: (x, y) => this.onPress(x, y) || this.select(this.hit(x, y)),
+    });
     requestAnimationFrame((at) => this.#draw(at));
   }
 
   /** What lies still has changed. */
   redraw() {
     this.#groundIsOld = true;
+  }
+
+  /** Draw soon: something that is not of the ground has changed. */
+  refresh() {
+    this.#marksDueAt = 0;
+  }
+
+  /** Whether it shows what was asked for, not only what there was before the first scene. */
+  get isFitted() {
+    return this.#fitted;
+  }
+
+  /** A place in the middle, so many metres a pixel. */
+  lookAt(east, north, scale) {
+    Object.assign(this.view, { east, north, scale });
+    this.#fitted = true;
+    this.following = false;
+    this.redraw();
   }
 
   /** Another scene: show all of it, and its basemap. */
@@ -171,6 +197,7 @@ export class Display {
     else if (!this.#turns()) return;
     copy(this.#marks, this.#screen);
     drawMoving(this.#screen, this.view, this.picture, nowMs, this);
+    for (const extra of this.extras) extra(this.#screen, this.view, this.picture, nowMs);
     this.framesDrawn++;
   }
 
@@ -209,44 +236,8 @@ export class Display {
     this.redraw();
   }
 
-  #hearMouse() {
-    const box = this.#box;
-    let drag = null;
-    box.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
-    }, { passive: false });
-    box.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      drag = { x: event.offsetX, y: event.offsetY, moved: false };
-      box.setPointerCapture(event.pointerId);
-    });
-    box.addEventListener("pointermove", (event) => {
-      this.#point(event.offsetX, event.offsetY);
-      if (!drag) return;
-      const dx = event.offsetX - drag.x, dy = event.offsetY - drag.y;
-      if (!drag.moved && Math.hypot(dx, dy) < 4) return;
-      box.classList.add("dragged");
-      this.pan(dx, dy);
-      drag = { x: event.offsetX, y: event.offsetY, moved: true };
-    });
-    box.addEventListener("pointerup", (event) => {
-      if (drag && !drag.moved) this.select(this.#hit(event.offsetX, event.offsetY));
-      drag = null;
-      box.classList.remove("dragged");
-    });
-    box.addEventListener("pointerleave", () => this.#point(null));
-  }
-
-  #point(x, y) {
-    const words = byId("cursor");
-    if (x === null) { words.textContent = ""; return; }
-    const east = this.view.eastAt(x), north = this.view.northAt(y), metres = Math.hypot(east, north);
-    words.textContent = `${azimuthOf(east, north).toFixed(1).padStart(5, "0")}°  ${(metres / 1000).toFixed(2)} km`;
-  }
-
   /** The mark at a place on the screen: drone, track or plot, whichever is nearest. */
-  #hit(x, y) {
+  hit(x, y) {
     const nowMs = this.picture.nowMs(performance.now()), { view, picture } = this;
     let best = null, least = REACH;
     const offer = (distance, found) => { if (distance < least) [best, least] = [found, distance]; };

@@ -1,22 +1,30 @@
 // Puts the page together: frames to the picture, the picture to display, strips and tables, wishes back.
 
+import { Address } from "./address.js";
 import { showCard, showLegend } from "./card.js";
 import { Cards } from "./cards.js";
+import { Clip } from "./clip.js";
 import { setTheme, startTheme } from "./colours.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
 import { FrameReader } from "./frames.js";
 import { showAbout, showKeys } from "./help.js";
+import { hearKeys } from "./keys.js";
 import { readMap } from "./own_map.js";
+import { Past } from "./past.js";
 import { Picture } from "./picture.js";
+import { Pointer } from "./pointer.js";
 import { Roles } from "./roles.js";
 import { savePicture } from "./save_picture.js";
 import { Sensors } from "./sensors.js";
 import { Session } from "./session.js";
 import { Stories } from "./stories.js";
 import { Strips } from "./strips.js";
+import { Tables } from "./tables.js";
+import { Timeline } from "./timeline.js";
 import { Tour } from "./tour.js";
+import { Heights, Trails } from "./trails.js";
 
 const byId = (id) => document.getElementById(id);
 const reader = new FrameReader();
@@ -32,12 +40,20 @@ const strips = new Strips();
 const roles = new Roles(picture, { ask, onName: look, onTruth: (may) => { if (!may && display.truth) setTruth(false); }, address: () => feed.hello.audience_url });
 const cards = new Cards(showCards);
 const tour = new Tour();
+const past = new Past(reader);
+const timeline = new Timeline(picture, past, display);
+const pointer = new Pointer(display, () => sensors.chosen);
+const tables = new Tables(display);
+const trails = new Trails(display, picture);
+const heights = new Heights();
+const clip = new Clip(() => `${picture.news.scene?.name ?? "plotfeed"}-${new Date(display.picture.nowMs(performance.now())).toISOString().slice(0, 19).replaceAll(":", "")}`);
+const address = new Address(display, sensors, trails);
 let generation = null;
 const UPDATES_PER_S = 10;
 const BEHIND_MS = 5000;
 
 function takeFrame(buffer) {
-  const frame = reader.read(buffer), plot = display.selected?.kind === "plot" ? picture.plots.told(display.selected.at) : null;
+  const frame = reader.read(buffer), plot = !timeline.isBack && display.selected?.kind === "plot" ? picture.plots.told(display.selected.at) : null;
   const changed = picture.take(frame, performance.now());
   const all = changed.has("snapshot");
   if (all && plot) display.selectPlot(picture.plots.find(plot)); // rows begin anew
@@ -47,10 +63,17 @@ function takeFrame(buffer) {
     byId("glow").value = nearestGlow(picture.news.scene.afterglow_s);
     display.glowMs = 1000 * Number(byId("glow").value);
     display.newScene();
+    trails.clear();
+    past.clear();
+    timeline.toNow();
+    address.apply();
     showLegend(display.truth, picture.news.scene);
     tour.tell(picture.news.scene.about.words);
     showAbout(picture.news.scene.about);
   }
+  past.keep(buffer, frame, picture);
+  trails.note(frame.nowMs);
+  timeline.tick();
   if (changed.has("missed_updates")) showBehind(picture.news.missed_updates);
   if (all || changed.has("audience") || changed.has("actions")) roles.show();
   if (all || changed.has("connect")) showConnections(picture.news, sensors.chosen);
@@ -58,8 +81,15 @@ function takeFrame(buffer) {
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
-  if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); }
+  if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); showClosely(); }
   if (all || changed.has("seconds") || changed.has("details") || changed.has("marks")) strips.draw(picture, sensors.chosen);
+}
+
+/** What is told once a second beside the picture, if it is open. */
+function showClosely() {
+  timeline.show();
+  tables.show();
+  heights.show(display, sensors.chosen);
 }
 
 function nearestGlow(seconds) {
@@ -93,16 +123,18 @@ function setTruth(shown) {
   byId("truth").setAttribute("aria-pressed", String(shown));
   if (!shown) {
     picture.forgetTruth();
+    trails.forgetTruth();
     if (display.selected?.kind === "drone") display.select(null);
   }
   showLegend(shown, picture.news.scene);
   refreshCard();
+  tables.show();
   look();
 }
 
 function refreshCard() {
-  const nowMs = picture.nowMs(performance.now());
-  if (!showCard(picture, display.selected, { truth: display.truth, nowMs }) && display.selected && display.selected.kind !== "drone") display.selected = null;
+  const nowMs = display.picture.nowMs(performance.now());
+  if (!showCard(display.picture, display.selected, { truth: display.truth, nowMs }) && display.selected && display.selected.kind !== "drone") display.selected = null;
 }
 
 /** Something about the picture is said for as long as nothing else is. */
@@ -140,8 +172,9 @@ function showFollowing() {
 
 /** Cards were opened, closed or moved: the strips may have another size. */
 function showCards() {
-  for (const name of ["help", "connect"]) byId(`${name}-button`).setAttribute("aria-expanded", String(cards.isOpen(name)));
+  for (const name of ["help", "connect", "table", "heights"]) byId(`${name}-button`).setAttribute("aria-expanded", String(cards.isOpen(name)));
   strips.draw(picture, sensors.chosen);
+  showClosely();
 }
 
 function showTheme() {
@@ -168,16 +201,18 @@ const KEYS = {
   u: ["takes back what was asked last", () => stories.undo()],
   " ": ["pauses, or goes on", () => session.togglePause()],
   ".": ["makes a step", () => session.step()],
-  Escape: ["ends a selection", () => display.select(null)],
+  "[": ["looks further back", () => timeline.step(1)],
+  "]": ["looks less far back", () => timeline.step(-1)],
+  l: ["goes back to now", () => timeline.toNow()],
+  r: ["measures between two places", () => pointer.rule()],
+  b: ["opens or closes the table", () => cards.show("table", !cards.isOpen("table"))],
+  h: ["opens or closes the heights", () => cards.show("heights", !cards.isOpen("heights"))],
+  c: ["begins or saves a clip", () => clip.toggle()],
+  Escape: ["ends a selection, or the ruler", () => (pointer.ruling ? pointer.rule(false) : display.select(null))],
   "?": ["opens or closes this help", () => cards.show("help", !cards.isOpen("help"))],
 }; // what the help says of each, and what it does
 
-byId("display").addEventListener("keydown", (event) => {
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  if (!KEYS[key] || event.ctrlKey || event.altKey || event.metaKey) return;
-  event.preventDefault();
-  KEYS[key][1]();
-});
+hearKeys(KEYS);
 byId("zoom-in").addEventListener("click", () => display.zoom(1.4));
 byId("zoom-out").addEventListener("click", () => display.zoom(1 / 1.4));
 byId("home").addEventListener("click", () => display.home());
@@ -186,10 +221,11 @@ byId("truth").addEventListener("click", () => setTruth(!display.truth));
 byId("glow").addEventListener("change", () => { display.glowMs = 1000 * Number(byId("glow").value); });
 byId("full-screen").addEventListener("click", toggleFullScreen);
 document.addEventListener("fullscreenchange", () => byId("full-screen").setAttribute("aria-pressed", String(Boolean(document.fullscreenElement))));
-byId("save-picture").addEventListener("click", () => savePicture(byId("screen"), { scene: picture.news.scene, hidden: display.hidden, nowMs: picture.nowMs(performance.now()), rings: display.rings }));
+byId("save-picture").addEventListener("click", () => savePicture(byId("screen"), { scene: picture.news.scene, hidden: display.hidden, nowMs: display.picture.nowMs(performance.now()), rings: display.rings }));
 byId("own-map").addEventListener("change", showOwnMap);
 byId("grid").addEventListener("change", () => { display.grid = byId("grid").value; display.redraw(); });
 byId("connect-button").addEventListener("click", () => cards.show("connect", !cards.isOpen("connect")));
+for (const name of ["table", "heights"]) byId(`${name}-button`).addEventListener("click", () => cards.show(name, !cards.isOpen(name)));
 byId("help-button").addEventListener("click", () => cards.show("help", !cards.isOpen("help")));
 byId("theme").addEventListener("click", () => {
   setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
@@ -210,4 +246,4 @@ showTheme();
 setTruth(false);
 session.showTotals();
 feed.start();
-globalThis.plotfeed = { picture, display, feed, reader }; // for tests, and for the curious
+globalThis.plotfeed = { picture, display, feed, reader, past, trails, clip }; // for tests, and for the curious

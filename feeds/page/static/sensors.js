@@ -70,6 +70,12 @@ export class Sensors {
     this.onChoose(id);
   }
 
+  /** Show or hide what a sensor measures. */
+  show(id, shown) {
+    const box = this.#rows.get(id)?.row.querySelector("input");
+    if (box && box.checked !== shown) box.click();
+  }
+
   showRates() {
     const last = this.picture.seconds.at(-1);
     (this.picture.news.scene?.sensors ?? []).forEach((sensor, number) => {

@@ -1,0 +1,137 @@
+// The place under the pointer in words, what is known of the mark there, and a ruler between two places.
+
+import { describe } from "./card.js";
+import { colours, faded } from "./colours.js";
+import { inKilometres } from "./ground.js";
+import { placeOf } from "./marks.js";
+import { azimuthOf } from "./viewport.js";
+
+const LOOK_EVERY_MS = 60;
+const MOST_ROWS = 7; // of the card; all of them are in that of what is selected
+const AXIS_M = 6_378_137, FLATTENING = 1 / 298.257223563, E2 = FLATTENING * (2 - FLATTENING); // WGS-84
+const byId = (id) => document.getElementById(id);
+const rad = Math.PI / 180;
+
+/** Latitude and longitude, degrees, of a place so far east and north on the horizontal plane of a site. */
+export function toGeodetic({ latitude_deg: latitude, longitude_deg: longitude, height_m: height }, east, north) {
+  const [sf, cf, sl, cl] = [Math.sin(latitude * rad), Math.cos(latitude * rad), Math.sin(longitude * rad), Math.cos(longitude * rad)];
+  const normal = AXIS_M / Math.sqrt(1 - E2 * sf * sf);
+  const x = (normal + height) * cf * cl - sl * east - sf * cl * north;
+  const y = (normal + height) * cf * sl + cl * east - sf * sl * north;
+  const z = (normal * (1 - E2) + height) * sf + cf * north;
+  const p = Math.hypot(x, y), minor = AXIS_M * (1 - FLATTENING), second = (AXIS_M * AXIS_M - minor * minor) / (minor * minor);
+  const theta = Math.atan2(z * AXIS_M, p * minor); // Bowring (1976)
+  const found = Math.atan2(z + second * minor * Math.sin(theta) ** 3, p - E2 * AXIS_M * Math.cos(theta) ** 3);
+  return [found / rad, Math.atan2(y, x) / rad];
+}
+
+function fromPlace(name, east, north) {
+  return `${name} ${azimuthOf(east, north).toFixed(1).padStart(5, "0")}° ${(Math.hypot(east, north) / 1000).toFixed(2)} km`;
+}
+
+export class Pointer {
+  #ends = []; // of the ruler: at most two, each {place: [east, north]} or {mark}
+  #at = null; // the pointer, in pixels
+  #lookedAt = 0;
+
+  /** chosen() gives the id of the sensor from which places are told, too. */
+  constructor(display, chosen) {
+    Object.assign(this, { display, chosen, ruling: false });
+    display.extras.push((context, view, picture, nowMs) => this.#drawRuler(context, view, picture, nowMs));
+    display.onPoint = (x, y) => this.#point(x, y);
+    display.onPress = (x, y) => this.ruling && this.#measure(x, y);
+    byId("ruler").addEventListener("click", () => this.rule());
+  }
+
+  /** Begin to measure, or measure no more. */
+  rule(ruling = !this.ruling) {
+    this.ruling = ruling;
+    this.#ends = [];
+    byId("ruler").setAttribute("aria-pressed", String(ruling));
+    byId("ruler-text").textContent = ruling ? "Ruler: press two places or marks." : "";
+    this.display.refresh();
+  }
+
+  /** The first place, or the second, or the first of another. */
+  #measure(x, y) {
+    const mark = this.display.hit(x, y), { view } = this.display;
+    if (this.#ends.length === 2) this.#ends = [];
+    this.#ends.push(mark ? { mark } : { place: [view.eastAt(x), view.northAt(y)] });
+    this.display.refresh();
+    return true;
+  }
+
+  #place(end, picture, nowMs) {
+    const place = end.mark ? placeOf(picture, end.mark, nowMs) : end.place;
+    if (place) end.last = place; // where a mark was last that has gone
+    return end.last;
+  }
+
+  #drawRuler(context, view, picture, nowMs) {
+    if (!this.#ends.length) return;
+    const [from, to] = this.#ends.map((end) => this.#place(end, picture, nowMs));
+    const second = to ?? (this.#at && [view.eastAt(this.#at.x), view.northAt(this.#at.y)]);
+    if (!from || !second) return;
+    const [east, north] = [second[0] - from[0], second[1] - from[1]];
+    const words = `${inKilometres(Math.hypot(east, north))}  ${azimuthOf(east, north).toFixed(1)}°`;
+    if (to) byId("ruler-text").textContent = `Ruler: ${words}`;
+    const [x0, y0, x1, y1] = [view.x(from[0]), view.y(from[1]), view.x(second[0]), view.y(second[1])];
+    context.strokeStyle = colours.accent;
+    context.lineWidth = 1.5;
+    context.setLineDash([6, 4]);
+    context.beginPath();
+    context.moveTo(x0, y0);
+    context.lineTo(x1, y1);
+    context.stroke();
+    context.setLineDash([]);
+    for (const [x, y] of [[x0, y0], [x1, y1]]) context.strokeRect(x - 3, y - 3, 6, 6);
+    context.font = colours.font;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineWidth = 4;
+    context.strokeStyle = faded(colours.sea, 0.9);
+    context.strokeText(words, (x0 + x1) / 2, (y0 + y1) / 2 - 10);
+    context.fillStyle = colours.accent;
+    context.fillText(words, (x0 + x1) / 2, (y0 + y1) / 2 - 10);
+  }
+
+  #point(x, y) {
+    this.#at = x === null ? null : { x, y };
+    if (this.ruling && this.#ends.length === 1) this.display.refresh();
+    this.#sayPlace();
+    if (x === null) this.#hover(null);
+    else if (performance.now() - this.#lookedAt > LOOK_EVERY_MS) this.#hover(this.display.hit(x, y));
+  }
+
+  #sayPlace() {
+    const { view, picture } = this.display, scene = picture.news.scene, words = byId("cursor");
+    if (!this.#at || !scene) {
+      words.textContent = "";
+      return;
+    }
+    const east = view.eastAt(this.#at.x), north = view.northAt(this.#at.y);
+    const [latitude, longitude] = toGeodetic(scene.site, east, north);
+    const told = [
+      `${latitude.toFixed(5)}°, ${longitude.toFixed(5)}°`,
+      `E ${east.toFixed(0)} m, N ${north.toFixed(0)} m`,
+      fromPlace("site", east, north),
+    ];
+    const sensor = scene.sensors.find(({ id }) => id === this.chosen());
+    if (sensor) told.push(fromPlace(sensor.id, east - sensor.east_m, north - sensor.north_m));
+    words.textContent = told.join("  ·  ");
+  }
+
+  /** The card beside the pointer; nothing of the truth is in it that is not shown. */
+  #hover(mark) {
+    this.#lookedAt = performance.now();
+    const { display } = this, box = byId("hover"), nowMs = display.picture.nowMs(this.#lookedAt);
+    const found = mark && describe(display.picture, mark, display.truth, nowMs);
+    box.hidden = !found;
+    if (!found) return;
+    const rows = found.rows.slice(0, MOST_ROWS).map(([name, ...values]) => `${name} ${values.filter(Boolean).join(" · ")}`.trim());
+    box.replaceChildren(...[found.title, ...rows].map((words) => Object.assign(document.createElement("div"), { textContent: words })));
+    const { view } = display, left = Math.min(this.#at.x + 14, view.width - box.offsetWidth - 4), below = this.#at.y + 16;
+    box.style.left = `${Math.max(left, 0)}px`;
+    box.style.top = `${below + box.offsetHeight > view.height ? Math.max(this.#at.y - box.offsetHeight - 12, 0) : below}px`;
+  }
+}
