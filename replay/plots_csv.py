@@ -117,9 +117,9 @@ def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
     categories, times_ns = plots.category.tolist(), plots.t_utc_ns.tolist()
     known: dict[str, list[Any]] = {
         "time_utc": ["" if t_ns is None else iso_utc(t_ns) for t_ns in times_ns],
-        "topic": [_as_text(topic)] * len(plots),
+        "topic": [as_text(topic)] * len(plots),
         "sensor": [
-            _as_text(sensor if c else own) for c, own in zip(categories, plots.sensor, strict=True)
+            as_text(sensor if c else own) for c, own in zip(categories, plots.sensor, strict=True)
         ],
         "category": [f"{category:03d}" if category else "" for category in categories],
     }
@@ -128,7 +128,7 @@ def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
         yield known[name] if name in known else _where_told(columns[name])
 
 
-def _as_text(cell: str) -> str:
+def as_text(cell: str) -> str:
     """A cell that no spreadsheet takes for a formula, whoever chose the name in it."""
     return f"'{cell}" if cell.startswith(FORMULAS) else cell
 
@@ -137,6 +137,6 @@ def _where_told(column: NDArray[Any]) -> list[Any]:
     if not column.strides[0]:  # nothing is told
         return [""] * len(column)
     if column.dtype == np.object_:
-        return [_as_text(cell) if isinstance(cell, str) else cell for cell in column]
+        return [as_text(cell) if isinstance(cell, str) else cell for cell in column]
     absent = column == NOT_TOLD if column.dtype == np.int64 else np.isnan(column)
     return ["" if no else value for value, no in zip(column.tolist(), absent, strict=True)]

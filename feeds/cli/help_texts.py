@@ -34,6 +34,10 @@ SUMMARIES_AND_EXAMPLES = {
         "Convert a recording to another format.",
         ("convert here.ast here.pcap --date 2026-01-01", "convert there.mcap part.mcap --start 60"),
     ),
+    "merge": (
+        "Merge recordings of one session.",
+        ("merge there.mcap part.mcap all.mcap",),
+    ),
     "record": (
         "Record a broker's topics, or datagrams.",
         (
@@ -67,6 +71,13 @@ SUMMARIES_AND_EXAMPLES = {
     "chart": (
         "Chart speed against accuracy of a scene's stages.",
         ("chart here.toml --quick --out figures",),
+    ),
+    "sweep": (
+        "Make many runs of scenes, with keys varied.",
+        (
+            "sweep here.toml --vary sensor.radar.pfa=1e-6,1e-5 --runs 100",
+            "sweep here.toml there.toml --vary link.latency_ms=0,250 --out two",
+        ),
     ),
     "scenes": (
         "List the scenes that come with plotfeed.",

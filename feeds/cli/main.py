@@ -25,8 +25,9 @@ from plotfeed.feeds.cli.options import (
     take_flight_options,
     take_source_options,
 )
-from plotfeed.feeds.cli.recording_commands import convert, record, replay, report, show
+from plotfeed.feeds.cli.recording_commands import convert, merge, record, replay, report, show
 from plotfeed.feeds.cli.score_commands import score
+from plotfeed.feeds.cli.sweep_commands import sweep
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
 from plotfeed.proto.errors import PlotfeedError
@@ -297,7 +298,7 @@ def schema(what: str) -> int:
     return 0
 
 
-for each in (show, convert, record, replay, report, score, fleet):
+for each in (show, convert, merge, record, replay, report, score, fleet, sweep):
     cli.add_command(each)
 
 

@@ -1,4 +1,4 @@
-"""The commands on recordings: show, replay, convert, record, report."""
+"""The commands on recordings: show, replay, convert, merge, record, report."""
 
 from __future__ import annotations
 
@@ -288,3 +288,19 @@ def report(recording: Path, **options: Any) -> int:
     from plotfeed.feeds.report.report_text import print_report
 
     return print_report(recording, **options)
+
+
+@click.command()
+@click.argument("sources", metavar="IN", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@force_option("Replace OUT where it is there already.")
+@click.option("--json", "as_json", is_flag=True, help="Print the totals as one JSON object.")
+def merge(sources: tuple[Path, ...], target: Path, **options: Any) -> int:
+    """Merge recordings of one session, IN, to OUT, all MCAP, in the order of time.
+
+    They are those of workers that each served some sensors of one scene. What two of them hold is
+    in OUT once.
+    """
+    from plotfeed.feeds.recording.merge import merge_recordings
+
+    return merge_recordings(sources, target, **options)

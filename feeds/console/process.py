@@ -10,7 +10,7 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import BufferedWriter, FileIO
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
@@ -189,6 +189,33 @@ def part_file(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Callable[[boo
         finally:
             with contextlib.suppress(FileNotFoundError):
                 part.unlink()
+
+
+@contextlib.contextmanager
+def made_of(
+    sources: Sequence[Path], target: Path, *, force: bool
+) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
+    """A file that becomes `target` if it is to be kept and nothing is raised; else there is none.
+
+    It may be read by nobody who may not read all `sources`, of which it is made. What is no
+    ordinary file, such as a pipe, is written as it is. Raises `PlotfeedError`.
+    """
+    there = target.exists()
+    if there and any(target.samefile(source) for source in sources):
+        raise PlotfeedError(f"{target}: is what is read")
+    if there and not target.is_file() and not target.is_dir():
+        with BufferedWriter(OutputFile(target, os.O_WRONLY)) as file:
+            yield file, lambda _: None
+        return
+    if there and not force:
+        raise already_there(target)
+    if target.is_dir() or not target.parent.is_dir():
+        raise PlotfeedError(f"{target}: expected the name of a file in a folder that is there")
+    mode = 0o666
+    for source in sources:
+        mode &= source.stat().st_mode
+    with part_file(target, mode) as part:
+        yield part
 
 
 @contextlib.contextmanager

@@ -46,9 +46,17 @@ def show_last_status(text: str) -> None:
 
 
 def with_progress(
-    things: Iterable[T], what: str, done: Callable[[], int], all_: int
+    things: Iterable[T],
+    what: str,
+    done: Callable[[], int],
+    all_: int,
+    *,
+    look_every: int = LOOK_EVERY,
 ) -> Iterator[T]:
-    """Give all things on; a bar says meanwhile how much of `all_` is done, if anybody can see."""
+    """Give all things on; a bar says meanwhile how much of `all_` is done, if anybody can see.
+
+    It is looked at after every so many things.
+    """
     if not sys.stderr.isatty():
         yield from things
         return
@@ -57,7 +65,7 @@ def with_progress(
     try:
         for n, thing in enumerate(things):
             yield thing
-            if n % LOOK_EVERY or time.monotonic() < next_s:
+            if n % look_every or time.monotonic() < next_s:
                 continue
             is_shown, next_s = True, time.monotonic() + BETWEEN_S
             bar.update(min(done(), all_) - bar.pos)

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from io import BufferedWriter
 from pathlib import Path
-from typing import BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage
-from plotfeed.feeds.console.process import OutputFile, already_there, part_file
+from plotfeed.feeds.console.process import made_of
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.replaying.replay_settings import Moment
@@ -98,7 +94,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     counts = ConversionCounts()
     with (
         open_recording(source, from_format, date_utc_ns=date or 0) as recording,
-        _new_file(source, target, force=settings.force) as (file, keep),
+        made_of([source], target, force=settings.force) as (file, keep),
     ):
         if not recording.has_dates and date is None:
             counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
@@ -131,29 +127,6 @@ def _table_of(target: Path) -> TableName:
     """The table in which a file's name ends, such as looks.parquet or site-looks.parquet."""
     last = re.split(r"[-_. ]", target.stem)[-1].lower()
     return TableName(last) if last in list(TableName) else TableName.PLOTS
-
-
-@contextmanager
-def _new_file(
-    source: Path, target: Path, *, force: bool
-) -> Iterator[tuple[BinaryIO, Callable[[bool], None]]]:
-    """A file that becomes `target` if it is to be kept and nothing is raised; else there is none.
-
-    What is no ordinary file, such as a pipe, is written as it is.
-    """
-    there = target.exists()
-    if there and target.samefile(source):
-        raise PlotfeedError(f"{target}: is what is read")
-    if there and not target.is_file() and not target.is_dir():
-        with BufferedWriter(OutputFile(target, os.O_WRONLY)) as file:
-            yield file, lambda _: None
-        return
-    if there and not force:
-        raise already_there(target)
-    if target.is_dir() or not target.parent.is_dir():
-        raise PlotfeedError(f"{target}: expected the name of a file in a folder that is there")
-    with part_file(target, source.stat().st_mode & 0o666) as part:
-        yield part
 
 
 def _between(

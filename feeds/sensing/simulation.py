@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +18,8 @@ from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.beam import Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
-from plotfeed.models.state import Columns, Ints, Looks, Plots
+from plotfeed.models.state import Columns, Floats, Ints, Looks, Plots
+from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 STRETCH_NS = NS
@@ -51,6 +52,8 @@ class SimulatedSensor:
     """A row a plot, false alarms among them, in the order of time."""
     looks: SimulatedLooks
     """A row a drone and look, detected or not: geometry, SNR (linear) and Pd as they truly were."""
+    sectors: Sectors = field(default_factory=lambda: Sectors.of([]))
+    """Its sectors in the order of time, whether they brought anything or not."""
 
 
 class Simulation(Mapping[str, SimulatedSensor]):
@@ -63,10 +66,14 @@ class Simulation(Mapping[str, SimulatedSensor]):
     """
 
     def __init__(
-        self, sensors: Mapping[str, SimulatedSensor], drones: Sequence[str], start_utc_ns: int
+        self,
+        sensors: Mapping[str, SimulatedSensor],
+        trajectories: Trajectories,
+        start_utc_ns: int,
     ) -> None:
         self._sensors = dict(sensors)
-        self.drones = tuple(drones)
+        self._trajectories = trajectories
+        self.drones = tuple(trajectories.names)
         """Ids, by the index in the columns `drone`, where -1 (`FALSE_ALARM`) is of no drone."""
         self.start_utc_ns = start_utc_ns
         """When it began, UTC since 1970."""
@@ -79,6 +86,10 @@ class Simulation(Mapping[str, SimulatedSensor]):
 
     def __len__(self) -> int:
         return len(self._sensors)
+
+    def place_ecef_m(self, drone: Ints, t_utc_ns: Ints) -> Floats:
+        """Places of drones, by index, at times, metres; (n,) each in, (n, 3) out, NaN of none."""
+        return self._trajectories.position_at(t_utc_ns, drone)
 
 
 def simulate(
@@ -115,7 +126,7 @@ def simulate(
     for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
         found.take(emulated.sightings(before_ns))
     found.take(emulated.sightings(end_utc_ns + 1))
-    return Simulation(found.sensors(), trajectories.names, start_utc_ns)
+    return Simulation(found.sensors(), trajectories, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)
@@ -128,6 +139,7 @@ class _Found:
         self._sensors = sensors
         self._looks: list[list[SimulatedLooks]] = [[] for _ in sensors]
         self._plots: list[list[SimulatedPlots]] = [[] for _ in sensors]
+        self._sectors: list[list[Sectors]] = [[] for _ in sensors]
 
     def take(self, sightings: Iterable[Sighting]) -> None:
         """Sort what was seen by sensor."""
@@ -137,6 +149,7 @@ class _Found:
             sensors, first = np.unique(seen.sectors.sensor, return_index=True)
             last = [*first[1:].tolist(), len(seen.sectors)]
             for i, a, b in zip(sensors.tolist(), first.tolist(), last, strict=True):
+                self._sectors[i].append(seen.sectors.between(a, b))
                 self._looks[i].append(looks.between(seen.looks_by[a], seen.looks_by[b]))
                 self._plots[i].append(plots.between(seen.plots_by[a], seen.plots_by[b]))
 
@@ -150,8 +163,11 @@ class _Found:
                 sensor=sensor,
                 plots=SimulatedPlots.joined(plots or [no_plots]),
                 looks=SimulatedLooks.joined(looks or [no_looks]),
+                sectors=Sectors.joined(sectors or [nothing]),
             )
-            for sensor, looks, plots in zip(self._sensors, self._looks, self._plots, strict=True)
+            for sensor, looks, plots, sectors in zip(
+                self._sensors, self._looks, self._plots, self._sectors, strict=True
+            )
         }
 
 

@@ -37,6 +37,7 @@ BENCHMARKS = {
     "bench_engine.py": "The engine under load",
     "bench_scaling.py": "Scale",
     "bench_simulated.py": "Simulated time",
+    "bench_sweep.py": "Sweeps",
     "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
     "bench_page.py": "The live page",

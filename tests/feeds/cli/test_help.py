@@ -43,11 +43,13 @@ SPOKEN = {
     "show": READ,
     "replay": READ,
     "convert": FILES,
+    "merge": ["MCAP"],
     "record": ["mqtt://", "udp://", "MCAP"],
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
     "score": ["MCAP", "pcap", ".ast", "CSV", "GeoJSON", "ASTERIX 062", "SAPIENT", "TOML", "JUnit"],
     "fleet": ["TOML", "MQTT", "MCAP", "JSON"],
     "chart": ["TOML", "png", "svg", "JSON"],
+    "sweep": ["TOML", ".png", ".svg", ".pdf", "Parquet", ".csv", "JSON"],
     "scenes": ["JSON"],
     "sensors": ["JSON"],
     "schema": ["JSON schema", "protobuf", "AsyncAPI"],
@@ -100,6 +102,12 @@ ENDS = {
     "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
     "inject flight.srt --now --takeoff-height-m 650": "--broker {broker}",
     "inject mavlink:udpin:127.0.0.1:14550": "--broker {broker} --duration 2",
+    "sweep here.toml --vary sensor.radar.pfa=1e-6,1e-5 --runs 100": (
+        "--runs 2 --duration 2 --processes 1"
+    ),
+    "sweep here.toml there.toml --vary link.latency_ms=0,250 --out two": (
+        "--runs 1 --duration 1 --processes 1"
+    ),
     "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
     "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",
     "record udp://0.0.0.0:8600 udp.mcap": "--duration 0.1",
@@ -143,6 +151,7 @@ def beside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str
         assert theirs in scene
         scene = scene.replace(theirs, ours)
     (folder / "here.toml").write_text(scene)
+    (folder / "there.toml").write_text(scene.replace('name = "', 'name = "there-'))
     with mosquitto(folder, port), vehicle(VEHICLE_PORT):
         broker = f"mqtt://127.0.0.1:{port}"
         with running("run", folder / "here.toml", "--broker", broker):

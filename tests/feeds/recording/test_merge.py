@@ -1,0 +1,188 @@
+"""Recordings of one session's workers made one, which all commands read as if of one process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from support.command import plotfeed_here
+from support.recordings import MS, START_NS, mcap_of, message, messages
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
+
+SENSORS = ("north", "south", "west")
+SECONDS = 6
+
+
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of one process that served all sensors."""
+    folder = tmp_path_factory.mktemp("session")
+    link = "link = { latency_ms = 40.0, jitter_ms = 9.0, duplicate = 0.3 }\n"
+    sensors = "".join(radar(name, more=link) for name in SENSORS)
+    scene = scene_file(
+        folder, scene_text(sensors=sensors, start_utc="2026-01-01T12:00:00Z", port=1)
+    )
+    path = folder / "single.mcap"
+    how = ("--broker", "none", "--speed", "max", "--duration", SECONDS, "--json")
+    assert plotfeed_here("run", scene, "--record", path, *how).returncode == 0
+    return path
+
+
+def read(path: Path) -> tuple[list[Recorded], list[Attachment]]:
+    with McapReader(path) as log:
+        found = [log.attachment(entry.name) for entry in log.attachments()]
+        return list(log.messages()), [each for each in found if each is not None]
+
+
+def stored(path: Path, recorded: Sequence[Recorded], attachments: Sequence[Attachment]) -> Path:
+    with path.open("wb") as file:
+        writer = McapWriter(file, attachments=attachments)
+        for each in recorded:
+            writer.write(each)
+        writer.close()
+    return path
+
+
+def parts(single: Path, folder: Path, takes: Sequence[Callable[[Recorded], bool]]) -> list[Path]:
+    """What workers would have recorded of it."""
+    recorded, attachments = read(single)
+    return [
+        stored(folder / f"worker-{n}.mcap", [each for each in recorded if take(each)], attachments)
+        for n, take in enumerate(takes)
+    ]
+
+
+def is_of(*sensors: str) -> Callable[[Recorded], bool]:
+    """What a worker of those sensors records, what is of the whole session among it."""
+
+    def take(recorded: Recorded) -> bool:
+        sensor = dict(recorded.properties).get("sensor", "") or recorded.topic.split("/")[1]
+        return sensor not in SENSORS or sensor in sensors
+
+    return take
+
+
+def in_order(recorded: Sequence[Recorded]) -> list[tuple[object, ...]]:
+    """Messages by time, and those of one time in some order."""
+    return sorted((m.log_time_ns, m.topic, str(m.stage), m.payload, m.properties, m.publish_time_ns)
+                  for m in recorded)  # fmt: skip
+
+
+def test_workers_recordings_become_that_of_one_process(single: Path, tmp_path: Path) -> None:
+    workers = parts(single, tmp_path, [is_of("north"), is_of("south"), is_of("west")])
+    target = tmp_path / "all.mcap"
+    done = plotfeed_here("merge", *workers, target, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    expected, attachments = read(single)
+    found, with_it = read(target)
+    assert in_order(found) == in_order(expected)
+    assert [each.data for each in with_it] == [each.data for each in attachments]
+    assert told["messages"] == len(expected)
+    shared = sum(is_of()(each) for each in expected)
+    assert shared > 0
+    assert told["twice"] == 2 * shared
+    assert sum(told["of"].values()) == len(expected) + 2 * shared
+    times = [each.log_time_ns for each in found]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize("command", ["show", "report"])
+def test_a_merged_recording_is_read_as_that_of_one_process(
+    single: Path, tmp_path: Path, command: str
+) -> None:
+    workers = parts(single, tmp_path, [is_of("south", "west"), is_of("north")])
+    target = tmp_path / single.name
+    assert plotfeed_here("merge", *workers, target).returncode == 0
+    one, merged = (plotfeed_here(command, path, "--json") for path in (single, target))
+    assert one.returncode == merged.returncode == 0
+
+    def of(text: str, path: Path) -> object:
+        told = json.loads(text.replace(str(path), "file"))
+        told.pop("octets_of_file", None)
+        return told
+
+    assert of(merged.stdout, target) == of(one.stdout, single)
+
+
+def test_a_merged_recording_is_run_again(single: Path, tmp_path: Path) -> None:
+    target = tmp_path / "all.mcap"
+    workers = parts(single, tmp_path, [is_of("south"), is_of("north", "west")])
+    plotfeed_here("merge", *workers, target)
+    how = ("--broker", "none", "--speed", "max", "--json")
+    counts = [json.loads(plotfeed_here("run", path, *how).stdout) for path in (single, target)]
+    assert counts[0]["plots"] == counts[1]["plots"] > 0
+
+
+def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice(
+    tmp_path: Path,
+) -> None:
+    (one, two, three) = messages(3)
+    later = [each_later(one), each_later(two)]
+    (tmp_path / "a.mcap").write_bytes(mcap_of([one, two, two]))
+    (tmp_path / "b.mcap").write_bytes(mcap_of([*later, three]))
+    done = plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert done.returncode == 0
+    assert "left out 2 messages that another recording has" in done.stdout
+    assert in_order(read(tmp_path / "c.mcap")[0]) == in_order([one, two, two, three])
+
+
+def each_later(recorded: Recorded) -> Recorded:
+    """The same message, recorded later by somebody else."""
+    return Recorded(
+        topic=recorded.topic,
+        payload=recorded.payload,
+        log_time_ns=recorded.log_time_ns + 500 * MS,
+        publish_time_ns=recorded.publish_time_ns,
+        content_type=recorded.content_type,
+        properties=recorded.properties,
+        qos=recorded.qos,
+        stage=recorded.stage,
+    )
+
+
+def test_telemetry_that_two_workers_took_in_is_there_once(tmp_path: Path) -> None:
+    came = [
+        message(b"%d" % n, START_NS + n * MS, topic="plotfeed/telemetry/a", stage=Stage.TELEMETRY)
+        for n in range(5)
+    ]
+    (tmp_path / "a.mcap").write_bytes(mcap_of(came[:4]))
+    (tmp_path / "b.mcap").write_bytes(mcap_of([each_later(each) for each in came[2:]]))
+    plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert [each.payload for each in read(tmp_path / "c.mcap")[0]] == [b"0", b"1", b"2", b"3", b"4"]
+
+
+def test_what_is_not_of_one_session_is_refused_in_a_line(single: Path, tmp_path: Path) -> None:
+    recorded, (scene, *_) = read(single)
+    other = Attachment(name=scene.name, media_type="", data=scene.data + b"# other\n")
+    paths = {
+        "other": stored(tmp_path / "other.mcap", recorded[:9], [other]),
+        "bare": stored(tmp_path / "bare.mcap", recorded[:9], []),
+        "copy": stored(tmp_path / "copy.mcap", recorded[:9], [scene]),
+    }
+    (tmp_path / "broken.mcap").write_bytes(b"no recording")
+    out = tmp_path / "out.mcap"
+    for arguments, said in (
+        ((single, paths["other"], out), "holds another scene than"),
+        ((single, paths["bare"], out), "holds no scene"),
+        ((single, out), "expected two recordings or more"),
+        ((single, single, out), "a recording is there twice"),
+        ((single, paths["copy"], single), "is what is read"),
+        ((single, paths["other"], tmp_path / "out.ast"), "expected a name that ends in .mcap"),
+        ((single, tmp_path / "broken.mcap", out), "expected an MCAP file"),
+        ((single, tmp_path / "none.mcap", out), "No such file"),
+    ):
+        done = plotfeed_here("merge", *arguments)
+        assert done.returncode != 0, said
+        assert said in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+        assert not out.exists()
+    taken = stored(tmp_path / "taken.mcap", recorded[:5], [scene])
+    again = plotfeed_here("merge", single, stored(out, recorded[:5], [scene]), taken)
+    assert "is there already; --force" in again.stderr
