@@ -19,6 +19,7 @@ from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import AltitudeReference
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.files import FORMATS
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -112,11 +113,23 @@ def _mavlink() -> Iterator[bytes]:
         yield b"\x10" + bytes(message.pack(mav))
 
 
+def _tracker() -> Iterator[bytes]:
+    yield from (b"\0" + payload for payload in _payloads("/asterix/062"))
+    yield b'\0{"track": 7, "latitude_deg": 40.0, "longitude_deg": -3.0, "sigma_east_m": 2.5}'
+    point = {"type": "Point", "coordinates": [-3.0, 40.0, 700.0]}
+    feature = {"type": "Feature", "id": "a", "geometry": point, "properties": {"speed_m_s": 3.0}}
+    yield b"\0" + json.dumps({"type": "FeatureCollection", "features": [feature]}).encode()
+    track = pb.Track(id="a-1", number=1, time_utc_ns=NS_2026, latitude_deg=40.0, sigma_up_m=3.0)
+    yield b"\x01" + pb.TrackBatch(sensor="a", tracks=[track]).SerializeToString()
+    yield from (b"\x02" + payload for payload in _payloads("sapient"))
+
+
 OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "asterix": lambda: _payloads("/asterix/"),
     "plots": lambda: _payloads("/plots"),
     "sapient": lambda: _payloads("sapient"),
     "shown": _shown,
+    "tracker": _tracker,
     "telemetry": _telemetry,
     "fast-telemetry": lambda: _reports(None),
     "control": lambda: (json.dumps(command).encode() for command in COMMANDS),

@@ -12,9 +12,11 @@ from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
 from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
+from plotfeed.feeds.scene.report_formats import SAPIENT_MESSAGE, TRACK_BATCH
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
+from plotfeed.feeds.score.track_decoding import tracks_in
 from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions
@@ -22,10 +24,12 @@ from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
 from plotfeed.feeds.transport.live_source import listener_of
+from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.batch import plots_in_batch
+from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FORMATS, FileFormat
 
@@ -47,6 +51,7 @@ def plots(data: bytes) -> None:
     plots_in_batch(data)
 
 
+TRACK_TYPES = ("", protobuf_content_type(TRACK_BATCH), protobuf_content_type(SAPIENT_MESSAGE))
 CONTENT_TYPES = (None, "application/json", "application/x-protobuf", "application/asterix")
 
 
@@ -159,6 +164,12 @@ def network_remote_id(data: bytes) -> None:
     list(NetworkRemoteIdReports("{id}").hear("", data, NS_2026))
 
 
+def tracker(data: bytes) -> None:
+    """What the tracker under test publishes, by its content type."""
+    content_type = TRACK_TYPES[data[0] % len(TRACK_TYPES)] if data else ""
+    tracks_in(data[1:], content_type, NS_2026, LocalFrame(40.0, -3.0, 600.0))
+
+
 TARGETS: Mapping[str, Target] = {
     "mapped": mapped,
     "network-remote-id": network_remote_id,
@@ -171,6 +182,7 @@ TARGETS: Mapping[str, Target] = {
     "scene": scene,
     "sapient": sapient,
     "shown": shown,
+    "tracker": tracker,
     **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
     **{f"live-{kind}": live(kind) for kind in LIVE},
     **{f"flight-{suffix[1:]}": flight(suffix) for suffix in BY_SUFFIX},

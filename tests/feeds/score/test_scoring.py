@@ -257,6 +257,15 @@ def test_a_number_in_two_places_is_told_and_not_in_the_means() -> None:
     assert score.as_stamped.gospa_m > 10.0
 
 
+def test_a_leap_within_the_cut_off_is_not_in_the_means_either() -> None:
+    """40 m aside 0.2 s later, which is 200 m/s."""
+    beside = [(report_of("1", APART["a"], t + 0.2, (0.0, 40.0, 0.0)), START_NS + (t + 1) * NS)
+              for t in range(60)]  # fmt: skip
+    score = scored(followed_well() + beside)
+    assert score.left_out["in two places at once"] == 60
+    assert score.reports.position_max_m < 1e-3
+
+
 def test_reports_out_of_order_are_sorted_and_counted() -> None:
     good = followed_well()
     late = [(told, received + 3 * NS if n % 10 == 0 else received)  # type: ignore[operator]

@@ -57,6 +57,15 @@ def test_out_of_the_gate_for_two_steps_is_still_the_same() -> None:
     assert parts.last.tolist() == [2, 9]
 
 
+def test_a_track_that_is_near_another_drone_for_two_steps_stays_whose_it_was() -> None:
+    apart = np.full((12, 2, 1), 50.0)
+    apart[:, 0] = 1.0
+    apart[5:7] = np.array([[50.0], [1.0]])
+    assert {drone for _, drone, _ in held(apart)} == {0}
+    apart[5:] = np.array([[50.0], [1.0]])
+    assert {(k, drone) for k, drone, _ in held(apart) if k >= 5} == {(k, 1) for k in range(7, 12)}
+
+
 def test_two_tracks_may_be_of_one_drone() -> None:
     assert held(np.full((3, 1, 2), 1.0)) == {(k, 0, j) for k in range(3) for j in range(2)}
 
