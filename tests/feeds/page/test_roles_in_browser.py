@@ -25,7 +25,9 @@ def test_the_audience_sees_and_does_what_the_presenter_gives(
         truth = other.get_by_role("button", name="Truth")
         pause = other.get_by_role("button", name="Pause").first
         assert truth.is_disabled()
-        assert pause.is_disabled()
+        for name in ("Pause", "Step 1 s", "Restart", "Record", "Load", "Replay"):
+            assert other.get_by_role("button", name=name).first.is_disabled(), name
+        assert other.get_by_role("button", name="Connect here").is_enabled()
         assert other.evaluate("document.getElementById('sensor-form').inert")
         until(other, "document.getElementById('total-drones').textContent === '–'")
         other.get_by_text("has not given the audience the controls").first.wait_for()
