@@ -80,6 +80,24 @@ EFFECTS: dict[str, dict[str, Any]] = {
         }
     },
     "a bird for each ten drones": {"birds": "a tenth"},
+    "a road": {
+        "road": [
+            {
+                "id": "a6",
+                "cars_per_h": 300.0,
+                "speed_m_s": 25.0,
+                "path": [
+                    {"east_m": 2000.0, "north_m": -500.0, "above_site_m": 1.0},
+                    {"east_m": 3000.0, "north_m": 500.0, "above_site_m": 1.0},
+                ],
+            }
+        ]
+    },
+    "a wind turbine": {
+        "turbine": [
+            {"id": "wt", "east_m": 3000.0, "north_m": 0.0, "above_site_m": 90.0, "radius_m": 50.0}
+        ]
+    },
     "clutter, ten plots a scan": {
         "clutter": [
             {
@@ -119,7 +137,7 @@ FLOCK = {
         {"east_m": 4000.0, "north_m": 100.0, "above_site_m": 80.0},
     ],
 }
-OF_SCENE = frozenset({"terrain", "target", "birds", "clutter"})
+OF_SCENE = frozenset({"terrain", "target", "birds", "clutter", "road", "turbine"})
 
 
 def station_of(n: int, named: dict[str, Any]) -> Station:

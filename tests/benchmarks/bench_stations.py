@@ -54,12 +54,28 @@ STEERED = {"kind": "electronic", "period_s": 0.1, "dwell_s": 0.001, "revisit_s":
 MATRIX = {"claims": ["drone", "bird"], "confusion": {"drone": [0.9, 0.1]}}
 SEVERAL: Keys = {"type": "multistatic_passive"}
 SECOND: Keys = {"receivers": [{"id": "b"} | place(2500.0, 800.0)]}
+EMITTER: Keys = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+RF: Keys = {
+    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2,
+}  # fmt: skip
+CAMERA: Keys = {
+    "id": "radar", "type": "camera", "scan": staring(), "range_max_m": 9000.0,
+    "horizontal_fov_deg": 60.0, "vertical_fov_deg": 40.0, "pixels_across": 40_000,
+    "pixels_down": 30_000,
+}  # fmt: skip
 PAIRS: dict[str, tuple[Keys, Keys]] = {
     "microphones in a circle, by a beam": (
         MICROPHONES,
         MICROPHONES | {"layout": {"shape": "circle", "spacing_m": 0.4}},
     ),
     "a classifier, by none": (MICROPHONES, MICROPHONES | {"classifier": MATRIX}),
+    "an RF sensor in a city, by one in the open": (
+        RF,
+        RF | {"path_loss": {"kind": "city", "environment": "urban"}},
+    ),
+    "a camera on a mount, by a fixed one": (CAMERA, CAMERA | {"mount": {}}),
     "two arrays, by one": (
         MICROPHONES,
         MICROPHONES | {"type": "acoustic_pair", "second_array": place(200.0, 0.0)},
@@ -77,7 +93,15 @@ PAIRS: dict[str, tuple[Keys, Keys]] = {
 def station_of(keys: Keys, n: int) -> Station:
     """At work for as long as sounds travel, and without formats."""
     drones = [
-        held(f"d{i}", 17.0 * i, 5.0, 700.0 + 40.0 * i, rcs_m2=1.0, sound_power_db=120.0)
+        held(
+            f"d{i}",
+            17.0 * i,
+            5.0,
+            700.0 + 40.0 * i,
+            rcs_m2=1.0,
+            sound_power_db=120.0,
+            emitters=[EMITTER],
+        )
         for i in range(n)
     ]
     made = scene([keys | {"report": ["plots"]}], drones, seed=1)
