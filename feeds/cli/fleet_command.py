@@ -29,8 +29,8 @@ from plotfeed.feeds.workers.ray_engine import connected
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 
-CONNECT_S = 5.0
-HEARD_S = 3.0
+CONNECT_S = 15.0
+HEARD_S = 10.0
 """By then a broker has passed on what it retains."""
 FASTEST = "max"
 

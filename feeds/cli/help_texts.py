@@ -63,10 +63,7 @@ SUMMARIES_AND_EXAMPLES = {
     ),
     "fleet": (
         "Run a scene over many processes or hosts.",
-        (
-            "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",
-            "fleet here.toml --broker none --speed max --record parts",
-        ),
+        ("fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",),
     ),
     "chart": (
         "Chart speed against accuracy of a scene's stages.",

@@ -44,7 +44,6 @@ CUT_NS = 3 * NS // 2
 """From the order to hand over until it is done."""
 AGAIN_S = 1.0
 MOST_GAPS = 1000
-"""That are told, the newest."""
 
 
 class Coordinator:
@@ -83,7 +82,7 @@ class Coordinator:
         settings = self.settings
         found = partition(self.scene, settings.workers)
         spares = 0 if settings.is_simulated else settings.spares
-        starting = [self._start_worker() for _ in range(len(found) + spares)]
+        starting = [self._new_worker() for _ in range(len(found) + spares)]
         self._idle = [*await asyncio.gather(*starting)]
         self._began_world_ns = -(-(time.time_ns() + LEAD_NS) // NS) * NS
         self.began_utc_ns = self.scene.scene.start_utc_ns or self._began_world_ns
@@ -194,10 +193,8 @@ class Coordinator:
         error = serving.exception()
         if error is None:
             ended = serving.result()
-            for name, value in ended.items():
-                if isinstance(value, int) and name in COUNTED:
-                    self.counts[name] = self.counts.get(name, 0) + value
-            part.counts = ended
+            for name in COUNTED:
+                self.counts[name] = self.counts.get(name, 0) + ended[name]
             if worker not in self._idle:
                 self._idle.append(worker)
             return "lost its lease" if ended["lost"] else ""
@@ -303,16 +300,22 @@ class Coordinator:
     async def _a_worker(self) -> Worker:
         """One that waits, or a new one; another is started in its place."""
         if not self._idle:
-            return await self._start_worker()
+            return await self._new_worker()
         worker = self._idle.pop(0)
         if not self.settings.is_simulated and len(self._idle) < self.settings.spares:
             self._do_aside(self._have_a_spare())
         return worker
 
     async def _have_a_spare(self) -> None:
-        if self.began_utc_ns:
-            self._idle.append(await self._start_worker())
-            self._let_go()
+        self._idle.append(await self._new_worker())
+        self._let_go()
+
+    async def _new_worker(self) -> Worker:
+        while True:
+            try:
+                return await self._start_worker()
+            except WorkerDiedError:
+                await asyncio.sleep(AGAIN_S)
 
     def _let_go(self) -> None:
         """End workers that wait beyond those that should."""

@@ -97,7 +97,6 @@ class PartHeld:
     leaving: bool = False
     """Others have its sensors soon: nobody takes it over."""
     is_ready: asyncio.Event = field(default_factory=asyncio.Event)
-    counts: dict[str, Any] = field(default_factory=dict)
 
 
 COUNTED = ("looks", "plots", "false_alarms", "messages", "undelivered", "missed_scans")

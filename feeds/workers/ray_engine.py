@@ -19,12 +19,15 @@ QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_DEDUP_LOGS": "0",
+    "RAY_worker_niceness": "0",
 }
-"""Of the environment, unless somebody has set it: Ray tells nobody of its use, and asks for no
-graphics processors."""
+"""Of the environment, unless somebody has set it: Ray tells nobody of its use, asks for no graphics
+processors, and its workers, which have deadlines, stand behind nobody else."""
 ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 """For a machine alone: else Ray takes loopback for the machine's own address, and listens there."""
 CONNECT_S = 5.0
+ATTEMPTS = 3
+"""Ray gives its processes half a minute to start, which a busy machine may not have."""
 
 
 class EngineError(PlotfeedError):
@@ -58,12 +61,17 @@ def connected(address: str | None, processors: int | None) -> Iterator[Any]:
         }
     else:
         how["address"] = address
-    try:
-        ray.init(**how)
-    except (ConnectionError, OSError, RuntimeError, ValueError) as error:
-        where = "cannot be started" if address is None else f"at {address} does not answer"
-        said = next((line for line in str(error).splitlines() if line.strip()), "")
-        raise EngineError(f"Ray {where}: {said or type(error).__name__}") from None
+    for attempt in range(ATTEMPTS):
+        try:
+            ray.init(**how)
+            break
+        except Exception as error:  # noqa: BLE001 - a machine that was too slow is told by no other
+            ray.shutdown()
+            if attempt + 1 < ATTEMPTS and type(error) is Exception:
+                continue
+            where = "cannot be started" if address is None else f"at {address} does not answer"
+            said = next((line for line in str(error).splitlines() if line.strip()), "")
+            raise EngineError(f"Ray {where}: {said or type(error).__name__}") from None
     try:
         yield ray
     finally:

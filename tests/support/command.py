@@ -18,14 +18,16 @@ from plotfeed.feeds.cli.main import main
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
 
 
-def plotfeed(*arguments: object, stdin: str = "") -> subprocess.CompletedProcess[str]:
+def plotfeed(
+    *arguments: object, stdin: str = "", wait_s: float = 60
+) -> subprocess.CompletedProcess[str]:
     """Run it to its end; whatever happens, no traceback."""
     done = subprocess.run(
         [*PLOTFEED, *map(str, arguments)],
         input=stdin,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=wait_s,
         check=False,
     )
     assert "Traceback" not in done.stderr, done.stderr

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from support.fleet_process import skip_without_ray
 
 from plotfeed.feeds.console import extras
 from plotfeed.feeds.workers.ray_engine import EngineError, connected
@@ -27,8 +28,9 @@ print(json.dumps(ray.is_initialized()))
 def test_ray_works_on_loopback_and_is_gone_afterwards() -> None:
     pytest.importorskip("ray")
     done = subprocess.run(
-        [sys.executable, "-c", STARTED], capture_output=True, text=True, timeout=240, check=False
+        [sys.executable, "-c", STARTED], capture_output=True, text=True, timeout=600, check=False
     )
+    skip_without_ray(done.stderr)
     assert done.returncode == 0, done.stderr
     found, gone = map(json.loads, done.stdout.splitlines())
     assert found == [42, "127.0.0.1", 2.0]
