@@ -41,6 +41,7 @@ from plotfeed.feeds.recording.recorder import (
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.score.live_scoring import is_scored, run_scored
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run
@@ -131,7 +132,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         if settings.metrics is not None:
             observers.append(files.enter_context(served(settings.metrics)))
         run_session: RunSession = partial(
-            partial(_run_with_page, settings) if serves_page else run,
+            partial(_run_with_page, settings) if serves_page else _runner(scene, settings),
             scene=scene,
             clock=clock,
             broker=settings.broker,
@@ -174,6 +175,11 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
     if settings.page is not None:
         raise PlotfeedError(f"the page cannot be served, {missing}")
     return False, f"none, {missing}"
+
+
+def _runner(scene: Scene, settings: RunSettings) -> RunSession:
+    """What runs it without a page: with a score beside it, if there is a tracker to hear."""
+    return run_scored if is_scored(scene) and settings.broker != NO_BROKER else run
 
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:

@@ -26,6 +26,8 @@ from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.score.live_score import LiveScore
+from plotfeed.feeds.score.live_scoring import scored_by, scoring
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
@@ -215,14 +217,23 @@ async def run_with_page(
                     await _replay(switch, recording, view, brokers)
                 else:
                     observer.scene(_basemap_of(switch.scene))
-                    async with _tracks_of(switch.scene, view, brokers, observer.now_utc_ns):
+                    live, now_utc_ns = LiveScore(), observer.now_utc_ns
+                    score = scoring(
+                        switch.scene, brokers, live, now_utc_ns, clock=clock, on_score=view.score
+                    )
+                    async with _tracks_of(switch.scene, view, brokers, now_utc_ns), score:
                         totals = await run_over(
                             brokers,
                             switch.scene,
                             clock=clock,
                             duration_s=duration_s,
                             stop=switch.ending,
-                            observers=[*observers, observer, switch],
+                            observers=[
+                                *observers,
+                                *scored_by(switch.scene, live),
+                                observer,
+                                switch,
+                            ],
                             on_ready=ready,
                         )
                 if stop.is_set() or not switch.goes_on:

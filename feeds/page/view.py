@@ -233,6 +233,10 @@ class View:
         """What the tracker published could not be read."""
         self._tell("track_problem", text[:MAX_REASON])
 
+    def score(self, score: dict[str, Any]) -> None:
+        """How the tracker and the feed do, for who sees the truth."""
+        self._score = self._new_score = {"score": score}
+
     # What the server asks.
 
     def watch(self, sensors: Iterable[str]) -> None:
@@ -263,8 +267,8 @@ class View:
         if seconds:
             told["seconds"] = seconds
         head, marks = header(self._number, now_utc_ns), public_plots + public_tracks
-        names = self._drones.news() if self._drones.changed else {}
-        self._drones.changed = False
+        names = {**(self._drones.news() if self._drones.changed else {}), **self._new_score}
+        self._drones.changed, self._new_score = False, {}
         truth = _news(names, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
         return Update(head + _news(told) + marks, truth, False, _audience(head, told, marks))
 
@@ -276,7 +280,7 @@ class View:
             header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT),
             plots + self._tracks.snapshot(),
         )
-        names = _news(self._drones.news(), SectionKind.TRUE_NEWS)
+        names = _news({**self._drones.news(), **self._score}, SectionKind.TRUE_NEWS)
         return Update(
             head + _news(told) + marks,
             names + plot_truths + self._drones.section(),
@@ -296,6 +300,7 @@ class View:
         self._drones = Drones(placements.site)
         self._tracks = ShownTracks(placements.site)
         self._totals = {}
+        self._score = self._new_score = {}
         self._is_new = True
 
     def _count_losses(self, now_utc_ns: int) -> None:

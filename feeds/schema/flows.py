@@ -201,6 +201,29 @@ def _of_session() -> Iterator[Flow]:
         needs="mqtt.truth is not false",
     )
     yield Flow(
+        name="score",
+        address="{prefix}/score",
+        content_type=JSON,
+        summary="How the tracker under test and the feed do, once a second. Not for trackers.",
+        kind="plotfeed.score",
+        qos=0,
+        needs="page.tracks_topic says where a tracker publishes, and mqtt.truth is not false",
+        schema=_object(
+            time_utc="string",
+            cutoff_m="number",
+            drones="integer",
+            tracks="integer",
+            reports="integer",
+            unreadable="integer",
+            problem="string",
+            now="object",
+            window_s="integer",
+            window="object",
+            feed_false_rate="number",
+            feed="array",
+        ),
+    )
+    yield Flow(
         name="errors",
         address="{prefix}/errors",
         content_type=JSON,

@@ -42,6 +42,15 @@ export class Cards {
     this.#changed();
   }
 
+  /** Open it, unless somebody here has closed it. */
+  offer(name) {
+    const card = this.#cards.get(name);
+    if ("closed" in card.state || !card.element.hidden) return;
+    card.element.hidden = false;
+    card.box.checked = true;
+    this.#changed();
+  }
+
   #add(element, state) {
     const name = element.dataset.card, head = element.querySelector("h2"), title = element.dataset.title ?? head.textContent;
     const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox" });

@@ -17,6 +17,7 @@ import { Picture } from "./picture.js";
 import { Pointer } from "./pointer.js";
 import { Roles } from "./roles.js";
 import { savePicture } from "./save_picture.js";
+import { Score } from "./score.js";
 import { Sensors } from "./sensors.js";
 import { Session } from "./session.js";
 import { Stories } from "./stories.js";
@@ -39,6 +40,7 @@ const stories = new Stories(picture, ask);
 const strips = new Strips();
 const roles = new Roles(picture, { ask, onName: look, onTruth: (may) => { if (!may && display.truth) setTruth(false); }, address: () => feed.hello.audience_url });
 const cards = new Cards(showCards);
+const score = new Score(() => cards.offer("score"));
 const tour = new Tour();
 const past = new Past(reader);
 const timeline = new Timeline(picture, past, display);
@@ -80,6 +82,7 @@ function takeFrame(buffer) {
   if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
+  if (all || changed.has("score")) score.take(picture.score);
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); showClosely(); }
   if (all || changed.has("seconds") || changed.has("details") || changed.has("marks")) strips.draw(picture, sensors.chosen);
@@ -124,6 +127,7 @@ function setTruth(shown) {
   if (!shown) {
     picture.forgetTruth();
     trails.forgetTruth();
+    score.take(null);
     if (display.selected?.kind === "drone") display.select(null);
   }
   showLegend(shown, picture.news.scene);

@@ -112,6 +112,7 @@ export class Picture {
   droneClasses = {}; // of those that are no drones, by number
   tracks = new Map();
   news = {};
+  score = null; // of the tracker under test, where the truth is shown
   seconds = [];
   pace = 1;
   framesTaken = 0;
@@ -137,7 +138,10 @@ export class Picture {
 
   #takeSection({ kind, news, rows, first, columns }, frame, at, changed) {
     if (kind === Kind.NEWS) this.#takeNews(news, changed);
-    else if (kind === Kind.TRUE_NEWS) [this.droneNames, this.droneClasses] = [news.drones ?? this.droneNames, news.classes ?? this.droneClasses];
+    else if (kind === Kind.TRUE_NEWS) {
+      [this.droneNames, this.droneClasses] = [news.drones ?? this.droneNames, news.classes ?? this.droneClasses];
+      if (news.score) [this.score] = [news.score, changed.add("score")];
+    }
     else if (kind === Kind.PLOTS) this.plots.add(columns, rows, first);
     else if (kind === Kind.PLOT_TRUTHS) this.plots.addTruths(columns, rows, first);
     else if (kind === Kind.LOST_PLOTS) this.lost.add(columns, rows, 0);
@@ -177,6 +181,7 @@ export class Picture {
     this.drones = null;
     this.droneNames = [];
     this.droneClasses = {};
+    this.score = null;
     this.tracks.clear();
     this.news = {};
     this.seconds = [];
@@ -186,7 +191,7 @@ export class Picture {
   forgetTruth() {
     this.plots.forgetTruth();
     this.lost.clear();
-    this.drones = null;
+    this.drones = this.score = null;
   }
 
   #setClock(nowMs, at) {

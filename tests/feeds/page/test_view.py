@@ -369,3 +369,14 @@ def test_after_a_change_of_latency_losses_count_beside_the_deliveries_of_their_t
         shares += [lost_ / (lost_ + came) for lost_, came in counts if lost_ + came]
     assert len(shares) >= 5
     assert max(shares) <= 0.4
+
+
+def test_the_score_is_told_to_who_sees_the_truth_alone(stage: MadeUpSession) -> None:
+    view = stage.view
+    view.update(stage.now_ns, 0.0)
+    assert b'"score"' not in view.update(stage.now_ns, 0.1).truth
+    view.score({"time_utc": "2026-01-01T12:00:01Z", "window": {"gospa_m": 12.5}})
+    for update in (view.update(stage.now_ns, 0.2), view.snapshot(stage.now_ns)):
+        assert b'"gospa_m":12.5' in update.truth
+        assert b"gospa_m" not in update.public + (update.audience or b"")
+    assert b'"score"' not in view.update(stage.now_ns, 0.3).truth  # said once

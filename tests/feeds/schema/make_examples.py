@@ -27,6 +27,25 @@ MOST_OCTETS = 1200
 CUE = {"azimuth_deg": 45.0, "elevation_deg": 5.0, "dwell_s": 4.0}
 COMMAND = {"sensor": "active_radar", "set": {"link": {"latency_ms": 250.0}}}
 
+SCORE = {
+    "time_utc": "2026-01-01T12:00:30Z", "cutoff_m": 50.0, "drones": 2, "tracks": 2, "reports": 58,
+    "unreadable": 0, "problem": "",
+    "now": {
+        "gospa_m": 8.1, "ospa_m": 5.7, "completeness": 1.0, "spuriousness": 0.0,
+        "position_error_m": 5.7, "latency_s": 0.04, "latency_p95_s": 0.09,
+    },
+    "window_s": 30,
+    "window": {
+        "gospa_m": 9.3, "ospa_m": 6.6, "completeness": 0.97, "spuriousness": 0.01,
+        "position_error_m": 6.0, "latency_s": 0.04, "latency_p95_s": 0.09,
+    },
+    "feed_false_rate": 0.01,
+    "feed": [
+        {"sensor": "radar", "check": "azimuth", "unit": "deg", "claimed": 0.0, "found": 2.01,
+         "z": 37.1, "of": 58, "wrong": True, "why_not": ""},
+    ],
+}  # fmt: skip
+
 
 def main() -> None:
     """Of what comes more than once, the first that is neither bare nor long."""
@@ -45,6 +64,7 @@ def main() -> None:
         "telemetryJson": [report],
         "telemetryAsterix129": payloads["asterix129"],
         "control": [json.dumps(COMMAND).encode()],
+        "score": [json.dumps(SCORE).encode()],
         "cue": [json.dumps(CUE).encode()],
         "sapientTask": [task(described.ONE, request="Registration")],
     }

@@ -337,7 +337,7 @@ async def test_what_a_session_publishes_is_what_the_document_says(
         (described,) = (resolved(api, m) for m in api["operations"][name]["messages"])
         if described["contentType"] == "application/json":
             jsonschema.validate(json.loads(message.payload), described["payload"])
-    of_another_scene = {"sendClaimedProtobuf"}  # this one has its claims in JSON
+    of_another_scene = {"sendClaimedProtobuf", "sendScore"}  # claims in JSON, and no tracker
     assert seen | of_another_scene == set(sends(api))
     of_sensors = {f"{PREFIX}/{s['id']}/{kind}" for s in SENSORS for kind in OF_SENSORS}
     assert retained == {f"{PREFIX}/session", *of_sensors}
