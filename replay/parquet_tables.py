@@ -1,4 +1,4 @@
-"""Tables in Parquet for those who compute: plots, their truth, looks, messages or fates; written.
+"""Tables in Parquet for those who compute: plots, truths, looks, tracks, messages, fates; written.
 
 Needs pyarrow, the extra `parquet`. Angles are degrees, lengths metres, times UTC to the nanosecond;
 null is what was not told. Text is as it came: no spreadsheet opens such a file.
@@ -7,7 +7,7 @@ null is what was not told. Text is as it came: no spreadsheet opens such a file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -32,6 +32,15 @@ _WHOLE_PLOT_COLUMNS = frozenset({"category", "sac", "sic", "channel", "track"})
 _TEXT_PLOT_COLUMNS = frozenset({"topic", "sensor", "kind", "identity", "mode_3a", "address"})
 _OF_SECTOR = {"sensor": TEXT, "scan": WHOLE, "sector": WHOLE}
 _GEOMETRY = dict.fromkeys(("range_m", "azimuth_deg", "elevation_deg"), REAL)
+
+
+_TRACK_REALS = (
+    *("latitude_deg", "longitude_deg", "height_m"),
+    *("velocity_east_m_s", "velocity_north_m_s", "climb_m_s", "age_s"),
+    *("sigma_east_m", "sigma_north_m", "sigma_up_m"),
+    *("sigma_velocity_east_m_s", "sigma_velocity_north_m_s", "sigma_climb_m_s"),
+)
+_TRACK_FLAGS = ("coasted", "first", "last")
 
 
 def _kind_of(column: str) -> pa.DataType:
@@ -64,6 +73,16 @@ FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
         "pd": REAL,
         "detected": TRUTH,
         "channel": WHOLE,
+    },
+    TableName.TRACKS: {
+        **_OF_SECTOR,
+        "kind": TEXT,
+        "id": TEXT,
+        "number": WHOLE,
+        "time_utc": TIME,
+        **dict.fromkeys(_TRACK_REALS, REAL),
+        **dict.fromkeys(_TRACK_FLAGS, TRUTH),
+        "log_time_utc": TIME,
     },
     TableName.MESSAGES: {
         "log_time_utc": TIME,
@@ -170,21 +189,25 @@ def _ns(t_utc_ns: int | None) -> int | None:
     return t_utc_ns if t_utc_ns is not None and 0 < t_utc_ns <= MOST_NS else None
 
 
-def _ledger_rows(
-    rows_of: Callable[[pb.Ledger, Row], Iterable[Row]],
+M = TypeVar("M", pb.Ledger, pb.TrackBatch)
+
+
+def _rows_in(
+    kind: type[M], topic_end: str, rows_of: Callable[[M, Row], Iterable[Row]]
 ) -> Callable[[Recorded], Iterable[Row] | None]:
-    """Rows of what the ledger says, by the sector that it says it of."""
+    """Rows of what messages of a kind say, by the sector that they say it of."""
+    name = kind.DESCRIPTOR.full_name
 
     def rows(message: Recorded) -> Iterable[Row] | None:
         said = message_type(message.content_type)
-        if said != "plotfeed.v1.Ledger" and (said or not message.topic.endswith("/truth")):
+        if said != name and (said or not message.topic.endswith(topic_end)):
             return None
         try:
-            ledger = pb.Ledger.FromString(message.payload)
+            found = kind.FromString(message.payload)
         except Exception:  # noqa: BLE001 - of protobuf's own, in each of its implementations
             return None
-        of = {"sensor": ledger.sensor, "scan": ledger.scan, "sector": ledger.sector}
-        return list(rows_of(ledger, of))
+        of = {"sensor": found.sensor, "scan": found.scan, "sector": found.sector}
+        return list(rows_of(found, of))
 
     return rows
 
@@ -221,6 +244,22 @@ def _fate_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
         yield of | times | fate | _fields(sent, names)
 
 
+def _track_rows(message: Recorded) -> Iterable[Row] | None:
+    rows = _TRACKS_IN(message)
+    log_time = {"log_time_utc": _ns(message.log_time_ns)}
+    return None if rows is None else [row | log_time for row in rows]
+
+
+def _rows_of_batch(batch: pb.TrackBatch, of: Row) -> Iterable[Row]:
+    names = ("id", "number", *_TRACK_REALS, *_TRACK_FLAGS)
+    kind = {"kind": pb.TrackKind.Name(batch.kind).lower()}
+    for track in batch.tracks:
+        yield of | kind | {"time_utc": _ns(track.time_utc_ns)} | _fields(track, names)
+
+
+_TRACKS_IN = _rows_in(pb.TrackBatch, "/tracks", _rows_of_batch)
+
+
 def _message_rows(message: Recorded) -> Iterable[Row]:
     return [
         {
@@ -239,8 +278,9 @@ def _message_rows(message: Recorded) -> Iterable[Row]:
 
 _ROWS_OF: Mapping[TableName, Callable[[Recorded], Iterable[Row] | None]] = {
     TableName.PLOTS: _plot_rows,
-    TableName.TRUTHS: _ledger_rows(_truth_rows),
-    TableName.LOOKS: _ledger_rows(_look_rows),
+    TableName.TRUTHS: _rows_in(pb.Ledger, "/truth", _truth_rows),
+    TableName.LOOKS: _rows_in(pb.Ledger, "/truth", _look_rows),
+    TableName.TRACKS: _track_rows,
     TableName.MESSAGES: _message_rows,
-    TableName.FATES: _ledger_rows(_fate_rows),
+    TableName.FATES: _rows_in(pb.Ledger, "/truth", _fate_rows),
 }

@@ -140,6 +140,7 @@ class TableName(StrEnum):
     PLOTS = "plots"
     TRUTHS = "truths"
     LOOKS = "looks"
+    TRACKS = "tracks"
     MESSAGES = "messages"
     FATES = "fates"
 

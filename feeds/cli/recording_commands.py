@@ -220,7 +220,7 @@ def replay(recording: Path, **options: Any) -> int:
 )
 @click.option(
     "--table",
-    type=click.Choice(["plots", "truths", "looks", "messages", "fates"]),
+    type=click.Choice(["plots", "truths", "looks", "tracks", "messages", "fates"]),
     help="Write this table of Parquet; without it that in which the name of OUT ends, else plots.",
 )
 @topic_option

@@ -110,6 +110,19 @@ def test_the_ledger_makes_three_tables() -> None:
     assert (rows, said) == ([], ["no fates"])
 
 
+def test_tracks_have_their_sector_and_null_for_what_a_sensor_does_not_estimate() -> None:
+    track = pb.Track(id="s-7", number=7, time_utc_ns=T_NS, latitude_deg=40.5, age_s=0.0, last=True)
+    batch = pb.TrackBatch(sensor="s", scan=3, sector=1, kind=pb.PLAIN, tracks=[track])
+    sent = message("p/s/tracks", batch.SerializeToString(), "TrackBatch")
+    (row,), _ = table(TableName.TRACKS, sent)
+    expected = {"sensor": "s", "scan": 3, "sector": 1, "kind": "plain", "id": "s-7", "number": 7}
+    expected |= {"latitude_deg": 40.5, "age_s": 0.0, "height_m": None, "sigma_up_m": None}
+    assert {name: row[name] for name in expected} == expected
+    assert (row["coasted"], row["first"], row["last"]) == (False, False, True)
+    rows, _ = table(TableName.TRACKS, message("p/truth", batch.SerializeToString(), "Ledger"))
+    assert rows == []
+
+
 def test_messages_are_whole() -> None:
     (row,), _ = table(TableName.MESSAGES, message("a/b", b"\x00\xff"))
     assert (row["topic"], row["payload"], row["octets"]) == ("a/b", b"\x00\xff", 2)
