@@ -19,6 +19,7 @@ from plotfeed.feeds.fleet.fleet_parts import (
     PartHeld,
     Worker,
     WorkerDiedError,
+    is_fenced_by_broker,
     or_not,
 )
 from plotfeed.feeds.fleet.lease import PATIENCE_S, LeaseBook
@@ -131,7 +132,8 @@ class Coordinator:
             for part in self.parts:
                 part.joins, part.joins_utc_ns = TAKING_OVER, at_ns
                 if part.worker is not None:
-                    await part.worker.join_at(part.key, at_ns)
+                    join = part.worker.join_at(part.key, at_ns)
+                    await or_not(join, self.settings.lease_s)
             leaving = [self._keepers[part.name] for part in old if part.name in self._keepers]
             await asyncio.gather(*leaving, return_exceptions=True)
             self._idle += [w for w in others[len(found) :] if w not in self._idle]
@@ -215,25 +217,20 @@ class Coordinator:
         """Let go of a worker, and note what nobody sends until another does."""
         self.takeovers += 1
         log.warning("part %s: worker %s %s: another takes over", part.name, worker.name, why)
-        if part.sent_until_utc_ns and not order.is_simulated:
-            told, since_ns = f"{worker.name} {why}", part.sent_until_utc_ns
+        is_open = any(gap.part == part.name and gap.to_utc_ns is None for gap in self.gaps)
+        if not is_open and not order.is_simulated:
+            told, since_ns = f"{worker.name} {why}", part.sent_until_utc_ns or part.joins_utc_ns
             self.gaps.append(Gap(part.name, part.sensors, told, since_ns))
         if not serving.done():
             self._do_aside(self._refuse_when_awake(worker, order.key, serving))
-        if not self._is_fenced_by_broker:
+        if not is_fenced_by_broker(self.scene):
             await asyncio.sleep(max(self._book.left_s(part.name), 0.0))
-        if why.startswith("failed"):
+        if not part.joined_utc_ns:  # a machine that is too slow for one is no faster for the next
             await asyncio.sleep(AGAIN_S)
         part.worker = None
-        if part.joins == BEGINNING and part.sent_until_utc_ns and not order.is_simulated:
+        if part.joins == BEGINNING and not order.is_simulated:
             part.joins = TAKING_OVER
         self.on_change()
-
-    @property
-    def _is_fenced_by_broker(self) -> bool:
-        """Whether all that is sent goes by connections that a broker cuts off for the next one."""
-        to = self.scene.outgoing
-        return not (to.udp or to.queued or to.middleware or self.settings.is_simulated)
 
     async def _renew(self, part: PartHeld, worker: Worker, order: PartOrder) -> None:
         """Grant a lease as often as a worker asks for it."""
@@ -262,6 +259,8 @@ class Coordinator:
         with contextlib.suppress(WorkerDiedError):
             await worker.ready(part.key)
             part.is_ready.set()
+            if part.joins == TAKING_OVER:  # the others have been told meanwhile
+                await worker.join_at(part.key, part.joins_utc_ns)
 
     async def _refuse_when_awake(
         self, worker: Worker, key: str, serving: asyncio.Task[dict[str, Any]]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from plotfeed.feeds.fleet.part_server import PartOrder, Question
+from plotfeed.feeds.scene.scene import Scene
 
 
 class WorkerDiedError(Exception):
@@ -108,3 +109,9 @@ async def or_not(work: Awaitable[None], timeout_s: float) -> None:
     with contextlib.suppress(WorkerDiedError, TimeoutError):
         async with asyncio.timeout(timeout_s):
             await work
+
+
+def is_fenced_by_broker(scene: Scene) -> bool:
+    """Whether all that is sent goes by connections that a broker cuts off for the next one."""
+    to = scene.outgoing
+    return not (to.udp or to.queued or to.middleware)

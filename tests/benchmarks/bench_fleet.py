@@ -2,11 +2,11 @@
 
     python tests/benchmarks/bench_fleet.py
 
-Plots a second are of a scene of radars in simulated time, without broker or ledger, from when each
-worker begins with its part until the last has done: one worker has all of it. Take-overs are of a
-fleet in real time over mosquitto, whose worker gets SIGKILL or SIGSTOP: what nobody sends, in scans
-of 1 s. What a worker pays for telemetry is processor time a second, with and without cells, by how
-many drones report in all.
+Plots a second are of a scene of radars in simulated time, without broker or ledger: by the
+processor time of the worker that takes most, as if each had a core of its own, however busy this
+machine is. One worker has all of it. Take-overs are of a fleet in real time over mosquitto, whose
+worker gets SIGKILL or SIGSTOP: what nobody sends, in scans of 1 s. What a worker pays for telemetry
+is processor time a second, with and without cells, by how many drones report in all.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from plotfeed.feeds.fleet.ray_workers import starter  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene  # noqa: E402
 from plotfeed.feeds.workers.ray_engine import connected  # noqa: E402
 
-RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 30.0, 3
+RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 20.0, 3
 SPEEDUP, MOST_SCANS = 1.8, 2.0
-KILLS, FREEZES = 5, 3
+KILLS, FREEZES = 5, 2
 LEASE_S = 1.0
 TOTALS, WINDOW_S = (50, 400), 5.0
 
@@ -78,7 +78,7 @@ async def plots_per_s(start: Callable[[], Any], workers: int) -> float:
 
         async def timed(order: Any) -> dict[str, Any]:
             ended = await serve(order)
-            seconds.append(ended["seconds"])
+            seconds.append(ended["processor_s"])
             return ended
 
         worker.serve = timed  # type: ignore[method-assign]
@@ -95,7 +95,7 @@ async def plots_per_s(start: Callable[[], Any], workers: int) -> float:
 
 
 def by_workers() -> tuple[list[float], list[float]]:
-    """Plots a second with one worker and with two, run by run."""
+    """Plots a second of a core with one worker and with two, run by run."""
     one, two = [], []
     with connected(None, 2) as ray:
         for _ in range(RUNS):
