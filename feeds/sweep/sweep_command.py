@@ -161,9 +161,9 @@ def _check(settings: SweepSettings) -> None:
         check_picture(settings.chart)
         refuse_if_there(settings.chart, force=settings.force)
     if settings.ray is not None:
-        need_extra("ray", "--ray", "fleet")
         if settings.processes is not None:
             raise PlotfeedError("--processes: the cluster of --ray has its own")
+        need_extra("ray", "--ray", "fleet")
 
 
 def _class_m(levels: Sequence[SweepLevel]) -> float:

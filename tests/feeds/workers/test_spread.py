@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.fleet_process import skip_without_ray
 
 from plotfeed.feeds.workers.spread import spread
 from plotfeed.proto.errors import PlotfeedError
@@ -36,10 +37,12 @@ print("found", sorted(found))
 
 
 def test_a_job_whose_process_was_killed_is_done_again_by_another(tmp_path: Path) -> None:
+    pytest.importorskip("ray")
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(tmp_path)],
         capture_output=True, text=True, timeout=MOST_S, check=False,
     )  # fmt: skip
+    skip_without_ray(done.stderr)
     found = [line for line in done.stdout.splitlines() if line.startswith("found")]  # Ray's beside
     assert found == [f"found {[(job, job * job) for job in range(8)]}"], done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "3", "6"]
