@@ -166,10 +166,8 @@ class Coordinator:
             order = self._order(part)
             part.worker, part.key, part.joined_utc_ns = worker, order.key, 0
             serving = asyncio.create_task(worker.serve(order))
-            beside = [
-                asyncio.create_task(self._renew(part, worker, order)),
-                asyncio.create_task(self._book.ended(part.name)),
-            ]
+            works = [self._renew(part, worker, order), self._book.ended(part.name)]
+            beside = [asyncio.create_task(each) for each in works]
             if order.joins == WHEN_TOLD:
                 beside.append(asyncio.create_task(self._note_ready(part, worker)))
             try:
