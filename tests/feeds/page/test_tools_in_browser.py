@@ -73,7 +73,7 @@ def test_the_table_is_sorted_filtered_and_chosen_from(page: Page) -> None:
     page.get_by_label("Fade").select_option("60")
     stop_time(page)
     display(page).press("b")
-    table = page.get_by_role("table", name="Marks in a table")
+    table = page.get_by_role("table", name="What is shown, in rows")
     until(page, "document.getElementById('table-body').rows.length > 10")
 
     def column(number: int) -> list[str]:
