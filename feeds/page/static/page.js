@@ -82,7 +82,7 @@ function takeFrame(buffer) {
   if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
-  if (all || changed.has("score")) score.take(picture.score);
+  if (all || changed.has("score")) score.take(display.truth ? picture.score : null);
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); showClosely(); }
   if (all || changed.has("seconds") || changed.has("details") || changed.has("marks")) strips.draw(picture, sensors.chosen);
