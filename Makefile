@@ -132,6 +132,7 @@ pictures: pages
 	$(BIN)/python docs/commands/draw_speed_accuracy.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi
 	$(BIN)/python docs/commands/draw_report.py
+	$(BIN)/python docs/commands/draw_sweep.py
 	$(BIN)/python docs/commands/draw_stability.py
 	$(BIN)/python docs/commands/equation_figures.py
 
