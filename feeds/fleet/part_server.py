@@ -14,10 +14,12 @@ from typing import Any
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
 from plotfeed.feeds.fleet.lease import WorkerLease
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import brokers_of
+from plotfeed.feeds.session.presence import RUNNING, session_message
 from plotfeed.feeds.session.session import Session, run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
@@ -145,7 +147,9 @@ class PartServer:
                         Recorder(file, attachments=attachments, waits=order.is_simulated)
                     )
                     is_sent = order.scene.mqtt.truth
-                    observers.append(SessionRecorder(recorder, ledger_is_sent=is_sent))
+                    records = SessionRecorder(recorder, ledger_is_sent=is_sent)
+                    records.after_link(_of_whole(order), order.began_utc_ns)
+                    observers.append(records)
                 async with brokers_of(order.scene, order.broker) as brokers:
                     totals = await run_over(
                         brokers,
@@ -244,6 +248,12 @@ async def _stop_when_forgotten(served: _Served, order: PartOrder) -> None:
         return
     served.lease.lose()
     served.stop.set()
+
+
+def _of_whole(order: PartOrder) -> Message:
+    """What a session of the whole would say when it begins: with it a recording is a session's."""
+    of = {"session": order.fleet, "state": RUNNING, "heard": []}
+    return session_message(order.scene, of, order.began_utc_ns, order.began_utc_ns)
 
 
 def _clock_of(order: PartOrder) -> Clock:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 from uuid import uuid4
@@ -120,22 +120,27 @@ class SessionPresence:
             self._publish(self._message(state, self._start_ns, self._clock.now_ns()))
 
     def _message(self, state: str, start_utc_ns: int, now_utc_ns: int) -> Message:
-        scene = self._scene
-        said = {
-            "session": self.id,
-            "state": state,
-            "heard": [*self._heard],
-            "scene": scene.scene.name,
-            "seed": scene.scene.seed,
-            "start_utc": iso_utc(start_utc_ns),
-            "start_utc_ns": start_utc_ns,
-            "tick_ms": AHEAD_NS // NS_IN_MS,
-            "sensors": [sensor.id for sensor in scene.sensor],
-            "site": scene.scene.site.model_dump(),
-            "plotfeed": version("plotfeed"),
-        }
-        payload = json.dumps(said).encode()
-        return retained_message(scene.mqtt.prefix, "session", payload, now_utc_ns)
+        of = {"session": self.id, "state": state, "heard": [*self._heard]}
+        return session_message(self._scene, of, start_utc_ns, now_utc_ns)
+
+
+def session_message(
+    scene: Scene, of: Mapping[str, Any], start_utc_ns: int, now_utc_ns: int
+) -> Message:
+    """What is said of a session of a scene; `of` says which, and how it is."""
+    said = {
+        **of,
+        "scene": scene.scene.name,
+        "seed": scene.scene.seed,
+        "start_utc": iso_utc(start_utc_ns),
+        "start_utc_ns": start_utc_ns,
+        "tick_ms": AHEAD_NS // NS_IN_MS,
+        "sensors": [sensor.id for sensor in scene.sensor],
+        "site": scene.scene.site.model_dump(),
+        "plotfeed": version("plotfeed"),
+    }
+    payload = json.dumps(said).encode()
+    return retained_message(scene.mqtt.prefix, "session", payload, now_utc_ns)
 
 
 def _told(payload: bytes) -> dict[str, Any] | None:

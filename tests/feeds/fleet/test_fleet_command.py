@@ -17,6 +17,7 @@ from support.fleet_scenes import by_topic
 from support.road import fly
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
+from plotfeed.feeds.recording.session_again import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
@@ -47,6 +48,7 @@ def test_workers_of_ray_record_what_one_process_sends(tmp_path: Path) -> None:
     sent = fly(loaded, 5.0, loaded.scene.start_utc_ns or 0).messages
     found = defaultdict(list)
     for file in sorted(parts.glob("*.mcap")):
+        assert SessionRecord.open(file).start_utc_ns == loaded.scene.start_utc_ns
         with file.open("rb") as opened:
             for message in McapReader(opened).messages():
                 if message.stage is Stage.AFTER:
