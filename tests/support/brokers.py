@@ -72,11 +72,22 @@ def mosquitto(
     user = "user root\n" if os.geteuid() == 0 else ""  # else it may not read what we wrote
     each = "per_listener_settings true\nset_tcp_nodelay true\n" if per_listener else ""
     config.write_text(f"{user}{each}{settings}")
-    broker = subprocess.Popen(
-        [program, "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    command = [program, "-c", str(config)]
+
+    def started() -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    broker = started()
+
+    def listens() -> bool:
+        """Begun anew where it ended: somebody else may have tried its port just then."""
+        nonlocal broker
+        if broker.poll() is not None:
+            broker = started()
+        return is_listening(port)
+
     try:
-        wait_until_listening(port)
+        wait_until(listens, f"nobody listens on port {port}")
         yield broker
     finally:
         broker.terminate()

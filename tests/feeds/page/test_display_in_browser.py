@@ -213,9 +213,17 @@ def test_a_click_on_a_plot_shows_its_values_and_with_the_truth_the_true_ones(
     place = page.evaluate(
         """() => {
           const { picture: { plots }, display: { view } } = plotfeed;
+          const stage = document.getElementById("display").getBoundingClientRect();
+          const boxes = [...document.querySelectorAll(".over, .foot")]
+            .map((card) => card.getBoundingClientRect());
+          const near = (x, y, box) => // as a card grows
+            x + stage.x > box.x - 200 && x + stage.x < box.right + 200 &&
+            y + stage.y > box.y - 200 && y + stage.y < box.bottom + 200;
+          const clear = (x, y) => x > 0 && y > 0 && x < stage.width && y < stage.height &&
+            !boxes.some((box) => near(x, y, box));
           for (let row = plots.end - 1; row >= plots.begin; row--) {
             const at = plots.at(row), x = view.x(plots.east_m[at]), y = view.y(plots.north_m[at]);
-            if (!plots.flags[at]) return { x, y, range: plots.range_m[at], row };
+            if (!plots.flags[at] && clear(x, y)) return { x, y, range: plots.range_m[at], row };
           }
         }"""
     )

@@ -42,7 +42,10 @@ def test_what_is_looked_back_at_is_what_there_was_and_the_live_goes_on(watched: 
     assert len(then) > 10
     newest = f"Math.max(...({PLOTS})(plotfeed.picture).map(([shown_ms]) => shown_ms))"
     until(page, f"{newest} > {held_ms} + 1000")
-    assert page.evaluate(f"({PLOTS})(plotfeed.display.picture)") == then
+    # What was on its way to a slow browser is of that time too.
+    shown = page.evaluate(f"({PLOTS})(plotfeed.display.picture)")
+    assert [plot for plot in shown if plot in then] == then
+    assert max(shown_ms for shown_ms, *_ in shown) <= held_ms
     assert looked_at_ms(page) == held_ms
     assert page.evaluate("plotfeed.display.picture.drones") is None
     page.get_by_label("Look back").fill("-3")

@@ -212,6 +212,8 @@ async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict
             for sensor in SENSORS:
                 first.wait_for(lambda m, s=sensor: m.topic.endswith(f"{s['id']}/status"))  # type: ignore[misc]
         with listening(port, 5, f"{PREFIX}/#") as late:
+            # What is retained comes before what is not, also where the session has ended by now.
+            late.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
             late.wait_for(lambda m: not m.retained)
             return {m.topic for m in late.heard if m.retained}
 
