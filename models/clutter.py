@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import gammaln, kve
-from scipy.stats import geninvgauss
 
 from plotfeed.models.accuracy import fold_over_zenith
 from plotfeed.models.beam import Sector, beam_times_ns
@@ -58,6 +57,8 @@ class Spikes:
     def over_threshold(self, square: Ints, rng: np.random.Generator) -> Floats:
         """Powers over the threshold of what crosses it in those squares; (n,)."""
         if self.texture is None:  # that of what crosses: generalised inverse Gaussian
+            from scipy.stats import geninvgauss  # half a second, which no other scene pays
+
             scale = np.sqrt(self.threshold / self.order)
             b = 2 * np.sqrt(self.order * self.threshold)
             law = geninvgauss(self.order, b, scale=scale)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import expit
-from scipy.stats import norm
+from scipy.special import expit, ndtr, ndtri
 
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Bools, Floats
@@ -63,7 +62,7 @@ def resolved_share(contrast: ArrayLike, threshold: ArrayLike, at_nyquist: ArrayL
 @nan_without_warnings
 def hot_spot_pd(ratio: ArrayLike, pfa: ArrayLike) -> Floats:
     """Pd of a spot so many times the noise of its pixel, with that Pfa a pixel."""
-    return np.asarray(norm.sf(norm.isf(as_floats(pfa)) - as_floats(ratio)))
+    return np.asarray(ndtr(ndtri(as_floats(pfa)) + as_floats(ratio)))
 
 
 def picture_axes(

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from plotfeed.models.constant_velocity import AXES, distances2, predicted, updated
 from plotfeed.models.state import FALSE_ALARM, NS, Bools, Columns, Floats, Ints
@@ -74,7 +74,7 @@ class PlainTracker:
         """`turns` says that a target is in one of several sectors, and not in each."""
         self._rule, self._motion, self._turns = rule, motion, turns
         self._numbers = TrackNumbers(rule.first_number, rule.last_number)
-        self._gates = {n: float(chi2.ppf(motion.gate_probability, n)) for n in (2, 3)}
+        self._gates = {n: 2 * float(gammaincinv(n / 2, motion.gate_probability)) for n in (2, 3)}
         self._end_ns: int | None = None
         self._tracks = self._begun(_NO_PLOTS, 0)
 

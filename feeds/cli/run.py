@@ -41,7 +41,6 @@ from plotfeed.feeds.recording.recorder import (
 )
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.score.live_scoring import is_scored, run_scored
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run
@@ -179,7 +178,11 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
 
 def _runner(scene: Scene, settings: RunSettings) -> RunSession:
     """What runs it without a page: with a score beside it, if there is a tracker to hear."""
-    return run_scored if is_scored(scene) and settings.broker != NO_BROKER else run
+    if scene.page.tracks_topic is None or settings.broker == NO_BROKER:
+        return run
+    from plotfeed.feeds.score.live_scoring import run_scored
+
+    return run_scored
 
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:

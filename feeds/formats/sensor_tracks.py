@@ -6,7 +6,7 @@ Which kind a sensor has its keys say: the truth, smoothed, or what a plain track
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.known_rows import renamed
-from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracker
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
 from plotfeed.proto.tracks.told_tracks import ToldTracks
+
+if TYPE_CHECKING:
+    from plotfeed.models.plain_tracker import LocatedPlots
 
 LEAST_SIGMA_M = 0.01
 """An error of less has a plot that claims none: a filter needs some."""
@@ -164,6 +166,9 @@ class _PlainTracks:
     """What a plain tracker makes of the plots of one sensor, which it is given before its link."""
 
     def __init__(self, scene: Scene, sensor: Sensor, site: LocalFrame) -> None:
+        # A tenth of the time that a session takes to begin, which other scenes do not pay.
+        from plotfeed.models.plain_tracker import PlainMotion, PlainTracker
+
         self._here = frame_at(scene.scene.site, sensor.position_enu_m)
         self._site = site
         self._to_site = site.rotation_from_ecef @ self._here.rotation_from_ecef.T
@@ -183,6 +188,8 @@ class _PlainTracks:
 
     def _located(self, plots: Plots) -> LocatedPlots:
         """Plots as places about the site; without an elevation, on the sensor's horizontal."""
+        from plotfeed.models.plain_tracker import LocatedPlots
+
         has_height = ~np.isnan(plots.elevation_deg)
         elevation_deg = np.where(has_height, plots.elevation_deg, 0.0)
         there_m = aer_to_enu(plots.azimuth_deg, elevation_deg, plots.range_m)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from plotfeed.models.state import Bools, Floats, Ints
 
@@ -37,7 +37,7 @@ def nees_interval(samples: float, dimensions: int, share: float = 0.95) -> tuple
     if not samples > 0:
         return float("nan"), float("nan")
     beyond = (1 - share) / 2
-    bounds = chi2.ppf([beyond, 1 - beyond], samples * dimensions) / samples
+    bounds = 2 * gammaincinv(samples * dimensions / 2, [beyond, 1 - beyond]) / samples
     return float(bounds[0]), float(bounds[1])
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.chromium import until
-from support.made_up_session import MadeUpSession
+from support.made_up_session import MOST_AT_ONCE_S, MadeUpSession
 from support.page_server import Served, wait_for_command
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ def test_what_is_looked_back_at_is_what_there_was_and_the_live_goes_on(watched: 
     # What was on its way to a slow browser is of that time too.
     shown = page.evaluate(f"({PLOTS})(plotfeed.display.picture)")
     assert [plot for plot in shown if plot in then] == then
-    assert max(shown_ms for shown_ms, *_ in shown) <= held_ms
+    # A frame may bring what the session has worked out ahead, and no more of what came later.
+    assert max(shown_ms for shown_ms, *_ in shown) <= held_ms + 1e3 * MOST_AT_ONCE_S
     assert looked_at_ms(page) == held_ms
     assert page.evaluate("plotfeed.display.picture.drones") is None
     page.get_by_label("Look back").fill("-3")

@@ -178,5 +178,15 @@ def test_merging_is_not_even_imported_for_a_scene_without_it() -> None:
     assert told.stdout.split() == ["False"]
 
 
+def test_a_session_begins_without_what_few_scenes_need() -> None:
+    code = (
+        "import sys; import plotfeed.feeds.cli.run; "
+        "print(*{'scipy.stats', 'scipy.optimize', 'scipy.sparse', 'plotfeed.feeds.score', 'ray'}"
+        " & sys.modules.keys())"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert told.stdout.split() == []
+
+
 def _keys_of(kind: str) -> list[str]:
     return list(type(station(SENSORS[kind]).sensor).model_fields)
