@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from fuzz.targets import CONTENT_TYPES, NS_2026
+from support.dji_flights import part_of_a_flight
 from support.scene_files import DRONE, radar, scene_text
 
 from plotfeed.feeds.messages.message import Message
@@ -149,6 +150,7 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
         b'}, "position": {"lat": 40, "lng": 3, "alt": 90, "accuracy_h": "HA3m"}, "speed": 3}}]}'
     ],
     "flight-srt": lambda: [SRT.encode()],
+    "flight-dji": lambda: [part_of_a_flight(version) for version in (5, 8, 12)],
     "flight-ulg": lambda: [(GOLDEN / "flights" / "part.ulg").read_bytes()],
     "flight-gpx": lambda: [GPX.encode()],
     "flight-csv": lambda: [TABLE.encode()],

@@ -19,7 +19,8 @@ from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
 from plotfeed.feeds.score.track_decoding import tracks_in
 from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
-from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions
+from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
+from plotfeed.feeds.telemetry.flights.dji_record import read_dji_record
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
@@ -142,12 +143,12 @@ def live(kind: str) -> Target:
 LIVE = {kind: f"{kind}:udp::1" for kind in KINDS}
 
 
-def flight(suffix: str) -> Target:
-    """A flight's log of that kind."""
+def flight(reader: Reader) -> Target:
+    """A flight's log, by that reader."""
 
     def read(data: bytes) -> None:
         options = FlightOptions(altitude_reference=AltitudeReference.ELLIPSOID)
-        BY_SUFFIX[suffix](data, options, Log())
+        reader(data, options, Log())
 
     return read
 
@@ -185,7 +186,8 @@ TARGETS: Mapping[str, Target] = {
     "tracker": tracker,
     **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
     **{f"live-{kind}": live(kind) for kind in LIVE},
-    **{f"flight-{suffix[1:]}": flight(suffix) for suffix in BY_SUFFIX},
+    **{f"flight-{suffix[1:]}": flight(reader) for suffix, reader in BY_SUFFIX.items()},
+    "flight-dji": flight(read_dji_record),
 }
 
 

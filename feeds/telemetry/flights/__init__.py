@@ -14,6 +14,7 @@ from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     read_dataflash,
     read_tlog,
 )
+from plotfeed.feeds.telemetry.flights.dji_record import read_dji_record, record_version
 from plotfeed.feeds.telemetry.flights.flight import (
     MAX_OCTETS,
     Flight,
@@ -49,15 +50,12 @@ BY_SUFFIX: Mapping[str, Reader] = {
     ".ulg": read_ulog,
     ".nmea": _of_text(read_nmea),
 }
-FIRST_SCRAMBLED, FIRST_ENCRYPTED = 7, 13
-"""Versions of DJI's binary flight records."""
-EXPORTERS = "Airdata, PhantomHelp or Flight Reader"
 
 
 def read(
     path: str | Path, options: FlightOptions | None = None, *, max_octets: int = MAX_OCTETS
 ) -> Flight:
-    """The flight in a log: DJI SRT, CSV, ArduPilot .bin, MAVLink .tlog, ULog, GPX, KML or NMEA.
+    """The flight in a log of DJI, ArduPilot, MAVLink, PX4, a receiver, or in a table, GPX or KML.
 
     The options say what the file does not. Records that are damaged, out of order or implausible
     are listed in `skipped`; raises `PlotfeedError` if nothing is left or the file cannot be
@@ -102,8 +100,8 @@ def _reader(path: Path, data: bytes) -> Reader:
         kind = ".kml" if b"<kml" in start else ".gpx"
     elif LOOKS_LIKE.match(start):
         kind = ".nmea"
-    elif (why := _of_dji(data)) is not None:
-        raise PlotfeedError(why)
+    elif record_version(data) is not None:
+        return read_dji_record
     elif b"-->" in start:
         kind = ".srt"
     elif kind not in BY_SUFFIX and looks_like_tlog(data):
@@ -111,25 +109,6 @@ def _reader(path: Path, data: bytes) -> Reader:
     if kind in BY_SUFFIX:
         return BY_SUFFIX[kind]
     raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(BY_SUFFIX)}")
-
-
-def _of_dji(data: bytes) -> str | None:
-    """Why a binary flight record of a DJI app cannot be read; None for what is none.
-
-    It begins with where its details are, 8 octets little-endian, their length, 2, and a version.
-    """
-    details, version = int.from_bytes(data[:8], "little"), data[10] if len(data) > 10 else 0
-    if not (0 < version < 32 and 12 < details <= len(data) and 0 in data[:8]):
-        return None
-    how = "not read here"
-    if version >= FIRST_ENCRYPTED:
-        how = "encrypted, with a key that DJI gives to who asks for it"
-    elif version >= FIRST_SCRAMBLED:
-        how = "scrambled"
-    return (
-        f"a flight record of a DJI app, version {version}, {how}: "
-        f"have {EXPORTERS} make a CSV of it, and give that"
-    )
 
 
 __all__ = ["Flight", "FlightOptions", "GpsOrder", "read", "smoothed"]

@@ -39,6 +39,8 @@ CASES = {
     "part.ulg": ({}, WHOLE * 5 - 15, 3.0, SEA, (1e-5, 1e-9, 1e-4)),
     "part.kml": ({}, WHOLE - 1, 0.0, SEA, (1e-9, 1e-8, 0.0051)),
     "part.nmea": ({}, WHOLE * 5 - 2, 0.4, SEA, (1e-9, 1e-7, 0.0051)),
+    "record_5.txt": ({}, WHOLE * 5 - 5, 1.0, ABOVE, (1e-9, 1e-9, 0.051)),
+    "record_8.txt": ({}, WHOLE * 5 - 5, 1.0, ABOVE, (1e-9, 1e-9, 0.051)),
 }
 
 
@@ -172,20 +174,6 @@ def test_a_month_that_nobody_tells_is_assumed_aloud() -> None:
     text = (FLIGHTS / "phantomhelp.csv").read_text().replace("5/14/2024", "5/4/2024")
     read_table(text, FlightOptions(), log)
     assert "dates such as 5/4/2024 have the month first" in log.assumed
-
-
-@pytest.mark.parametrize(
-    ("version", "says"),
-    [(14, "encrypted, with a key"), (8, "scrambled"), (5, "not read here")],
-)
-def test_a_record_of_a_dji_app_is_told_from_a_table(
-    version: int, says: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "DJIFlightRecord.txt"
-    body = bytes(range(256)) * 20
-    path.write_bytes((4000).to_bytes(8, "little") + b"\x10\x01" + bytes([version, 0]) + body)
-    with pytest.raises(PlotfeedError, match=f"version {version}, {says}.*Airdata, PhantomHelp"):
-        read(path)
 
 
 def test_a_track_without_heights_says_so() -> None:
