@@ -14,6 +14,11 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 DAY_NS = 86_400 * NS
 
 
+def whole_second_ns(t_ns: int) -> int:
+    """The whole second that a time is, or the next one."""
+    return -(-t_ns // NS) * NS
+
+
 def iso_utc(t_utc_ns: int) -> str:
     """2026-01-01T12:00:00.123456789Z; empty for a time that no calendar holds."""
     seconds, ns = divmod(t_utc_ns, NS)

@@ -35,7 +35,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
 from plotfeed.feeds.transport.leased import cut_off
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, whole_second_ns
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ class Coordinator:
         spares = 0 if settings.is_simulated else settings.spares
         starting = [self._new_worker() for _ in range(len(found) + spares)]
         self._idle = [*await asyncio.gather(*starting)]
-        self._began_world_ns = -(-(time.time_ns() + LEAD_NS) // NS) * NS
+        self._began_world_ns = whole_second_ns(time.time_ns() + LEAD_NS)
         self.began_utc_ns = self.scene.scene.start_utc_ns or self._began_world_ns
         ramp_ns = round(settings.ramp_up_s * NS / len(found))
         self.parts = [
@@ -121,7 +121,7 @@ class Coordinator:
                 part.worker = worker
             self._keep_all(self.parts)
             await asyncio.gather(*(part.is_ready.wait() for part in self.parts))
-            at_ns = -(-(self.now_utc_ns + CUT_NS) // NS) * NS
+            at_ns = whole_second_ns(self.now_utc_ns + CUT_NS)
             ends_ns = await asyncio.gather(*(self._hand_over(part, at_ns) for part in old))
             at_ns = max([at_ns, *ends_ns])
             for part, end_ns in zip(old, ends_ns, strict=True):

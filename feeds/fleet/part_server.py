@@ -24,7 +24,7 @@ from plotfeed.feeds.session.session import Session, run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, whole_second_ns
 
 MARGIN_NS = NS // 20
 """By which who takes over begins after now: so much may clocks of hosts differ."""
@@ -212,7 +212,7 @@ class PartServer:
         if served.session is None:
             served.stop.set()  # it has sent nothing yet
             return 0
-        second_ns = -(-(served.session.clock.now_ns() + MARGIN_NS) // NS) * NS
+        second_ns = whole_second_ns(served.session.clock.now_ns() + MARGIN_NS)
         served.ends_at = max(at_utc_ns, second_ns)
         served.session.hand_over(served.ends_at)
         return served.ends_at
