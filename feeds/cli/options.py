@@ -43,6 +43,13 @@ date_option = click.option(
     type=click.DateTime(["%Y-%m-%d"]),
     help="Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01.",
 )
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(0, (1 << 63) - 1),
+    default=1,
+    show_default=True,
+    help="Take this seed for the first run, and the next whole numbers for the others.",
+)
 topic_option = click.option(
     "--topic",
     "topics",

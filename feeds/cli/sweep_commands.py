@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, force_option
+from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, force_option, seed_option
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
@@ -34,13 +34,7 @@ from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, force_option
     show_default=True,
     help="Make so many runs of each combination, each with a seed of its own, the same at all.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, (1 << 63) - 1),
-    default=1,
-    show_default=True,
-    help="Take this seed for the first run, and the next whole numbers for the others.",
-)
+@seed_option
 @click.option(
     "--duration",
     type=POSITIVE,

@@ -23,7 +23,7 @@ from plotfeed.feeds.score.tracker_run import (
     of_trackers,
     run_tracker,
 )
-from plotfeed.feeds.sweep.journal import NAME, Journal, keep_all
+from plotfeed.feeds.sweep.journal import NAME, Journal, keep_all, seed_of
 from plotfeed.feeds.sweep.levels import SweepLevel, digests, levels_of
 from plotfeed.feeds.sweep.sweep_summary import Results
 from plotfeed.feeds.sweep.sweep_tables import level_columns, usual_suffix, write_table
@@ -71,7 +71,7 @@ def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) ->
             refuse_if_there(path, force=settings.force)
     with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
         before = _run(kept, levels, trackers, settings, how)
-        done = {key: kept.done[key] for key in sorted(kept.done) if key[1] < settings.runs}
+        done = kept.of_first(settings.runs)
         points = [CurvePoint.of(level, names[level.number % len(names)], done) for level in levels]
         written = list(_write(levels, points, done, settings))
     _print(points, written, before, settings)
@@ -113,19 +113,17 @@ def _run(
         topic=settings.topic,
         settings=how,
     )
-    wanted = [(level, run) for run in range(settings.runs) for level in levels]
     jobs = [
         TrackerJob(
             level=level,
             run=run,
-            seed=(settings.seed + run) % (1 << 63),
+            seed=seed_of(settings.seed, run),
             tracker=trackers[level.number % len(trackers)],
             plan=plan,
         )
-        for level, run in wanted
-        if (level.number, run) not in kept.done
+        for level, run in kept.missing(levels, settings.runs)
     ]
-    before = len(wanted) - len(jobs)
+    before = len(levels) * settings.runs - len(jobs)
     processes = None if settings.ray else min(settings.processes, max(len(jobs), 1))
     keep_all(kept, run_tracker, jobs, before, address=settings.ray, processes=processes)
     return before

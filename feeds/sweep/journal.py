@@ -11,10 +11,18 @@ from typing import Any, Self
 
 from plotfeed.feeds.console.printed import naming, say
 from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.sweep.levels import SweepLevel
 from plotfeed.feeds.workers.spread import spread
 from plotfeed.proto.errors import PlotfeedError
 
 NAME = "journal.jsonl"
+SEEDS = 1 << 63
+"""After the last of them comes 0 again."""
+
+
+def seed_of(first: int, run: int) -> int:
+    """The seed of a run, the same at every level: `first`, and the next whole numbers."""
+    return (first + run) % SEEDS
 
 
 class Journal:
@@ -46,6 +54,15 @@ class Journal:
         """Keep the result of a run, which says of which level and run it is."""
         self._write(result)
         self.done[result["level"], result["run"]] = result
+
+    def missing(self, levels: Sequence[SweepLevel], runs: int) -> list[tuple[SweepLevel, int]]:
+        """Level and number of each run that is not done, the first run of all levels first."""
+        wanted = ((level, run) for run in range(runs) for level in levels)
+        return [(level, run) for level, run in wanted if (level.number, run) not in self.done]
+
+    def of_first(self, runs: int) -> dict[tuple[int, int], dict[str, Any]]:
+        """Results of so many runs of each level, in their order; more may be kept."""
+        return {key: self.done[key] for key in sorted(self.done) if key[1] < runs}
 
     def __enter__(self) -> Self:
         return self

@@ -17,7 +17,7 @@ from plotfeed.feeds.console.extras import check_picture, need_extra
 from plotfeed.feeds.console.printed import finite, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Enu
-from plotfeed.feeds.sweep.journal import NAME, Journal, keep_all
+from plotfeed.feeds.sweep.journal import NAME, Journal, keep_all, seed_of
 from plotfeed.feeds.sweep.levels import SweepLevel, digests, levels_of, scene_of
 from plotfeed.feeds.sweep.one_run import RunJob, RunPlan, run_once
 from plotfeed.feeds.sweep.sweep_summary import LevelFigures, Results, figures_of, lines_of
@@ -117,7 +117,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
             refuse_if_there(path, force=settings.force)
     with Journal(journal, _told(levels, varied, settings, plan), anew=settings.force) as kept:
         before = _run(kept, levels, settings, plan)
-        done = {key: kept.done[key] for key in sorted(kept.done) if key[1] < settings.runs}
+        done = kept.of_first(settings.runs)
         figures = figures_of(levels, done)
         written = list(_write(levels, figures, done, settings))
     if settings.is_one_table:
@@ -196,13 +196,11 @@ def _run(
     kept: Journal, levels: Sequence[SweepLevel], settings: SweepSettings, plan: RunPlan
 ) -> int:
     """Do what is not done yet; how many runs were."""
-    wanted = [(level, run) for run in range(settings.runs) for level in levels]
     jobs = [
-        RunJob(level=level, run=run, seed=(settings.seed + run) % (1 << 63), plan=plan)
-        for level, run in wanted
-        if (level.number, run) not in kept.done
+        RunJob(level=level, run=run, seed=seed_of(settings.seed, run), plan=plan)
+        for level, run in kept.missing(levels, settings.runs)
     ]
-    before = len(wanted) - len(jobs)
+    before = len(levels) * settings.runs - len(jobs)
     processes = processes_of(settings, len(jobs)) if jobs else 1
     keep_all(kept, run_once, jobs, before, address=settings.ray, processes=processes)
     return before
