@@ -7,9 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support import made_up_session
 from support.made_up_session import MadeUpSession
-from support.page_server import Served, on_stage
+from support.page_server import (
+    Served,
+    on_stage,
+    small_page,  # noqa: F401 - a fixture
+    small_stage,  # noqa: F401 - a fixture
+)
 from support.page_updates import Frame, read_frame
 from support.waiting import PATIENCE_S
 from websockets.exceptions import InvalidStatus
@@ -26,7 +30,6 @@ from plotfeed.feeds.page.audience import (
 )
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.updates import SectionKind
-from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
 
 TRUE_KINDS = {
@@ -45,17 +48,6 @@ COMMANDS: tuple[dict[str, Any], ...] = (
     {"undo": True},
 )
 AUDIENCE = "/audience/feed"
-
-
-@pytest.fixture
-def stage() -> MadeUpSession:
-    return MadeUpSession(View(), made_up_session.scene(8))
-
-
-@pytest.fixture
-def page(stage: MadeUpSession) -> Iterator[Served]:
-    with on_stage(stage) as page:
-        yield page
 
 
 def frames(feed: ClientConnection) -> Iterator[Frame]:

@@ -7,10 +7,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support import made_up_session, road
+from support import road
 from support.brokers import free_port
 from support.made_up_session import MadeUpSession
-from support.page_server import Served, on_stage, served
+from support.page_server import (
+    Served,
+    on_stage,
+    served,
+    small_page,  # noqa: F401 - a fixture
+    small_stage,  # noqa: F401 - a fixture
+)
 from support.page_updates import Frame, read_frame
 from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -20,17 +26,6 @@ from plotfeed.feeds.page import application
 from plotfeed.feeds.page.page_access import PageAddress, PageError, Tokens
 from plotfeed.feeds.page.updates import MAX_COMMAND_OCTETS, NoControls, SectionKind
 from plotfeed.feeds.page.view import View
-
-
-@pytest.fixture
-def stage() -> MadeUpSession:
-    return MadeUpSession(View(), made_up_session.scene(8))
-
-
-@pytest.fixture
-def page(stage: MadeUpSession) -> Iterator[Served]:
-    with on_stage(stage) as page:
-        yield page
 
 
 def next_frame(feed: ClientConnection) -> Frame:
