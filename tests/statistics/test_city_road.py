@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.every_sensor import SENSORS
+from support.every_kind import FAR_SENSORS
 from support.road import START_NS, held, scene
 from support.significance import assert_sum
 
@@ -20,7 +20,7 @@ LAWS = {"suburban": (4.88, 0.43, 0.1, 21), "urban": (9.61, 0.16, 1, 20),
 
 def flown(*ids: str, n: int = 200, names: str = "d", **path_loss: Any) -> Simulation:
     loss = {"path_loss": path_loss} if path_loss else {}
-    sensors = [SENSORS["rf"] | loss | {"id": name} for name in ids]
+    sensors = [FAR_SENSORS["rf"] | loss | {"id": name} for name in ids]
     drones = [
         held(f"{names}{i}", 1.2 * i, 4.0 + 0.3 * i, 2000.0, emitters=[EMITTER]) for i in range(n)
     ]

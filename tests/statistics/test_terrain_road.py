@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.every_sensor import SENSORS
+from support.every_kind import FAR_SENSORS
 from support.hills import footprint, write_buildings, write_ridge
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
 from support.road import START_NS, held, radar, scene, staring, waypoint
@@ -34,7 +34,7 @@ def flown(sensor: dict[str, Any], drones: Any, folder: Path, **terrain: Any) -> 
     return simulate(made, 30, start_utc_ns=START_NS)[sensor["id"]]
 
 
-@pytest.mark.parametrize("kind", SENSORS)
+@pytest.mark.parametrize("kind", FAR_SENSORS)
 def test_behind_a_ridge_nothing_is_seen_and_above_it_all_is_as_it_was(
     kind: str, tmp_path: Path
 ) -> None:
@@ -42,8 +42,8 @@ def test_behind_a_ridge_nothing_is_seen_and_above_it_all_is_as_it_was(
     ridge = write_ridge(tmp_path, height_m=800)
     seen = [drone("above", 5, 10.0, 4000.0), drone("south", 175, 2.0, 2000.0)]
     drones = [drone("behind", 5, 1.0, 4000.0), *seen]
-    free = flown(SENSORS[kind], drones, tmp_path)
-    hidden = flown(SENSORS[kind], drones, tmp_path, elevation=[ridge])
+    free = flown(FAR_SENSORS[kind], drones, tmp_path)
+    hidden = flown(FAR_SENSORS[kind], drones, tmp_path, elevation=[ridge])
     assert (free.looks.pd[free.looks.drone == 0] > 0.9).all()
     assert (hidden.looks.pd[hidden.looks.drone == 0] < 1e-5).all()
     looked_at = set(hidden.looks.drone.tolist())
@@ -60,8 +60,8 @@ def test_over_the_edge_signals_bend_each_way(kind: str, tmp_path: Path) -> None:
     block = footprint(0.0, 2000.0, 200.0)
     city = write_buildings(tmp_path, [(block, 60.0)])
     drones = [drone(f"d{i}", 0.0, up, 4000.0) for i, up in enumerate(np.linspace(0.7, 2.5, 12))]
-    free = flown(SENSORS[kind], drones, tmp_path).looks
-    bent = flown(SENSORS[kind], drones, tmp_path, buildings=[city], diffraction=True).looks
+    free = flown(FAR_SENSORS[kind], drones, tmp_path).looks
+    bent = flown(FAR_SENSORS[kind], drones, tmp_path, buildings=[city], diffraction=True).looks
     place = aer_to_enu(free.azimuth_deg, free.elevation_deg, free.range_m)
     ground_m = np.hypot(place[:, 0], place[:, 1])
     edge_m = 1900.0
@@ -94,7 +94,7 @@ def test_detections_behind_an_edge_come_as_often_as_the_closed_form_says(tmp_pat
 def test_a_tower_behind_a_ridge_lights_nothing_there_and_disturbs_no_more(tmp_path: Path) -> None:
     """Of a passive radar: the way out, and the direct signal."""
     ridge = write_ridge(tmp_path, height_m=900)
-    near = SENSORS["passive"] | {"cancellation_db": 0.0}
+    near = FAR_SENSORS["passive"] | {"cancellation_db": 0.0}
     tower = near["transmitters"][0] | {"place": waypoint(0.0, 0.3, 15_000.0)}
     behind = near | {"transmitters": [tower]}
     drones = [drone("south", 180, 4.0, 3000.0)]

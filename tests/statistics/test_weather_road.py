@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.every_sensor import SENSORS
+from support.every_kind import FAR_SENSORS
 from support.hills import write_ridge
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
 from support.road import START_NS, held, radar, scene
@@ -78,7 +78,7 @@ def test_rain_in_the_cell_drowns_targets_and_detections_are_as_many_as_are_left(
 
 
 def test_wind_adds_its_noise_to_that_of_microphones() -> None:
-    array = SENSORS["array"] | {"noise_db": 20.0, "frequency_hz": 400.0, "windscreen_m": 0.09}
+    array = FAR_SENSORS["array"] | {"noise_db": 20.0, "frequency_hz": 400.0, "windscreen_m": 0.09}
     calm = flown(scene([array], drones(), seed=5)).looks
     wind = {"wind_m_s": 6.0}
     windy = flown(scene([array], drones(), seed=5, weather=[wind])).looks
@@ -117,11 +117,11 @@ def test_a_jammer_drowns_what_is_near_its_direction_while_it_is_on() -> None:
 def test_other_radios_are_jammed_in_their_bands_alone(kind: str) -> None:
     carrier_hz = {"mimo": 15e9, "passive": 600e6, "rf": 2.44e9}[kind]
     bands = {"in": carrier_hz, "beside": 1.5 * carrier_hz}
-    free = flown(scene([SENSORS[kind]], drones(), seed=7)).looks
+    free = flown(scene([FAR_SENSORS[kind]], drones(), seed=7)).looks
     left = {}
     for name, frequency_hz in bands.items():
         noisy = jammer(90.0, frequency_hz=frequency_hz, sidelobe_db=-10.0)
-        made = scene([SENSORS[kind]], drones(), seed=7, jammer=[noisy])
+        made = scene([FAR_SENSORS[kind]], drones(), seed=7, jammer=[noisy])
         left[name] = flown(made).looks.snr / free.snr
     assert (left["beside"] == 1).all()
     assert left["in"].max() < 0.5

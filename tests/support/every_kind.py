@@ -1,4 +1,4 @@
-"""A sensor of each kind, by the name that tests have for it, and drones that all of them detect."""
+"""Sensors of each kind, by the names that tests have for them, and drones that they detect."""
 
 from __future__ import annotations
 
@@ -53,6 +53,31 @@ SENSORS = {
     "rf": RF,
     "microphones": MICROPHONES,
 }
+"""They detect the drones of `drones`."""
+FAR_SENSORS = {
+    "radar": radar(power_w=5e4),
+    "mimo": MIMO | {
+        "transmitters": [{"power_w": 2e4, "east_m": 9.0, "north_m": 0.0, "above_site_m": 0.0}],
+        "elevation_min_deg": -10.0,
+    },
+    "passive": PASSIVE | {
+        "gain_rx_dbi": 15.0, "cancellation_db": -150.0,
+        "transmitters": [{"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
+                          "place": waypoint(90.0, 1.0, 9_000.0)}],
+    },
+    "rf": RF,
+    "array": MICROPHONES | {
+        "range_max_m": 9000.0, "sensitivity_db": 5.0, "absorption_db_per_km": 1.0,
+        "height_above_ground_m": 1.5,
+    },
+    "camera": {
+        "id": "radar", "type": "camera", "scan": staring(0.1), "range_max_m": 9000.0,
+        "horizontal_fov_deg": 360.0, "vertical_fov_deg": 40.0, "pixels_across": 400_000,
+        "pixels_down": 40_000,
+    },
+    "gate": GATE,
+}  # fmt: skip
+"""They stare, and detect a loud drone at a few kilometres."""
 
 
 def drones(kind: str) -> list[dict[str, Any]]:

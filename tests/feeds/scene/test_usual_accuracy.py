@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import every_kind
 from support.command import plotfeed_here
+from support.every_kind import GATE, MICROPHONES
 from support.road import radar, scene, staring, waypoint
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
@@ -31,16 +33,7 @@ PASSIVE = {
          "place": waypoint(10.0 * n, 0.2, 20_000.0)} for n, name in ((2, "dab"), (6, "tv"))
     ],
 }  # fmt: skip
-MICROPHONES = {
-    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
-    "range_max_m": 500.0, "azimuth_beamwidth_deg": 20.0, "elevation_beamwidth_deg": 20.0,
-}  # fmt: skip
-RF = {
-    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-    "range_max_m": 9000.0, "baseline_m": 0.2,
-}  # fmt: skip
-GATE = {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9e3, "sigma_m": 3.0}
+RF = {k: v for k, v in every_kind.RF.items() if "floor" not in k}
 FLOORS = ("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")
 
 

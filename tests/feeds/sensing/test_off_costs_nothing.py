@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.every_kind import EMITTER, GATE, MIMO, PASSIVE, RF
 from support.hills import write_ridge
 from support.instructions import Place, instructions_of, text_of
-from support.road import START_NS, held, radar, rotating, scene, staring, waypoint
+from support.road import START_NS, held, radar, rotating, scene, staring
 from support.station import Station
 
 from plotfeed.feeds.sensing.scene_drones import launch
@@ -32,38 +33,20 @@ QUESTIONS = re.compile(
     r"|velocity_enu_m_s=?|readings="
     r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
 )
-EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
-POLAR = {
-    "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
-    "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
-    "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
-}  # fmt: skip
 SENSORS: dict[str, dict[str, Any]] = {
     "staring": radar(),
     "rotating": radar(scan=rotating(1.0, 8)),
-    "mimo": POLAR | {
-        "id": "radar", "type": "mimo_radar", "scan": staring(),
+    "mimo": MIMO | {
         "transmitters": [{"power_w": 2e3, "east_m": 9.0, "north_m": 0.0, "above_site_m": 0.0}],
     },
-    "passive": {
-        "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
-        "transmitters": [{"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
-                          "place": waypoint(300.0, 0.2, 20_000.0)}],
-        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "range_max_m": 10_000.0,
-    },
+    "passive": PASSIVE,
     "acoustic": {
         "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
         "sensitivity_db": -60.0, "range_max_m": 9000.0, "azimuth_beamwidth_deg": 40.0,
         "microphones": 8, "frequency_hz": 200.0,
     },
-    "gate": {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9000.0,
-             "sigma_m": 3.0},
-    "rf": {
-        "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-        "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-        "range_max_m": 9000.0, "baseline_m": 0.2,
-    },
+    "gate": GATE,
+    "rf": RF,
 }  # fmt: skip
 EVERYTHING = {
     "bias": {"range_offset_m": 1.0, "azimuth_offset_deg": 1.0, "time_offset_s": 0.1},

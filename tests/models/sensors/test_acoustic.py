@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.optimize import brentq
+from support.microphones import SECTION_4, sounding
 from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.models import propagation
@@ -18,67 +20,31 @@ from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import Targets
-from plotfeed.models.state import FALSE_ALARM, Floats, Signatures
+from plotfeed.models.state import FALSE_ALARM, Floats
 
-PAPER = MicrophoneArray(
-    frequency_hz=1000.0,
-    directivity_db=3.0,
-    absorption_db_per_m=0.005,
-    barrier_db=3.0,
-    misc_db=3.0,
-    array_gain_db=9.03,
-    noise_db=0.0,
-    sensitivity_db=32.0,
-    slope_per_db=1.0,
-    pfa=1e-6,
-    range_max_m=1000.0,
-    height_above_ground_m=1.5,
-    sound_speed_m_s=343.2,
-    azimuth_cover=AzimuthCover(-180.0, 180.0),
-    azimuth_beamwidth_deg=11.0,
-    elevation_beamwidth_deg=None,
-    azimuth_floor_deg=0.0,
-    elevation_floor_deg=0.0,
-    kind="",
-)
 SCAN = Timetable(1_000_000_000, 1).sector(7, 0)
+targets = partial(sounding, SCAN.end_ns)
 
 
 def array(**changes: Any) -> MicrophoneArray:
-    return replace(PAPER, **changes)
-
-
-def targets(position_enu_m: Any, sound_power_db: Any = 80.0, true_enu_m: Any = None) -> Targets:
-    positions = np.asarray(position_enu_m, dtype=np.float64).reshape(-1, 3)
-    n = len(positions)
-    return Targets(
-        drone=np.arange(n),
-        t_utc_ns=np.full(n, SCAN.end_ns),
-        position_enu_m=positions,
-        true_position_enu_m=positions if true_enu_m is None else true_enu_m,
-        signatures=Signatures(
-            rcs_m2=np.full(n, 0.01),
-            sound_power_db=np.broadcast_to(np.float64(sound_power_db), n),
-            emitters=[()] * n,
-        ),
-    )
+    return replace(SECTION_4, **changes)
 
 
 def phantom(range_m: Any) -> Targets:
     """The drone of section 4, 50 m above the ground, at those slant ranges."""
     slant_m = np.atleast_1d(np.asarray(range_m, dtype=np.float64))
-    up_m = np.full(len(slant_m), 50.0 - PAPER.height_above_ground_m)
+    up_m = np.full(len(slant_m), 50.0 - SECTION_4.height_above_ground_m)
     ground_m = np.sqrt(slant_m**2 - up_m**2)
     return targets(np.stack([0.6 * ground_m, 0.8 * ground_m, up_m], axis=-1))
 
 
 def test_section_4_by_slant_range() -> None:
-    pd = PAPER.predict(phantom([200.0, 150.0, 100.0, 75.0])).pd
+    pd = SECTION_4.predict(phantom([200.0, 150.0, 100.0, 75.0])).pd
     assert pd == pytest.approx([0.018, 0.224, 0.926, 0.994], abs=5e-4)
 
 
 def test_section_4_hears_half_at_131_metres() -> None:
-    half_m = brentq(lambda r: float(PAPER.predict(phantom(r)).pd[0]) - 0.5, 60, 500)
+    half_m = brentq(lambda r: float(SECTION_4.predict(phantom(r)).pd[0]) - 0.5, 60, 500)
     assert half_m == pytest.approx(131, abs=10)
     assert half_m == pytest.approx(131.4, abs=0.1)
 
@@ -86,9 +52,9 @@ def test_section_4_hears_half_at_131_metres() -> None:
 def test_level_is_the_sum_of_its_terms_by_hand() -> None:
     """ISO 9613-2: 80 + 3 - (20 log10 100 + 11) - 0.5 - 0 - 3 - 3, far above the ground."""
     high = targets([0.0, 60.0, 80.0])
-    level_db = PAPER.level_db(np.array([80.0]), high.position_enu_m)
+    level_db = SECTION_4.level_db(np.array([80.0]), high.position_enu_m)
     assert level_db == pytest.approx([80 + 3 - 51 - 0.5 - 6])
-    assert PAPER.observe(high, np.random.default_rng(1))[0].snr == pytest.approx(
+    assert SECTION_4.observe(high, np.random.default_rng(1))[0].snr == pytest.approx(
         [10 ** ((25.5 + 9.03) / 10)]
     )
 
@@ -100,7 +66,7 @@ def test_the_ground_attenuates_what_comes_along_it() -> None:
     mean_height_m = ((1.5 + 2.5) + 1.5) / 2
     expected_db = 4.8 - 2 * mean_height_m / range_m * (17 + 300 / range_m)
     over_high_ground = array(height_above_ground_m=1000.0)
-    difference_db = over_high_ground.level_db(np.array([80.0]), low) - PAPER.level_db(
+    difference_db = over_high_ground.level_db(np.array([80.0]), low) - SECTION_4.level_db(
         np.array([80.0]), low
     )
     assert difference_db == pytest.approx([expected_db])
@@ -110,16 +76,16 @@ def test_the_ground_attenuates_what_comes_along_it() -> None:
 def test_a_source_below_the_ground_is_taken_to_be_on_it() -> None:
     deep, on_it = (targets([0.0, 100.0, up]) for up in (-30.0, -1.5))
     attenuation_db = propagation.ground_attenuation_db(0.75, enu_to_aer(deep.position_enu_m)[2])
-    assert PAPER.predict(deep).snr < PAPER.predict(on_it).snr
+    assert SECTION_4.predict(deep).snr < SECTION_4.predict(on_it).snr
     assert attenuation_db > 0
-    assert np.isfinite(PAPER.predict(deep).snr).all()
+    assert np.isfinite(SECTION_4.predict(deep).snr).all()
 
 
 def test_a_drone_of_unknown_sound_is_not_heard() -> None:
     both = targets([[0.0, 50.0, 10.0], [0.0, 60.0, 10.0]], [np.nan, 130.0])
-    looks, plots = PAPER.observe(both, np.random.default_rng(2))
+    looks, plots = SECTION_4.observe(both, np.random.default_rng(2))
     assert looks.drone.tolist() == plots.drone.tolist() == [1]
-    predicted = PAPER.predict(both)
+    predicted = SECTION_4.predict(both)
     assert predicted.pd[0] == 0
     assert np.isnan(predicted.snr[0])
     assert predicted.pd[1] == pytest.approx(1)
@@ -138,7 +104,7 @@ def test_cover_ends_at_the_range_at_the_azimuths_and_at_the_zenith() -> None:
 def test_bearings_are_of_the_sound_and_true_columns_of_the_drone() -> None:
     heard = np.tile([[300.0, 400.0, 30.0]], (1000, 1))
     now = heard + np.array([29.1, 0.0, 0.0])
-    looks, plots = PAPER.observe(targets(heard, 140.0, now), np.random.default_rng(4))
+    looks, plots = SECTION_4.observe(targets(heard, 140.0, now), np.random.default_rng(4))
     np.testing.assert_allclose(looks.azimuth_deg, enu_to_aer(heard)[0])
     np.testing.assert_allclose(plots.true_azimuth_deg, enu_to_aer(now)[0])
     np.testing.assert_allclose(plots.true_range_m, enu_to_aer(now)[2])
@@ -150,13 +116,13 @@ def test_bearings_are_of_the_sound_and_true_columns_of_the_drone() -> None:
 def test_sigma_is_barton_s_with_the_floor_in_quadrature() -> None:
     snr = np.array([10.0, 1e3, 1e6])
     noise_deg = 11.0 / (1.6 * np.sqrt(2 * snr))
-    np.testing.assert_allclose(PAPER.sigma_azimuth_deg(snr), noise_deg)
+    np.testing.assert_allclose(SECTION_4.sigma_azimuth_deg(snr), noise_deg)
     floored = array(azimuth_floor_deg=1.5).sigma_azimuth_deg(snr)
     np.testing.assert_allclose(floored, np.sqrt(noise_deg**2 + 1.5**2))
 
 
 def test_nothing_but_azimuth_is_measured() -> None:
-    _, plots = PAPER.observe(targets(np.full((50, 3), 40.0), 120.0), np.random.default_rng(5))
+    _, plots = SECTION_4.observe(targets(np.full((50, 3), 40.0), 120.0), np.random.default_rng(5))
     assert len(plots) == 50
     for absent in ("range_m", "elevation_deg", "sigma_elevation_deg", "sigma_range_m", "height_m"):
         assert np.isnan(getattr(plots, absent)).all()
@@ -179,11 +145,12 @@ def test_elevation_is_measured_where_there_is_a_beam_for_it() -> None:
 
 def test_odds_of_a_look_are_those_predicted() -> None:
     there = phantom(np.linspace(60, 990, 50))
-    looks, _ = PAPER.observe(there, np.random.default_rng(8))
-    predicted = PAPER.predict(there)
+    looks, _ = SECTION_4.observe(there, np.random.default_rng(8))
+    predicted = SECTION_4.predict(there)
     np.testing.assert_array_equal(looks.pd, predicted.pd)
     np.testing.assert_array_equal(looks.snr, predicted.snr)
-    np.testing.assert_array_equal(PAPER.sigma_azimuth_deg(looks.snr), predicted.sigma_azimuth_deg)
+    found = SECTION_4.sigma_azimuth_deg(looks.snr)
+    np.testing.assert_array_equal(found, predicted.sigma_azimuth_deg)
 
 
 def test_false_alarms_are_binomial_over_the_beams_and_uniform() -> None:
@@ -294,6 +261,6 @@ def test_a_drone_that_goes_away_on_a_line_is_never_heard_better(
 
 def test_noise_takes_from_the_ratio_what_the_array_gives() -> None:
     place = phantom([150.0]).position_enu_m
-    quiet = PAPER.snr_db(np.array([80.0]), place)
+    quiet = SECTION_4.snr_db(np.array([80.0]), place)
     assert array(noise_db=7.0).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 7.0)
     assert array(array_gain_db=6.03).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 3.0)

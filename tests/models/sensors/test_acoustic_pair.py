@@ -3,60 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp
+from support.microphones import SECTION_4, sounding
 
-from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
-from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.acoustic_pair import AcousticPair, crossing
-from plotfeed.models.sensors.sensor_model import Targets
-from plotfeed.models.state import FALSE_ALARM, NS, Signatures
+from plotfeed.models.state import FALSE_ALARM, NS
 
-ARRAY = MicrophoneArray(
-    frequency_hz=1000.0,
-    directivity_db=3.0,
-    absorption_db_per_m=0.005,
-    barrier_db=3.0,
-    misc_db=3.0,
-    array_gain_db=9.03,
-    noise_db=0.0,
-    sensitivity_db=0.0,
-    slope_per_db=1.0,
-    pfa=1e-6,
-    range_max_m=1000.0,
-    height_above_ground_m=1.5,
-    sound_speed_m_s=343.2,
-    azimuth_cover=AzimuthCover(-180.0, 180.0),
-    azimuth_beamwidth_deg=11.0,
-    elevation_beamwidth_deg=None,
-    azimuth_floor_deg=1.0,
-    elevation_floor_deg=0.0,
-    kind="",
-)
+ARRAY = replace(SECTION_4, sensitivity_db=0.0, azimuth_floor_deg=1.0)
 PAIR = AcousticPair(range_max_m=1000.0, array=ARRAY, baseline_enu_m=(200.0, 0.0, 0.0))
 ONE = np.ones(1)
-
-
-def targets(position_enu_m: Any, sound_power_db: float = 80.0, true_enu_m: Any = None) -> Targets:
-    positions = np.asarray(position_enu_m, dtype=np.float64).reshape(-1, 3)
-    n = len(positions)
-    return Targets(
-        drone=np.arange(n),
-        t_utc_ns=np.full(n, 100 * NS),
-        position_enu_m=positions,
-        true_position_enu_m=positions if true_enu_m is None else true_enu_m,
-        signatures=Signatures(
-            rcs_m2=np.full(n, 0.01),
-            sound_power_db=np.full(n, sound_power_db),
-            emitters=[()] * n,
-        ),
-    )
+targets = partial(sounding, 100 * NS)
 
 
 @given(st.floats(-180, 180), st.floats(20, 900), st.floats(-300, 300), st.floats(30, 300))
