@@ -48,6 +48,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+def bracketed(host: str) -> str:
+    """A host as it stands before a colon and a port: IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
 @contextmanager
 def naming(what: str) -> Iterator[None]:
     """Let an `OSError` without the name of a file say what could not be written."""

@@ -10,6 +10,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.page.page_access import (
     AUDIENCE_PATH,
     PageAccess,
@@ -71,8 +72,8 @@ class PageServer:
         host = self._address.host
         if host in {"0.0.0.0", "::"}:  # noqa: S104 - only printed  # nosec B104
             host = socket.gethostname()
-        shown = f"[{host}]" if ":" in host else host
-        return f"http://{shown}:{self._address.port}{path}" + (f"?token={token}" if token else "")
+        asked = f"?token={token}" if token else ""
+        return f"http://{bracketed(host)}:{self._address.port}{path}{asked}"
 
     def close(self) -> None:
         """Give up the address, if it was never served."""

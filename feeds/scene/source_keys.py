@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.scene.fields import (
     Latitude,
     Longitude,
@@ -114,8 +115,7 @@ class SourceAddress:
             return f"{self.kind}:file:{self.path}"
         if self.transport == "http":
             return f"{self.kind}:{self.path}"
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.kind}:{self.transport}:{host}:{self.port}"
+        return f"{self.kind}:{self.transport}:{bracketed(self.host)}:{self.port}"
 
     @property
     def is_multicast(self) -> bool:

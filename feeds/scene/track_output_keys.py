@@ -125,13 +125,18 @@ class HttpDestination(QueuedDestination):
         return self.carries
 
 
-class WebSocketKeys(TrackDestination):
-    """A [[websocket]] of the scene: a server to which maps connect, and are told of tracks."""
+class ListeningDestination(TrackDestination):
+    """A port of this machine at which others connect."""
 
     host: Literal["127.0.0.1", "::1", "0.0.0.0", "::"] = "127.0.0.1"  # noqa: S104 - if asked for
     """Address to listen on; the last two let in who can reach this machine."""
     port: Annotated[int, Field(ge=1, le=65535)]
     """To listen on."""
+
+
+class WebSocketKeys(ListeningDestination):
+    """A [[websocket]] of the scene: a server to which maps connect, and are told of tracks."""
+
     carries: Literal["geojson", "air-traffic", "f3411", "foxglove-geojson"] = "geojson"
     """Format of the messages, which the sensors must have in their `report`."""
     origins: Annotated[tuple[Origin, ...], Field(strict=False)] = ()
@@ -148,13 +153,9 @@ class WebSocketKeys(TrackDestination):
         return self.carries
 
 
-class RemoteIdService(TrackDestination):
+class RemoteIdService(ListeningDestination):
     """A [[remote_id_service]] of the scene: where others ask for tracks as network Remote ID."""
 
-    host: Literal["127.0.0.1", "::1", "0.0.0.0", "::"] = "127.0.0.1"  # noqa: S104 - if asked for
-    """Address to listen on; the last two let in who can reach this machine."""
-    port: Annotated[int, Field(ge=1, le=65535)]
-    """To listen on."""
     token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
     """Which bearer token whoever asks must send: NAME is that in the environment variable
     PLOTFEED_HTTP_TOKEN_NAME; without this key all who reach the port are answered."""

@@ -7,18 +7,16 @@ import contextlib
 import hmac
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import RemoteIdService
 from plotfeed.feeds.transport.http_post import token_of
+from plotfeed.feeds.transport.listening_transport import ListeningTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
-from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
 
 MAX_HEAD_OCTETS = 8192
@@ -26,12 +24,6 @@ MAX_CLIENTS = 100
 """At a time; others are told that the service is busy."""
 PATIENCE_S = 10.0
 """Who takes longer to ask, or to take the answer, is left."""
-
-
-class ServiceError(PlotfeedError):
-    """A port that cannot be listened on."""
-
-    exit_code = 1
 
 
 class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what broke
@@ -42,7 +34,7 @@ class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what b
         self.status, self.why = status, why
 
 
-class RemoteIdTransport:
+class RemoteIdTransport(ListeningTransport):
     """A port at which the flights of a provider and the data of a display are asked for."""
 
     def __init__(
@@ -53,79 +45,32 @@ class RemoteIdTransport:
         environment: Mapping[str, str] = os.environ,
     ) -> None:
         """`key` is the destination's place in the scene; raises `AccessError`."""
-        host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        self.name = f"{key} http://{host}:{settings.port}"
+        super().__init__(settings, key, "http")
         self.settings = settings
-        self._key, self._now_utc_ns = key, now_utc_ns
+        self._now_utc_ns = now_utc_ns
         self._token = ""
         if settings.token is not None:
             self._token = token_of(settings.token, f"{key}.token", environment)
-        self._carried = settings.content_type
         self._flights = KnownFlights()
         self._clients = 0
-        self._is_up = asyncio.Event()
-        self._error: ServiceError | None = None
 
-    def carries(self, message: Message) -> bool:
-        """Whether it is of the format that is told of there."""
-        return message.content_type == self._carried
-
-    def publish(self, *deliveries: Delivery) -> None:
-        """Know what they tell; what is for others is left to them."""
-        for delivery in deliveries:
-            delivered = None
-            if self.carries(delivery.message):
-                self._take(delivery.message)
-                delivery.leave()
-                delivered = True
-            delivery.settle(delivered=delivered)
-
-    def publish_together(self, messages: Sequence[Message], _made: MakeDeliveries) -> bool:
-        """Know what they tell, at once."""
-        for message in messages:
-            if self.carries(message):
-                self._take(message)
-        return True
-
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits: who wants to know asks."""
-        return 0
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
-
-    async def drain(self, timeout_s: float = 1.0) -> None:
-        """Nothing waits."""
-
-    async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it listens; raises `ServiceError` if it cannot."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                await self._is_up.wait()
-        if self._error is not None:
-            raise self._error
-
-    async def run(self) -> None:
-        """Listen until cancelled."""
+    @contextlib.asynccontextmanager
+    async def listening(self) -> AsyncIterator[None]:
+        """The server, while there is one; entering raises `OSError`."""
+        server = await asyncio.start_server(
+            self._attend, self.settings.host, self.settings.port, limit=MAX_HEAD_OCTETS
+        )
         try:
-            server = await asyncio.start_server(
-                self._attend, self.settings.host, self.settings.port, limit=MAX_HEAD_OCTETS
-            )
-        except OSError as error:
-            what = f"{self._key}.port: {self.settings.port}"
-            self._error = ServiceError(f"{what}: {error.strerror or error}")
-            self._is_up.set()
-            return
-        self._is_up.set()
-        try:
-            await asyncio.Future()
+            yield
         finally:
             server.close()
 
-    def _take(self, message: Message) -> None:
+    def tell(self, message: Message) -> bool:
+        """Know what it tells, for whoever will ask."""
         # A link may have flipped a bit of it: what is no JSON any more tells nothing.
         with contextlib.suppress(ValueError, TypeError, KeyError):
             self._flights.take(json.loads(message.payload)["flights"])
+        return True
 
     async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer one request, and hang up."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
 from http import HTTPStatus
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import WebSocketKeys
+from plotfeed.feeds.transport.listening_transport import ListeningTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
-from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -25,54 +23,15 @@ MAX_HEARD_OCTETS = 1 << 12
 """Of what a client sends, which nobody reads."""
 
 
-class WebSocketError(PlotfeedError):
-    """A port that cannot be listened on."""
-
-    exit_code = 1
-
-
-class WebSocketTransport:
+class WebSocketTransport(ListeningTransport):
     """A server whose clients are all told the same; who is slow loses the oldest messages."""
 
     def __init__(self, settings: WebSocketKeys, key: str = "websocket") -> None:
         """`key` is the destination's place in the scene; raises `PlotfeedError`."""
         need_extra("websockets", "a WebSocket", "page")
-        host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        self.name = f"{key} ws://{host}:{settings.port}"
+        super().__init__(settings, key, "ws")
         self.settings = settings
-        self._key = key
-        self._carried = settings.content_type
         self._clients: set[asyncio.Queue[bytes]] = set()
-        self._is_up = asyncio.Event()
-        self._error: WebSocketError | None = None
-
-    def carries(self, message: Message) -> bool:
-        """Whether it is of the format that goes there."""
-        return message.content_type == self._carried
-
-    def publish(self, *deliveries: Delivery) -> None:
-        """Give each client what it carries; without any it is for others."""
-        for delivery in deliveries:
-            delivered = None
-            if self.carries(delivery.message) and self._clients:
-                self._tell(delivery.message.payload)
-                delivery.leave()
-                delivered = True
-            delivery.settle(delivered=delivered)
-
-    def publish_together(self, messages: Sequence[Message], _made: MakeDeliveries) -> bool:
-        """Give each client what it carries, at once."""
-        for message in messages:
-            if self.carries(message):
-                self._tell(message.payload)
-        return True
-
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits but for single clients."""
-        return 0
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until clients have been given everything, or the time is up."""
@@ -82,45 +41,32 @@ class WebSocketTransport:
                 return
             await asyncio.sleep(0.005)
 
-    async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it listens; raises `WebSocketError` if it cannot."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                await self._is_up.wait()
-        if self._error is not None:
-            raise self._error
-
-    async def run(self) -> None:
-        """Listen until cancelled."""
+    def listening(self) -> AbstractAsyncContextManager[object]:
+        """The server, while there is one; entering raises `OSError`."""
         from websockets.asyncio.server import serve
         from websockets.typing import Origin
 
         # What clients do is their affair, and a page of everyone is not told of each.
         quiet = logging.getLogger(f"{__name__}.connections")
         quiet.setLevel(logging.CRITICAL)
-        try:
-            async with serve(
-                self._attend,
-                self.settings.host,
-                self.settings.port,
-                process_request=self._refusal,
-                origins=[None, *map(Origin, self.settings.origins)],
-                max_size=MAX_HEARD_OCTETS,
-                server_header=None,
-                logger=quiet,
-            ):
-                self._is_up.set()
-                await asyncio.Future()
-        except OSError as error:
-            what = f"{self._key}.port: {self.settings.port}"
-            self._error = WebSocketError(f"{what}: {error.strerror or error}")
-            self._is_up.set()
+        return serve(
+            self._attend,
+            self.settings.host,
+            self.settings.port,
+            process_request=self._refusal,
+            origins=[None, *map(Origin, self.settings.origins)],
+            max_size=MAX_HEARD_OCTETS,
+            server_header=None,
+            logger=quiet,
+        )
 
-    def _tell(self, payload: bytes) -> None:
+    def tell(self, message: Message) -> bool:
+        """Give each client the message; whether there is any."""
         for queue in self._clients:
             if queue.full():
                 queue.get_nowait()
-            queue.put_nowait(payload)
+            queue.put_nowait(message.payload)
+        return bool(self._clients)
 
     def _refusal(self, connection: ServerConnection, request: Request) -> Response | None:
         """Why a request is not let in: by another name than this host's, or one too many."""

@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.proto.errors import PlotfeedError
 
 USERNAME_VARIABLE = "PLOTFEED_MQTT_USERNAME"
@@ -175,8 +176,7 @@ class BrokerAddress:
         return cls(parts.hostname, port or DEFAULT_PORTS[parts.scheme], versions, tls, access)
 
     def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{'mqtts' if self.tls else 'mqtt'}://{host}:{self.port}"
+        return f"{'mqtts' if self.tls else 'mqtt'}://{bracketed(self.host)}:{self.port}"
 
 
 def without_secrets(url: str) -> str:

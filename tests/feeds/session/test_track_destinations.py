@@ -22,7 +22,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.websocket_server import WebSocketError
+from plotfeed.feeds.transport.listening_transport import PortError
 from plotfeed.proto import plotfeed_pb2 as pb
 
 REPORT = ["air-traffic", "cot", "geojson"]
@@ -133,7 +133,7 @@ async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
     with receiver():
         server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
-        with pytest.raises(WebSocketError, match=r"websocket\[0\].port"):
+        with pytest.raises(PortError, match=r"websocket\[0\].port"):
             await session(made(websocket=[{"port": port}]), asyncio.Event())
         server.close()
 

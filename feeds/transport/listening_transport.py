@@ -1,0 +1,90 @@
+"""Ways out at a port of ours: who wants to know connects there, and is told what goes there."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
+
+from plotfeed.feeds.console.printed import bracketed
+from plotfeed.feeds.delivery.counters import ClientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.track_output_keys import ListeningDestination
+from plotfeed.proto.errors import PlotfeedError
+
+
+class PortError(PlotfeedError):
+    """A port that cannot be listened on."""
+
+    exit_code = 1
+
+
+class ListeningTransport:
+    """Listens on a port while `run` runs, and tells who connects what goes there."""
+
+    def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
+        """`key` is the destination's place in the scene, `scheme` that of its address."""
+        self.name = f"{key} {scheme}://{bracketed(settings.host)}:{settings.port}"
+        self._key, self._port = key, settings.port
+        self._carried = settings.content_type
+        self._is_up = asyncio.Event()
+        self._error: PortError | None = None
+
+    def listening(self) -> AbstractAsyncContextManager[object]:
+        """The port, open meanwhile; entering raises `OSError`."""
+        raise NotImplementedError
+
+    def tell(self, message: Message) -> bool:
+        """Let those know it who are there, or will ask; whether there is anybody."""
+        raise NotImplementedError
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is of the format that goes there."""
+        return message.content_type == self._carried
+
+    def publish(self, *deliveries: Delivery) -> None:
+        """Tell what goes there; what does not, or finds nobody, is left to others."""
+        for delivery in deliveries:
+            delivered = None
+            if self.carries(delivery.message) and self.tell(delivery.message):
+                delivery.leave()
+                delivered = True
+            delivery.settle(delivered=delivered)
+
+    def publish_together(self, messages: Sequence[Message], _made: MakeDeliveries) -> bool:
+        """Tell what goes there, at once."""
+        for message in messages:
+            if self.carries(message):
+                self.tell(message)
+        return True
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits but for single clients."""
+        return 0
+
+    def prepare(self, messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Nothing waits."""
+
+    async def wait_until_up(self, timeout_s: float | None = None) -> None:
+        """Return once it listens; raises `PortError` if it cannot."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._is_up.wait()
+        if self._error is not None:
+            raise self._error
+
+    async def run(self) -> None:
+        """Listen until cancelled; return if the port cannot be had."""
+        try:
+            async with self.listening():
+                self._is_up.set()
+                await asyncio.Future()
+        except OSError as error:
+            what = f"{self._key}.port: {self._port}"
+            self._error = PortError(f"{what}: {error.strerror or error}")
+            self._is_up.set()
