@@ -10,6 +10,10 @@ COT = "application/x-cot+xml"
 ASTERIX = "application/x-asterix"
 SCHEMA = "schema="
 MESSAGE_TYPE = "messageType="
+TELEMETRY, LEDGER = "plotfeed.v1.Telemetry", "plotfeed.v1.Ledger"
+PLOT_BATCH, TRACK_BATCH = "plotfeed.v1.PlotBatch", "plotfeed.v1.TrackBatch"
+SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+"""Full names of messages of protobuf."""
 
 
 def asterix_content_type(category: int) -> str:
@@ -35,3 +39,8 @@ def schema_name(content_type: str) -> str:
 def message_type(content_type: str) -> str:
     """The full name of the protobuf message that a content type names; empty if it names none."""
     return content_type.partition(MESSAGE_TYPE)[2].partition(";")[0].strip(' "')
+
+
+def is_asterix_topic(topic: str) -> bool:
+    """Whether messages of a topic are ASTERIX, unless their content type says otherwise."""
+    return "asterix" in topic.split("/")[-2:]

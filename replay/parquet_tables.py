@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import message_type
 from plotfeed.proto.measured_plots import NOT_TOLD
-from plotfeed.replay.plots_csv import COLUMNS, plots_in
+from plotfeed.replay.plots_csv import COLUMNS, plots_in, sensor_of_asterix
 from plotfeed.replay.recorded import Recorded, RecordingWriter, TableName
 
 GROUP_ROWS = 1 << 16
@@ -158,8 +158,7 @@ def _plot_rows(message: Recorded) -> Iterable[Row] | None:
     found = plots_in(message)
     if found is None:
         return None
-    levels = message.topic.split("/")
-    sensor = levels[-3] if len(levels) > 2 and levels[-2] == "asterix" else ""
+    sensor = sensor_of_asterix(message.topic)
     held = vars(found) | {"doppler_m_s": found.range_rate_m_s}
     columns = {name: _told(held[name]) for name in COLUMNS if name in held}
     columns["time_utc"] = [_ns(t_ns) for t_ns in found.t_utc_ns.tolist()]

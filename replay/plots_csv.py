@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.batch import plots_in_batch
+from plotfeed.proto.content_types import PLOT_BATCH
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.proto.message_kinds import kind_of
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import Recorded, RecordingWriter
@@ -100,9 +102,7 @@ def plots_in(message: Recorded) -> MeasuredPlots | None:
     """The plots in a message; None if it cannot hold any or cannot be read."""
     if is_asterix(message.content_type, message.payload):
         return plots_and_tracks_in(message.payload, message.log_time_ns)
-    if message.content_type.endswith("plotfeed.v1.PlotBatch") or (
-        not message.content_type and message.topic.endswith("/plots")
-    ):
+    if kind_of(message.topic, message.content_type) == PLOT_BATCH:
         try:
             return plots_in_batch(message.payload)
         except DecodeError:
@@ -110,10 +110,15 @@ def plots_in(message: Recorded) -> MeasuredPlots | None:
     return None
 
 
+def sensor_of_asterix(topic: str) -> str:
+    """Whose a topic {sensor}/asterix/{category} is; empty of any other topic."""
+    levels = topic.split("/")
+    return levels[-3] if len(levels) > 2 and levels[-2] == "asterix" else ""
+
+
 def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
     """What stands in each column of the table."""
-    levels = topic.split("/")
-    sensor = levels[-3] if len(levels) > 2 and levels[-2] == "asterix" else ""
+    sensor = sensor_of_asterix(topic)
     categories, times_ns = plots.category.tolist(), plots.t_utc_ns.tolist()
     known: dict[str, list[Any]] = {
         "time_utc": ["" if t_ns is None else iso_utc(t_ns) for t_ns in times_ns],

@@ -11,6 +11,8 @@ from typing import BinaryIO
 CHUNK_OCTETS = 1 << 18
 LATEST_NS = (1 << 64) - 1
 """In the year 2554; all that MCAP can hold."""
+UDP_TOPIC = "udp/"
+"""How topics of datagrams begin: udp/ADDRESS/PORT of where they went."""
 
 
 class Stage(StrEnum):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, message_type
+from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, is_asterix_topic, message_type
 from plotfeed.proto.utc import NS
 from plotfeed.replay.asterix_blocks import categories, is_asterix, record_counts
 from plotfeed.replay.recorded import Recorded, Stage
@@ -137,7 +137,7 @@ def kinds_of(message: Recorded) -> tuple[tuple[str, ...], bool]:
     And whether it is ASTERIX.
     """
     content = message.content_type
-    if not content and "asterix" in message.topic.split("/")[-2:]:
+    if not content and is_asterix_topic(message.topic):
         content = ASTERIX
     if content.startswith(ASTERIX) and is_asterix(content, message.payload):
         return tuple(f"{category:03d}" for category in categories(message.payload)), True

@@ -12,11 +12,11 @@ from plotfeed.feeds.delivery.delivery import SentTogether, Settled, records
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.models.state import Columns, Ints, Looks, Plots
-from plotfeed.proto.content_types import protobuf_content_type
+from plotfeed.proto.content_types import LEDGER, protobuf_content_type
 from plotfeed.proto.ledger_octets import MANY, LedgerOctets, ledger, sent_field
 from plotfeed.proto.utc import iso_utc
 
-CONTENT_TYPE = protobuf_content_type("plotfeed.v1.Ledger")
+CONTENT_TYPE = protobuf_content_type(LEDGER)
 
 C = TypeVar("C", bound=Columns)
 

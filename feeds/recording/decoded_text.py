@@ -17,29 +17,16 @@ from plotfeed.feeds.recording.record_text import (
     record_tree,
     short,
 )
-from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.content_types import ASTERIX, GEOJSON, JSON, message_type
+from plotfeed.proto.content_types import ASTERIX, COT, SAPIENT_MESSAGE
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 from plotfeed.proto.utc import iso_utc
 
 ENVELOPE = frozenset({"timestamp", "node_id", "destination_id", "additional_information"})
 MAX_TEXT = 2000
-SAPIENT = REPORT_FORMATS["sapient"].message
-OURS: Mapping[str, type[ProtobufMessage]] = {
-    kind.DESCRIPTOR.full_name: kind
-    for kind in (
-        pb.Telemetry,
-        pb.PlotBatch,
-        pb.TrackBatch,
-        pb.Ledger,
-        pb.Refusal,
-        pb.SensorStatus,
-        pb.SensorDescription,
-    )
-}
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
 """What a message may be."""
 
@@ -105,11 +92,11 @@ def message_lines(
     def line(told: Any) -> str:
         return json.dumps({"topic": topic, "message": told}) if as_json else f"{topic}  {told}"
 
-    kind = _kind(topic, content_type)
+    kind = kind_of(topic, content_type or "")
     try:
-        if verbose and kind == "asterix":
+        if verbose and kind == ASTERIX:
             told = _asterix_trees(payload, categories)
-        elif verbose and kind != "sapient":
+        elif verbose and kind != SAPIENT_MESSAGE:
             told = _indented(kind, payload)
         else:
             told = _told(kind, payload, categories, as_json=as_json)
@@ -119,47 +106,22 @@ def message_lines(
         yield line({"error": text} if as_json else text)
 
 
-def _told(
-    kind: str | type[ProtobufMessage], payload: bytes, categories: Categories, *, as_json: bool
-) -> Iterator[Any]:
+def _told(kind: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
     """What is in a payload: values for JSON, or else texts."""
-    if kind == "asterix":
+    if kind == ASTERIX:
         return _asterix(payload, categories, as_json=as_json)
-    if kind == "sapient":
+    if kind == SAPIENT_MESSAGE:
         return _sapient(payload, as_json=as_json)
-    if kind == "xml":
+    if kind == COT:
         return iter([payload.decode()[:MAX_TEXT]])
-    if isinstance(kind, str):
+    if kind not in OUR_MESSAGES:  # JSON, or nothing tells what
         value = json.loads(payload)
         return iter([value if as_json else json.dumps(value)[:MAX_TEXT]])
-    message = kind.FromString(payload)
+    message = OUR_MESSAGES[kind].FromString(payload)
     if as_json:
         fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
         return iter([{type(message).__name__: fields}])
     return _protobuf(message)
-
-
-def _kind(topic: str, content_type: str | None) -> str | type[ProtobufMessage]:
-    """What a message is: by content type, or by topic, as MQTT 3.1.1 has no content types."""
-    said = message_type(content_type or "")
-    if said == SAPIENT or said in OURS:
-        return OURS.get(said, "sapient")
-    levels = topic.split("/")
-    if (content_type or "").startswith(ASTERIX) or "asterix" in levels[-2:]:
-        return "asterix"
-    if (content_type or "").startswith((JSON, GEOJSON)) or levels[-1] in ("errors", "status"):
-        return "json"
-    if levels[-1] == "sapient" or levels[-2:] == ["sapient", "task"]:
-        return "sapient"
-    if levels[-2:-1] == ["telemetry"]:
-        return pb.Telemetry
-    kinds: dict[str, str | type[ProtobufMessage]] = {
-        "cot": "xml",
-        "plots": pb.PlotBatch,
-        "tracks": pb.TrackBatch,
-        "truth": pb.Ledger,
-    }
-    return kinds.get(levels[-1], "json")
 
 
 def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
@@ -179,16 +141,17 @@ def _asterix_trees(payload: bytes, categories: Categories) -> Iterator[str]:
     yield from map(str, errors)
 
 
-def _indented(kind: str | type[ProtobufMessage], payload: bytes) -> Iterator[str]:
+def _indented(kind: str, payload: bytes) -> Iterator[str]:
     """A message of JSON or protobuf with all its fields, each on a line."""
-    if kind == "xml":
+    if kind == COT:
         yield payload.decode()
         return
-    if isinstance(kind, str):
+    if kind not in OUR_MESSAGES:
         yield json.dumps(json.loads(payload), indent=2)
         return
-    fields = json_format.MessageToJson(kind.FromString(payload), preserving_proto_field_name=True)
-    yield f"{kind.DESCRIPTOR.name} {fields}"
+    message = OUR_MESSAGES[kind].FromString(payload)
+    fields = json_format.MessageToJson(message, preserving_proto_field_name=True)
+    yield f"{message.DESCRIPTOR.name} {fields}"
 
 
 def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:

@@ -25,8 +25,8 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_blocks import content_type
-from plotfeed.replay.pcap.packets import SOURCE, UDP_TOPIC
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.pcap.packets import SOURCE
+from plotfeed.replay.recorded import UDP_TOPIC, Recorded
 
 IS_LINUX = sys.platform == "linux"
 # Of Linux, and unknown to Python.

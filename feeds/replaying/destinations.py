@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Protocol
 
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.delivery.counters import ClientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, Transport
 from plotfeed.feeds.messages.message import Message
@@ -18,11 +19,11 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.udp import UdpError, UdpTransport
 from plotfeed.proto.content_types import ASTERIX
+from plotfeed.proto.message_kinds import kind_of
+from plotfeed.replay.recorded import UDP_TOPIC
 
 log = logging.getLogger(__name__)
 
-UDP_TOPIC = "udp"
-"""The first level of the topics of datagrams: udp/ADDRESS/PORT."""
 MAX_DESTINATIONS = 256
 FULL_S = 1.0
 """So long a socket that is full is waited for, where nothing else waits for its time."""
@@ -40,11 +41,9 @@ class ReplayTransport(Transport, Protocol):
 
 def is_datagram(message: Message) -> bool:
     """Whether it is ASTERIX, or was a datagram when it was recorded."""
-    return (
-        message.content_type.startswith(ASTERIX)
-        or message.topic.startswith(f"{UDP_TOPIC}/")
-        or "asterix" in message.topic.split("/")[-2:]
-    )
+    if message.topic.startswith(UDP_TOPIC):
+        return True
+    return kind_of(message.topic, message.content_type) == ASTERIX
 
 
 class ReplayUdp(UdpTransport):
@@ -108,7 +107,7 @@ class RecordedUdp:
     def carries(self, message: Message) -> bool:
         """Whether its topic is a destination that can be sent to."""
         topic = message.topic
-        if not topic.startswith(f"{UDP_TOPIC}/"):
+        if not topic.startswith(UDP_TOPIC):
             return False
         if topic not in self._links and len(self._links) < MAX_DESTINATIONS:
             self._links[topic] = self._opened(topic)
@@ -149,7 +148,7 @@ class RecordedUdp:
         host, _, port = place.rpartition("/")
         try:
             address = ip_address(host)
-            text = f"[{address}]:{port}" if address.version == 6 else f"{address}:{port}"
+            text = f"{bracketed(str(address))}:{port}"
             interface = self._interface if address.is_multicast else None
             settings = UdpDestination(destination=text, ttl=self._ttl, interface=interface)
             link = ReplayUdp(settings, topic, waits=self._waits)

@@ -8,31 +8,18 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
 from plotfeed.proto.asterix.decode_129 import is_block_129
-from plotfeed.proto.content_types import ASTERIX, JSON, MESSAGE_TYPE, PROTOBUF
+from plotfeed.proto.content_types import ASTERIX, JSON, SAPIENT_MESSAGE, TELEMETRY, message_type
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
-from plotfeed.replay.recorded import Recorded
+from plotfeed.replay.recorded import UDP_TOPIC, Recorded
 
 log = logging.getLogger(__name__)
 
-OURS: dict[str, Any] = {
-    kind.DESCRIPTOR.full_name: kind
-    for kind in (
-        pb.Telemetry,
-        pb.PlotBatch,
-        pb.Ledger,
-        pb.Refusal,
-        pb.SensorStatus,
-        pb.SensorDescription,
-    )
-}
-BY_LEVEL = {"plots": pb.PlotBatch, "truth": pb.Ledger}
-JSON_LEVELS = frozenset({"errors", "status", "settings", "description", "session"})
 TIME = "time"
 """The user property that CloudEvents tells the time of a message by."""
 MOST_SAID = 20
@@ -89,22 +76,20 @@ class Restamper:
             self._left["others"] += 1
 
     def _mover(self, topic: str, content_type: str) -> Mover | None:
-        """What moves such messages: told by content type, or topic where there is no such type."""
-        media_type, _, parameters = content_type.partition(";")
-        levels = topic.split("/")
-        if media_type == ASTERIX or "asterix" in levels[-2:] or levels[0] == "udp":
+        """What moves such messages; None where nothing does."""
+        kind = kind_of(topic, content_type)
+        if kind == ASTERIX or (not kind and topic.startswith(UDP_TOPIC)):
             return self._move_asterix
-        if media_type == JSON or (not media_type and levels[-1] in JSON_LEVELS):
+        if kind == JSON:
             return retime_json
-        named = parameters.strip().removeprefix(MESSAGE_TYPE)
-        if levels[-1] == "sapient" or named.startswith("sapient_msg."):
+        if kind == SAPIENT_MESSAGE:
             return _sapient_mover()
-        if media_type not in ("", PROTOBUF):
+        if kind == TELEMETRY and not message_type(content_type):
+            return self._move_telemetry
+        ours = OUR_MESSAGES.get(kind)
+        if ours is None:
             return None
-        kind = OURS.get(named) or BY_LEVEL.get(levels[-1])
-        if kind is not None:
-            return lambda data, shift_ns: retime_protobuf(data, kind, shift_ns)
-        return self._move_telemetry if levels[-2:-1] == ["telemetry"] else None
+        return lambda data, shift_ns: retime_protobuf(data, ours, shift_ns)
 
     def _move_asterix(self, data: bytes, shift_ns: int) -> bytes:
         done = self._asterix.retime(data, shift_ns)

@@ -27,6 +27,7 @@ from plotfeed.feeds.report.link_tally import LinkTally, Passage, Setting, Turn
 from plotfeed.feeds.report.plot_tally import CELL_M, MAX_CELLS, AlarmsTally, SectorsTally
 from plotfeed.models.state import OTHER
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import LEDGER
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -108,7 +109,6 @@ class SensorTally:
 
 
 TRUTH = "/truth"
-LEDGER = "plotfeed.v1.Ledger"
 MAX_SENSORS = 10_000
 REMEMBERED = 65_536
 """Entries by which it is noticed that one was recorded twice."""

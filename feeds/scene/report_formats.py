@@ -14,14 +14,14 @@ from plotfeed.proto.content_types import (
     COT,
     GEOJSON,
     JSON,
+    PLOT_BATCH,
+    SAPIENT_MESSAGE,
+    TRACK_BATCH,
     asterix_content_type,
     json_content_type,
     protobuf_content_type,
 )
 from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
-
-PLOT_BATCH, TRACK_BATCH = "plotfeed.v1.PlotBatch", "plotfeed.v1.TrackBatch"
-SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"
 
 
 @dataclass(frozen=True, slots=True)

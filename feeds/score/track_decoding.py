@@ -13,13 +13,12 @@ from typing import Any
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.scene.report_formats import SAPIENT_MESSAGE, TRACK_BATCH
 from plotfeed.feeds.score.track_table import COVARIANCES, ToldTrack
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.content_types import message_type
+from plotfeed.proto.content_types import SAPIENT_MESSAGE, TRACK_BATCH, message_type
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns

@@ -10,12 +10,11 @@ from typing import Any
 
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.scene.fields import site_frame
-from plotfeed.feeds.scene.report_formats import TRACK_BATCH
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.score.track_decoding import entries_in, track_of_mapping, tracks_in
 from plotfeed.feeds.score.track_table import TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame
-from plotfeed.proto.content_types import asterix_content_type, message_type
+from plotfeed.proto.content_types import TRACK_BATCH, asterix_content_type, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.files import open_recording
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage

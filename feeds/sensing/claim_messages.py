@@ -15,13 +15,18 @@ from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
-from plotfeed.proto.content_types import JSON, asterix_content_type, protobuf_content_type
+from plotfeed.proto.content_types import (
+    JSON,
+    TELEMETRY,
+    asterix_content_type,
+    protobuf_content_type,
+)
 
 HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
 """Radius that holds half of a circular normal distribution, in standard deviations."""
 AS_TELEMETRY: dict[str, tuple[str, Callable[[PositionReport], bytes]]] = {
     "json": (JSON, encode_json),
-    "protobuf": (protobuf_content_type("plotfeed.v1.Telemetry"), encode_protobuf),
+    "protobuf": (protobuf_content_type(TELEMETRY), encode_protobuf),
 }
 """Content type and encoder of what is said as telemetry is."""
 

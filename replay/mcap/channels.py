@@ -19,6 +19,7 @@ from plotfeed.proto.content_types import (
     GEOJSON,
     JSON,
     PROTOBUF,
+    TELEMETRY,
     message_type,
     protobuf_content_type,
     schema_name,
@@ -204,7 +205,7 @@ def message_type_of(series: ChannelKey) -> str:
     """Full name of the protobuf message that the messages are; empty if it is not known."""
     if series.content_type.partition(";")[0].strip() != PROTOBUF:
         return ""
-    unnamed = "plotfeed.v1.Telemetry" if series.stage is Stage.TELEMETRY else ""
+    unnamed = TELEMETRY if series.stage is Stage.TELEMETRY else ""
     return message_type(series.content_type) or unnamed
 
 

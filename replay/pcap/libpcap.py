@@ -17,7 +17,6 @@ from plotfeed.replay.pcap.packets import (
     MAX_PACKET_OCTETS,
     RECORD_OCTETS,
     SOURCE,
-    UDP_TOPIC,
     KeptPacket,
     PacketReader,
     PcapHeader,
@@ -25,7 +24,7 @@ from plotfeed.replay.pcap.packets import (
     kept_in,
     ns_header,
 )
-from plotfeed.replay.recorded import Recorded, RecordingWriter
+from plotfeed.replay.recorded import UDP_TOPIC, Recorded, RecordingWriter
 
 ASTERIX_PORT = 8600
 """Of UDP, where Wireshark takes it for ASTERIX."""

@@ -16,7 +16,7 @@ from plotfeed.replay.pcap.link_layers import (
     datagram_in,
     with_payload,
 )
-from plotfeed.replay.recorded import LATEST_NS, OctetsReader, Recorded
+from plotfeed.replay.recorded import LATEST_NS, UDP_TOPIC, OctetsReader, Recorded
 
 FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
 """In base64: the header of the file, what is before the payload, what is behind it if anything."""
@@ -25,7 +25,6 @@ LENGTH = "pcap-length"
 PAYLOAD_CRC = "pcap-payload-crc"
 """CRC-32 of the payload in hexadecimal, which tells whether it is still that of the packet."""
 
-UDP_TOPIC = "udp/"
 SOURCE = "udp-source"
 """The property that says who sent a datagram: ADDRESS/PORT."""
 

@@ -12,7 +12,6 @@ from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
 from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
-from plotfeed.feeds.scene.report_formats import SAPIENT_MESSAGE, TRACK_BATCH
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
@@ -30,7 +29,11 @@ from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.batch import plots_in_batch
-from plotfeed.proto.content_types import protobuf_content_type
+from plotfeed.proto.content_types import (
+    SAPIENT_MESSAGE,
+    TRACK_BATCH,
+    protobuf_content_type,
+)
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FORMATS, FileFormat
 

@@ -75,6 +75,11 @@ def test_protobuf_is_what_its_content_type_says_and_else_its_topic(
     assert json.loads(line)["message"] == {expected: {}}
 
 
+def test_cursor_on_target_is_its_own_text_on_any_topic() -> None:
+    (line,) = message_lines("any/where", b"<event/>", "application/x-cot+xml", as_json=False)
+    assert line == "any/where  <event/>"
+
+
 @pytest.mark.parametrize(
     "payload",
     [b"[" * 100_000, b"9" * 10_000, b'{"a": NaN}', rb'"\ud800"', b'"' + b"x" * 100_000 + b'"'],

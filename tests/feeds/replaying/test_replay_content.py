@@ -108,6 +108,12 @@ def plots(t_ns: int) -> bytes:
     return batch.SerializeToString()
 
 
+def tracks(t_ns: int) -> bytes:
+    batch = pb.TrackBatch(sensor="radar")
+    batch.tracks.add(time_utc_ns=t_ns, latitude_deg=5.0)
+    return batch.SerializeToString()
+
+
 def plot_048(t_ns: int) -> bytes:
     time_lsb = round(t_ns % (86_400 * S) * 128 / S) % (86_400 * 128)
     return bytes.fromhex("30 000a e0 1903") + time_lsb.to_bytes(3, "big") + b"\x30"
@@ -135,6 +141,7 @@ def status(t_ns: int) -> bytes:
 OURS = "application/x-protobuf; messageType="
 KINDS = {
     "p/radar/plots": (plots, f"{OURS}plotfeed.v1.PlotBatch"),
+    "p/radar/tracks": (tracks, f"{OURS}plotfeed.v1.TrackBatch"),
     "p/radar/asterix/048": (plot_048, "application/x-asterix; cat=48"),
     "p/radar/sapient": (sapient, f"{OURS}sapient_msg.bsi_flex_335_v2_0.SapientMessage"),
     "p/radar/status": (status, "application/json"),

@@ -192,6 +192,7 @@ def test_a_closed_socket_delivers_nothing() -> None:
         ("a", "application/x-asterix; cat=48", True),
         ("udp/10.0.0.1/1", "", True),
         ("a/radar/plots", "application/x-protobuf", False),
+        ("asterix/errors", "application/json", False),
     ],
 )
 def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_one: bool) -> None:
