@@ -131,6 +131,10 @@ class ClientCounters:
     undelivered: int = 0
     undelivered_to: Counter[str] = field(default_factory=Counter)
     lateness_ns: LastLateness = field(default_factory=LastLateness)
+    open_due_ns: Counter[int] = field(default_factory=Counter)
+    """When those were due of which it is not known yet what becomes of them, and how many."""
+    not_sent_ns: tuple[int, int] | None = None
+    """When the first and the last were due that did not leave, since `take_not_sent`."""
     sapient: SapientCounters | None = None
     """Of a sensor that reports in it."""
 
@@ -142,3 +146,21 @@ class ClientCounters:
         else:
             self.lost += fate in LOSSES
             self.undelivered += fate == pb.UNDELIVERED
+
+    def close(self, due_utc_ns: int) -> None:
+        """Note that the fate of one message is known that was due then."""
+        self.open_due_ns[due_utc_ns] -= 1
+        if not self.open_due_ns[due_utc_ns]:
+            del self.open_due_ns[due_utc_ns]
+
+    def leave_out(self, first_due_ns: int, last_due_ns: int) -> None:
+        """Note that nothing left of what was due between those times."""
+        if self.not_sent_ns is not None:
+            first_due_ns = min(first_due_ns, self.not_sent_ns[0])
+            last_due_ns = max(last_due_ns, self.not_sent_ns[1])
+        self.not_sent_ns = first_due_ns, last_due_ns
+
+    def take_not_sent(self) -> tuple[int, int] | None:
+        """Tell once from when until when some of what was due did not leave; None if all did."""
+        found, self.not_sent_ns = self.not_sent_ns, None
+        return found

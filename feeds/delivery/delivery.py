@@ -226,6 +226,7 @@ class LedgerEntry:
             message, clock, transports, self, number=number, copy=copy, client=self._counters
         )
         self._deliveries.append(delivery)
+        self._counters.open_due_ns[delivery.due_utc_ns] += 1
         self._unsettled += 1
         return delivery
 
@@ -233,7 +234,10 @@ class LedgerEntry:
         """The fate of one of its deliveries is known."""
         fate, copy, late_ns = delivery.fate, delivery.copy, delivery.lateness_ns
         self._counters.settle(fate, copy, late_ns)
+        self._counters.close(delivery.due_utc_ns)
         self._totals.settle(fate, copy, late_ns, len(delivery.message.payload))
+        if delivery.not_to:
+            self._counters.leave_out(delivery.due_utc_ns, delivery.due_utc_ns)
         for to in delivery.not_to:
             self._counters.undelivered_to[to] += 1
             self._totals.undelivered_to[to] += 1

@@ -81,9 +81,8 @@ class Outbox:
 
     @property
     def oldest_due_ns(self) -> int | None:
-        """When the first was due of what the link holds; None if it holds nothing."""
-        held = [delivery.due_utc_ns for delivery, _ in self._held]
-        return min([*held, *(each.due_utc_ns for each in self._on_the_way)], default=None)
+        """When the first was due that the link holds, or that waits to leave; None for nothing."""
+        return min(self.counters.open_due_ns, default=None)
 
     def now_ns(self) -> int:
         """The time by which it sends, UTC."""

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 from uuid import uuid4
@@ -16,6 +15,7 @@ from plotfeed.feeds.fleet.fleet_parts import (
     COUNTED,
     FleetSettings,
     Gap,
+    Gaps,
     PartHeld,
     Worker,
     WorkerDiedError,
@@ -44,7 +44,6 @@ LEAD_NS = 2 * NS
 CUT_NS = 3 * NS // 2
 """From the order to hand over until it is done."""
 AGAIN_S = 1.0
-MOST_GAPS = 1000
 
 
 class Coordinator:
@@ -59,7 +58,7 @@ class Coordinator:
         self.scene, self.settings = scene, settings
         self.id = f"plotfeed-{uuid4().hex[:8]}"
         self.parts: list[PartHeld] = []
-        self.gaps: deque[Gap] = deque(maxlen=MOST_GAPS)
+        self.gaps = Gaps()
         self.takeovers = self.generation = 0
         self.began_utc_ns = 0
         self.counts: dict[str, int] = {}
@@ -193,6 +192,8 @@ class Coordinator:
         error = serving.exception()
         if error is None:
             ended = serving.result()
+            if not ended["lost"]:
+                self.gaps.leave_out(part, worker.name, ended["not_sent"])
             for name in COUNTED:
                 self.counts[name] = self.counts.get(name, 0) + ended[name]
             if worker not in self._idle:
@@ -215,10 +216,8 @@ class Coordinator:
         """Let go of a worker, and note what nobody sends until another does."""
         self.takeovers += 1
         log.warning("part %s: worker %s %s: another takes over", part.name, worker.name, why)
-        is_open = any(gap.part == part.name and gap.to_utc_ns is None for gap in self.gaps)
-        if not is_open and not order.is_simulated:
-            told, since_ns = f"{worker.name} {why}", part.sent_until_utc_ns or part.joins_utc_ns
-            self.gaps.append(Gap(part.name, part.sensors, told, since_ns))
+        if not order.is_simulated:
+            self.gaps.begin(part, f"{worker.name} {why}")
         if not serving.done():
             self._do_aside(self._refuse_when_awake(worker, order.key, serving))
         if not is_fenced_by_broker(self.scene):
@@ -239,6 +238,7 @@ class Coordinator:
                     return
                 await worker.granted(order.key, question.number)
                 if question.joined_utc_ns:
+                    self.gaps.leave_out(part, worker.name, question.not_sent)
                     sent_until_ns = question.sent_until_utc_ns
                     part.sent_until_utc_ns = max(part.sent_until_utc_ns, sent_until_ns)
                     self._note_joined(part, question.joined_utc_ns)
@@ -248,9 +248,7 @@ class Coordinator:
         if part.joined_utc_ns:
             return
         part.joined_utc_ns = joined_utc_ns
-        for gap in self.gaps:
-            if gap.part == part.name and gap.to_utc_ns is None:
-                gap.to_utc_ns = joined_utc_ns
+        self.gaps.end(part)
         self.on_change()
 
     async def _note_ready(self, part: PartHeld, worker: Worker) -> None:

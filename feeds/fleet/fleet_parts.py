@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable
+from collections import deque
+from collections.abc import Awaitable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from plotfeed.feeds.fleet.part_server import PartOrder, Question
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.proto.utc import NS
+
+MOST_GAPS = 1000
+LATE = "could not send in time"
+"""Why there is a gap although a part is held: its holder was late, or had no lease or no broker."""
 
 
 class WorkerDiedError(Exception):
@@ -79,6 +85,43 @@ class Gap:
     why: str
     from_utc_ns: int
     to_utc_ns: int | None = None
+
+
+class Gaps(deque[Gap]):
+    """The last gaps of a fleet, in the order in which they were noted."""
+
+    def __init__(self) -> None:
+        super().__init__(maxlen=MOST_GAPS)
+
+    def begin(self, part: PartHeld, why: str) -> None:
+        """Nobody sends a part from what was last sent on, if that is not known already."""
+        if not any(gap.part == part.name and gap.to_utc_ns is None for gap in self):
+            since_ns = part.sent_until_utc_ns or part.joins_utc_ns
+            self.append(Gap(part.name, part.sensors, why, since_ns))
+
+    def end(self, part: PartHeld) -> None:
+        """Somebody sends it again."""
+        for gap in self:
+            if gap.part == part.name and gap.to_utc_ns is None:
+                gap.to_utc_ns = part.joined_utc_ns
+
+    def leave_out(
+        self, part: PartHeld, holder: str, not_sent: Mapping[str, tuple[int, int]]
+    ) -> None:
+        """A holder has not sent some of what was due, by sensor; a gap just before goes on."""
+        if not not_sent:
+            return
+        why = f"{holder} {LATE}"
+        from_ns = min(first_ns for first_ns, _ in not_sent.values()) - 1
+        to_ns = max(last_ns for _, last_ns in not_sent.values())
+        sensors = frozenset(not_sent)
+        last = next((gap for gap in reversed(self) if gap.part == part.name), None)
+        if last is not None and last.why == why and from_ns <= (last.to_utc_ns or 0) + NS:
+            sensors |= frozenset(last.sensors)
+            from_ns, to_ns = min(from_ns, last.from_utc_ns), max(to_ns, last.to_utc_ns or 0)
+            self.remove(last)
+        in_order = tuple(name for name in part.sensors if name in sensors)
+        self.append(Gap(part.name, in_order, why, from_ns, to_ns))
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ import os
 import socket
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,9 +82,12 @@ class Question:
 
     number: int
     sent_until_utc_ns: int
-    """All that was due by then has been sent, or is told as undelivered; 0 before it sends."""
+    """All that was due by then has been sent, or is told as not sent; 0 before it sends."""
     joined_utc_ns: int
     """What ends after that it sends; 0 before it does."""
+    not_sent: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """From when until when some of what was due was not sent, by sensor, since the last question:
+    it was late, had no lease or no broker. Times by which that was due, UTC."""
 
 
 class _Served(Observer):
@@ -170,6 +174,7 @@ class PartServer:
         return {
             "lost": served.lease.lost,
             "ends_at": served.ends_at,
+            "not_sent": served.session.ticks.take_not_sent() if served.session else {},
             "processor_s": time.process_time() - began_s,
             **{name: getattr(totals, name) for name in counts},
         }
@@ -181,7 +186,8 @@ class PartServer:
         session = served.session
         if session is None:
             return Question(number, 0, 0)
-        return Question(number, session.ticks.sent_until_ns, session.ticks.joined_ns)
+        ticks = session.ticks
+        return Question(number, ticks.sent_until_ns, ticks.joined_ns, ticks.take_not_sent())
 
     async def granted(self, key: str, number: int) -> None:
         """Hold the lease, from when that question was asked."""

@@ -7,6 +7,7 @@ what comes out depends neither on how long the stretches are nor on who else is 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -53,6 +54,15 @@ def keeps_state(sensor: Sensor) -> bool:
     tells_tracks = any(REPORT_FORMATS[name].tells_tracks for name in sensor.report)
     is_steered = mount_of(sensor) is not None
     return tells_tracks or is_steered or sensor.scan.kind == "electronic"
+
+
+@dataclass(frozen=True, slots=True)
+class MissedScans:
+    """What a sensor has left out, being late: how many scans, and when its sectors ended, UTC."""
+
+    scans: int
+    first_end_ns: int
+    last_end_ns: int
 
 
 class EmulatedSensors:
@@ -134,7 +144,7 @@ class EmulatedSensors:
         Of what keeps no state the last scans are enough; else all since it was started.
         """
         for i, sensor in enumerate(self.sensors):
-            if not (keeps_state(sensor) or self.cueing.cues(i)):
+            if not self.remembers(i):
                 from_ns = until_utc_ns - SCANS_AGAIN * sensor.scan.period_ns
                 sector = self._at_work.timetables[i].sector_at(from_ns)
                 if sector.start_ns > self._next.sector(i).start_ns:
@@ -170,18 +180,23 @@ class EmulatedSensors:
         scripted = self._scripted[i]
         return changed(scripted, *in_force(scripted.event, at_utc_ns - self._start_ns), controlled)
 
-    def skip_until(self, now_ns: int) -> dict[int, int]:
-        """Leave out what is late by more than a period: scans missed, by sensor.
+    def late(self, now_ns: int) -> list[int]:
+        """Sensors whose next sector is late by more than a period."""
+        return np.flatnonzero(now_ns - self._next.next_end_ns > self._next.period_ns).tolist()
+
+    def skip(self, i: int, now_ns: int) -> MissedScans:
+        """Leave out what a sensor is late with: what it has missed.
 
         The next sector is then the last one that has ended: nothing is made up for in a burst.
         """
-        missed = {}
-        for i in np.flatnonzero(now_ns - self._next.next_end_ns > self._next.period_ns).tolist():
-            sector = self._next.sector(i)
-            last = self._at_work.timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
-            missed[i] = last.scan - sector.scan
-            self._next.go_on_with(i, last)
-        return missed
+        sector = self._next.sector(i)
+        last = self._at_work.timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
+        self._next.go_on_with(i, last)
+        return MissedScans(last.scan - sector.scan, sector.end_ns, last.start_ns)
+
+    def remembers(self, i: int) -> bool:
+        """Whether what a sensor reports, or one that it cues, depends on all that was before."""
+        return keeps_state(self.sensors[i]) or self.cueing.cues(i)
 
     def reports(self, before_ns: int) -> Iterator[list[SectorReport]]:
         """What comes of all sectors that are next and end before that time, a group at a time."""

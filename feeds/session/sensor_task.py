@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import cue_of
 from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors, MissedScans
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
@@ -96,9 +96,10 @@ class SensorTask:
         self._status.scan = report.counts.scan
         self._status.plots += report.counts.plots
 
-    def missed(self, scans: int) -> None:
-        """Count scans that were left out, since it was too late for them."""
-        self._status.missed_scans += scans
+    def missed(self, missed: MissedScans) -> None:
+        """Count what was left out, since it was too late for that."""
+        self._status.missed_scans += missed.scans
+        self.outbox.counters.leave_out(missed.first_end_ns, missed.last_end_ns)
 
     def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:
         """Change those keys from that time on, or with None none any more; raises `ChangeError`."""

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 from plotfeed.feeds.delivery.outbox import Departure, prepare_all, send_all
 from plotfeed.feeds.messages.sector_report import SectorReport
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
@@ -56,6 +56,9 @@ class Ticks:
         self._order = {name: i for i, name in enumerate(tasks)}
         self._cooperative = cooperative
         self._inputs = inputs
+        self._shares = False
+        """Whether others may have these sensors next: then what they remember is what it would be
+        had this machine never been late."""
         self._reported = [o.report for o in context.observers if cares(o, "report")]
         self._hand_in = [o.next_input_ns for o in context.observers if cares(o, "next_input_ns")]
         self._due_ns: int | None = None
@@ -74,9 +77,14 @@ class Ticks:
         due = [each for each in (*dues, self._schedule.next_due_ns()) if each is not None]
         return min([self._clock.now_ns(), *due]) - 1
 
+    def take_not_sent(self) -> dict[str, tuple[int, int]]:
+        """Tell once from when until when some of what was due did not leave, by sensor; UTC."""
+        taken = {name: task.outbox.counters.take_not_sent() for name, task in self._tasks.items()}
+        return {name: stretch for name, stretch in taken.items() if stretch is not None}
+
     async def join(self, part: SessionPart) -> None:
         """Work out again what others have sent since the scene began, and note when to go on."""
-        done_ns = part.began_utc_ns
+        self._shares, done_ns = True, part.began_utc_ns
         self._sensors.start(done_ns)
         while (now_ns := self._clock.now_ns()) - done_ns > CAUGHT_UP_NS:
             await self._catch_up(now_ns)
@@ -130,17 +138,17 @@ class Ticks:
     def _work_out(self, k: int) -> None:
         """What ends from tick k + 1 on, and plan when to send it."""
         now_ns = self._clock.now_ns()
-        for i, scans in self._sensors.skip_until(now_ns).items():
-            self._of_index[i].missed(scans)
-            self._context.totals.missed_scans += scans
+        too_late_ns = self._leave_out(now_ns)
         ticks = self._ticks_from(k)
+        if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
+            ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
         due: dict[int, DueTogether] = defaultdict(DueTogether)
         ready: list[Departure] = []
         for reports in self._sensors.reports(before_ns):
             self._let_sendings_pass((k + 1) * TICK_NS)
             sectors += len(reports)
-            for report in reports:
+            for report in self._in_time(reports, too_late_ns) if too_late_ns else reports:
                 due[report.counts.due_utc_ns].reports.append(report)
                 ready.append((self._tasks[report.sensor].outbox, report.messages, None))
         if len(self._tasks) > 1:
@@ -160,6 +168,37 @@ class Ticks:
         self._plan(max(self._next_work_ns(k + ticks - 1), self._earliest_ns))
         if self._inputs:
             self.input_waits()
+
+    def _leave_out(self, now_ns: int) -> dict[str, int]:
+        """Leave out what is late by more than a period, or have it worked out and not sent.
+
+        Of the latter sensors, by name, up to when what is due is not sent.
+        """
+        too_late_ns = {}
+        for i in self._sensors.late(now_ns):
+            if self._shares and self._sensors.remembers(i):
+                sensor = self._sensors.sensors[i]
+                too_late_ns[sensor.id] = now_ns - sensor.scan.period_ns
+            else:
+                self._missed(self._of_index[i], self._sensors.skip(i, now_ns))
+        return too_late_ns
+
+    def _missed(self, task: SensorTask, missed: MissedScans) -> None:
+        task.missed(missed)
+        self._context.totals.missed_scans += missed.scans
+
+    def _in_time(
+        self, reports: Sequence[SectorReport], too_late_ns: Mapping[str, int]
+    ) -> Iterator[SectorReport]:
+        """Reports that are still to be sent; the others are missed."""
+        for report in reports:
+            due_ns = report.counts.due_utc_ns
+            if due_ns >= too_late_ns.get(report.sensor, due_ns):
+                yield report
+                continue
+            task = self._tasks[report.sensor]
+            is_last = report.sector.index + 1 == task.sensor.scan.sectors
+            self._missed(task, MissedScans(int(is_last), due_ns, due_ns))
 
     def _let_sendings_pass(self, before_ns: int) -> None:
         """Send what is due by now: no deadline waits for the sensors that are still to be done.

@@ -34,7 +34,7 @@ from support.scene_files import DRONE, scene_file, scene_text  # noqa: E402
 from support.scene_files import radar as radar_text  # noqa: E402
 
 from plotfeed.feeds.fleet.coordinator import Coordinator  # noqa: E402
-from plotfeed.feeds.fleet.fleet_parts import FleetSettings, Worker  # noqa: E402
+from plotfeed.feeds.fleet.fleet_parts import LATE, FleetSettings, Worker  # noqa: E402
 from plotfeed.feeds.fleet.ray_workers import starter  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene  # noqa: E402
 from plotfeed.feeds.workers.ray_engine import connected  # noqa: E402
@@ -122,20 +122,25 @@ def take_overs(folder: Path) -> dict[str, list[float]]:
     return found
 
 
+def taken_over(at_work: Fleet) -> list[dict[str, Any]]:
+    """Gaps of parts that nobody held."""
+    return [gap for gap in at_work.health()["gaps"] if not gap["why"].endswith(LATE)]
+
+
 def gap_s(at_work: Fleet, what: str) -> float:
     """What is missing after one fault, seconds."""
-    before = len(at_work.health()["gaps"])
+    before = len(taken_over(at_work))
     pid = next(iter(at_work.pids().values()))
     os.kill(pid, signal.SIGKILL if what == "killed" else signal.SIGSTOP)
 
     def is_over() -> bool:
-        gaps = at_work.health()["gaps"]
+        gaps = taken_over(at_work)
         return len(gaps) > before and all(gap["to_utc_ns"] for gap in gaps)
 
     at_work.wait(is_over, "nobody took over")
     if what == "frozen":
         os.kill(pid, signal.SIGCONT)
-    gap = at_work.health()["gaps"][before]
+    gap = taken_over(at_work)[before]
     return float((gap["to_utc_ns"] - gap["from_utc_ns"]) / NS)
 
 

@@ -49,8 +49,8 @@ class Fleet:
 
     def health(self) -> dict[str, Any]:
         """What the fleet said last."""
-        found = [m.payload for m in list(self.client.heard) if m.topic == "plotfeed/fleet"]
-        return dict(json.loads(found[-1])) if found else {"parts": [], "takeovers": 0}
+        said = (m.payload for m in reversed([*self.client.heard]) if m.topic == "plotfeed/fleet")
+        return dict(json.loads(next(said, b'{"parts": [], "takeovers": 0, "gaps": []}')))
 
     def errors(self) -> str:
         return self._errors.read_text()

@@ -18,8 +18,9 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session, run
-from plotfeed.feeds.timing.clock import Clock, WallClock
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
 
@@ -37,6 +38,22 @@ def iotcore(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[
 every_broker = pytest.mark.parametrize(
     "start", [quiet_mosquitto, iotcore], ids=["mosquitto", "iotcore"]
 )
+
+
+class StallingClock(InstantClock):
+    """The machine stands still for a while, once."""
+
+    leaps = False
+
+    def __init__(self, start_utc_ns: int, after_s: float, for_s: float) -> None:
+        super().__init__(start_utc_ns)
+        self.stall_ns, self.for_ns = start_utc_ns + round(after_s * NS), round(for_s * NS)
+
+    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
+        await super().sleep_until(t_utc_ns, exactly=exactly)
+        if self.for_ns and t_utc_ns >= self.stall_ns:
+            await super().sleep_until(t_utc_ns + self.for_ns)
+            self.for_ns = 0
 
 
 class AtWork(Observer):

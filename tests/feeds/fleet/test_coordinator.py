@@ -1,6 +1,6 @@
 """Who looks after a fleet: dead and silent workers are replaced, and sensors change hands.
 
-In real time, on a machine that may be slow: so nothing is said of scans that it leaves out.
+In real time, on a machine that may be slow: scans that it leaves out are gaps that are told.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from support.waiting import until
 
 from plotfeed.feeds.fleet.coordinator import Coordinator
 from plotfeed.feeds.fleet.fleet_link import FleetLink, asked_workers, health
-from plotfeed.feeds.fleet.fleet_parts import FleetSettings, WorkerDiedError
+from plotfeed.feeds.fleet.fleet_parts import LATE, FleetSettings, Gaps, PartHeld, WorkerDiedError
 from plotfeed.feeds.fleet.part_server import PartServer
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.outputs import broker_address
+from plotfeed.feeds.transport.leased import NO_LEASE
 from plotfeed.proto.errors import PlotfeedError
 
 
@@ -144,6 +145,7 @@ async def fleet(
             await running
         verdict = await found.verdict()
         assert (verdict.twice, verdict.foreign_topics) == (0, set())
+        assert not verdict.missing
         if not found.at_work.generation:  # else two connections have sent, each in its order
             assert verdict.disordered == 0
         assert verdict.heard
@@ -157,7 +159,7 @@ async def test_another_goes_on_with_the_sensors_of_who_died(tmp_path: Path) -> N
         await until(lambda: found.at_work.takeovers == 1)
         await found.sends()
         assert found.worker_of(1) is not dead
-        (gap,) = found.at_work.gaps
+        (gap,) = [each for each in found.at_work.gaps if each.why.endswith(" died")]
         assert gap.sensors == found.at_work.parts[1].sensors
         assert gap.to_utc_ns == found.at_work.parts[1].joined_utc_ns > gap.from_utc_ns
         await until(lambda: len(found.workers) == 4)  # two, who took over, and the next to
@@ -186,7 +188,7 @@ async def test_sensors_change_hands_without_a_gap(tmp_path: Path) -> None:
             await found.at_work.scale(workers)
             await found.sends()
             assert len(found.at_work.parts) == workers
-        assert not found.at_work.gaps
+        assert all(gap.why.endswith((LATE, "late")) for gap in found.at_work.gaps)
         assert found.at_work.takeovers == 0
         told = [json.loads(m.payload) for m in found.client.heard if "/fleet/0-" in m.topic]
         assert {"RUNNING", "HANDED_OVER"} <= {each["state"] for each in told}
@@ -251,3 +253,36 @@ async def test_telemetry_reaches_the_worker_that_needs_it_and_no_other(tmp_path:
             assert telemetry(parts["far"]) == 0
         refusals = [m.payload for m in found.client.heard if m.topic == "plotfeed/errors"]
         assert [json.loads(each)["topic"] for each in refusals] == ["plotfeed/telemetry/d2"]
+
+
+@pytest.mark.asyncio
+async def test_what_a_holder_cannot_send_is_a_gap_that_is_told(tmp_path: Path) -> None:
+    """As one that was frozen for less than its lease, which has lapsed when it wakes."""
+    async with fleet(tmp_path, 1) as found:
+        (served,) = found.worker_of(0).server._served.values()
+        lease, session = served.result().lease, served.result().session
+        assert session is not None
+        lease._until_s = float("-inf")
+        await until(lambda: session.totals.undelivered_to[NO_LEASE] > 3)
+        lease._wanted.set()
+        await until(lambda: any(gap.why.endswith(LATE) for gap in found.at_work.gaps))
+        await found.sends()
+
+
+def test_gaps_of_a_holder_that_stays_late_are_one() -> None:
+    part, gaps = PartHeld("0-0", ("a", "b", "c"), True, "beginning", NS), Gaps()
+    gaps.leave_out(part, "w", {})
+    assert not gaps
+    gaps.leave_out(part, "w", {"c": (5 * NS, 6 * NS)})
+    gaps.leave_out(part, "w", {"a": (6 * NS, 7 * NS), "c": (6 * NS, 8 * NS)})
+    (gap,) = gaps
+    assert (gap.sensors, gap.why) == (("a", "c"), f"w {LATE}")
+    assert (gap.from_utc_ns, gap.to_utc_ns) == (5 * NS - 1, 8 * NS)
+    gaps.leave_out(part, "w", {"a": (20 * NS, 21 * NS)})
+    part.sent_until_utc_ns = 30 * NS
+    for why in ("w died", "v failed"):
+        gaps.begin(part, why)
+    assert [each.to_utc_ns for each in gaps] == [8 * NS, 21 * NS, None]
+    part.joined_utc_ns = 40 * NS
+    gaps.end(part)
+    assert (gaps[-1].why, gaps[-1].from_utc_ns, gaps[-1].to_utc_ns) == ("w died", 30 * NS, 40 * NS)

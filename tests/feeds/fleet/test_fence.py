@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from support.mqtt_client import listening
 from support.sessions import Start, every_broker
 from support.waiting import until
 
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.leased import NO_LEASE, LeasedLink, LeasedTransport, cut_off
@@ -100,6 +102,17 @@ class Kept:
             self.taken.append(each.message.payload)
             each.settle(delivered=True)
 
+    def publish_together(self, _: Sequence[Message], made: MakeDeliveries) -> bool:
+        self.publish(*made())
+        return False
+
+
+class Waits(Kept):
+    """One whose broker is away."""
+
+    def publish(self, *deliveries: Delivery) -> None:
+        self.waiting = deliveries
+
 
 @pytest.mark.asyncio
 async def test_no_way_out_takes_what_is_sent_without_a_lease() -> None:
@@ -115,3 +128,37 @@ async def test_no_way_out_takes_what_is_sent_without_a_lease() -> None:
     assert kept.taken == [b"sent"]
     assert (sent.fate, held_back.fate, together.fate) == (pb.SENT, pb.UNDELIVERED, pb.UNDELIVERED)
     assert held_back.not_to == (NO_LEASE,)
+
+
+def message(due_utc_ns: int) -> Message:
+    return Message("plotfeed/r/plots", b"plots", "text/plain", due_utc_ns)
+
+
+@pytest.mark.asyncio
+async def test_what_did_not_leave_for_want_of_a_lease_is_told_once() -> None:
+    """As of a worker that was frozen: it holds nothing when it wakes, until it has asked."""
+    kept, grant = Kept(), Grant()
+    outbox = Outbox(InstantClock(0), [LeasedTransport(kept, grant)])  # type: ignore[arg-type]
+    outbox.send(message(10))
+    assert outbox.counters.take_not_sent() is None
+    grant.holds = False
+    outbox.send(message(20))
+    outbox.send(message(30), message(40))
+    grant.holds = True
+    outbox.send(message(50))
+    assert outbox.counters.take_not_sent() == (20, 40)
+    assert outbox.counters.take_not_sent() is None
+    assert len(kept.taken) == 2
+
+
+def test_what_waits_for_a_broker_is_not_taken_for_sent() -> None:
+    waits = Waits()
+    outbox = Outbox(InstantClock(0), [waits])  # type: ignore[list-item]
+    outbox.send(message(10), message(20))
+    assert outbox.oldest_due_ns == 10
+    first, second = waits.waiting
+    first.settle(delivered=True)
+    assert outbox.oldest_due_ns == 20
+    second.settle(delivered=False, to="MQTT")
+    assert outbox.oldest_due_ns is None
+    assert outbox.counters.take_not_sent() == (20, 20)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from support.fleet_oracle import judged, reference
 from support.fleet_scenes import by_topic, mixed
 from support.road import NS, START_NS, fly
+from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.messages.message import Message
@@ -79,3 +81,39 @@ def test_who_hands_over_does_not_say_that_its_sensors_are_offline() -> None:
         told = part_flown(EVERY[:1], START_NS, ends_ns)
         statuses = [m for m in told if m.topic.endswith(f"{EVERY[0]}/status")]
         assert f'"{state}"'.encode() in statuses[-1].payload
+
+
+@pytest.mark.parametrize("stall_s", [0.4, 2.6])
+def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows(
+    stall_s: float,
+) -> None:
+    """Of what keeps a state, too: trackers, a steered beam, a camera that is cued."""
+    messages: list[Message] = []
+    clock = StallingClock(START_NS, 3.0, stall_s)
+    at_work = AtWork(clock)
+    tap = Tap(lambda message, _: messages.append(message))
+    part = SessionPart(name="0", sensors=EVERY, began_utc_ns=START_NS)
+    asyncio.run(
+        run_over(
+            ([], {}),
+            mixed(),
+            clock=clock,
+            duration_s=DURATION_S,
+            observers=[tap, at_work],
+            part=part,
+        )
+    )
+    told = at_work.session.ticks.take_not_sent()
+    gaps = [
+        {"sensors": [name], "from_utc_ns": first_ns - 1, "to_utc_ns": last_ns}
+        for name, (first_ns, last_ns) in told.items()
+    ]
+    heard = by_topic(messages)
+    verdict = judged(reference(mixed(), START_NS, DURATION_S), heard, gaps)
+    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
+    assert not verdict.missing
+    assert all(last_ns - first_ns < stall_s * NS for first_ns, last_ns in told.values())
+    if stall_s > 1.0:
+        assert set(told) == set(EVERY)
+        assert verdict.in_gaps > len(EVERY)
+    assert at_work.session.ticks.take_not_sent() == {}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.scene_files import DRONE, radar, scene_file, scene_text
+from support.sessions import StallingClock
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
@@ -215,22 +216,6 @@ async def test_the_scenes_own_duration_counts_where_none_is_given(tmp_path: Path
     clock = InstantClock(what.scene.start_utc_ns)
     await run(what, clock=clock, broker="none", tap=lambda m, t: sent.append((m, t)))
     assert len(batches(sent)) == 31  # those that began within it and ended
-
-
-class StallingClock(InstantClock):
-    """The machine stands still for a while, once."""
-
-    leaps = False
-
-    def __init__(self, start_utc_ns: int, after_s: float, for_s: float) -> None:
-        super().__init__(start_utc_ns)
-        self.stall_ns, self.for_ns = start_utc_ns + round(after_s * S), round(for_s * S)
-
-    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
-        await super().sleep_until(t_utc_ns, exactly=exactly)
-        if self.for_ns and t_utc_ns >= self.stall_ns:
-            await super().sleep_until(t_utc_ns + self.for_ns)
-            self.for_ns = 0
 
 
 @pytest.mark.asyncio
