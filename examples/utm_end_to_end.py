@@ -22,7 +22,13 @@ from typing import Any, ClassVar
 SCENE = Path(__file__).parent / "scenes" / "utm.toml"
 PATH = re.compile(r"/flight_stream/set_air_traffic/[0-9a-f-]{36}")
 TOKEN = "of-the-example"  # noqa: S105 - nobody else has it
-LIMITS = {"lat_dd": (-90.0, 90.0), "lon_dd": (-180.0, 180.0), "altitude_mm": (-1e6, 1e8)}
+LIMITS = {
+    "lat_dd": (-90.0, 90.0),
+    "lon_dd": (-180.0, 180.0),
+    "altitude_mm": (-1e6, 1e8),
+    "traffic_source": (0, 11),
+    "source_type": (0, 1),
+}
 
 
 def problem_of(body: Any) -> str:
@@ -36,6 +42,8 @@ def problem_of(body: Any) -> str:
                 return f"{key} is {value!r}"
         if not isinstance(each.get("icao_address"), str) or len(each["icao_address"]) > 24:
             return f"icao_address is {each.get('icao_address')!r}"
+        if not isinstance(each.get("metadata", {}), dict):
+            return f"metadata is {each['metadata']!r}"
         for key in ("traffic_source", "source_type", "timestamp"):
             if type(each.get(key)) is not int:
                 return f"{key} is {each.get(key)!r}"
