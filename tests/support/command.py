@@ -19,7 +19,7 @@ PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
 
 
 def plotfeed(
-    *arguments: object, stdin: str = "", wait_s: float = 60
+    *arguments: object, stdin: str = "", wait_s: float = PATIENCE_S
 ) -> subprocess.CompletedProcess[str]:
     """Run it to its end; whatever happens, no traceback."""
     done = subprocess.run(

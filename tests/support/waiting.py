@@ -8,7 +8,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 """On a machine that may be busy."""
 
 
