@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest_asyncio
+from support.brokers import free_port
 from support.given_flights import EVERY_FLIGHT, FLIGHTS, GivenFlight
 from support.road import Road, Table, staring
 from support.significance import assert_standard_normal
@@ -46,11 +47,11 @@ class Live:
 async def sessions() -> dict[str, Live]:
     room = asyncio.Semaphore(AT_ONCE)
 
-    async def flown(number: int, flight: GivenFlight) -> Live:
+    async def flown(flight: GivenFlight) -> Live:
         async with room:
-            return await _live(flight, 21_883 + 10 * number)
+            return await _live(flight, free_port())
 
-    flights = [flown(number, flight) for number, flight in enumerate(FLIGHTS)]
+    flights = [flown(flight) for flight in FLIGHTS]
     files = (flight.file for flight in FLIGHTS)
     return dict(zip(files, await asyncio.gather(*flights), strict=True))
 
