@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from itertools import chain, groupby, zip_longest
 
 import pytest
@@ -14,6 +14,15 @@ collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 # A machine that is busy with something else makes no test wrong.
 settings.register_profile("plotfeed", settings(), deadline=None)
 settings.load_profile("plotfeed")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_to_leave_alone() -> Iterator[None]:
+    """Else each session looks for garbage in all that pytest holds, a third of a second long."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("console.process", "cli.run"):
+            patch.setattr(f"plotfeed.feeds.{module}.leave_alone_what_is_there", lambda: None)
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -5,10 +5,19 @@ import sys
 
 import pytest
 
-from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, SWITCH_S, undisturbed
+from plotfeed.feeds.console import process
+from plotfeed.feeds.console.process import (
+    GARBAGE_OF_SESSION,
+    SWITCH_S,
+    leave_alone_what_is_there,
+    undisturbed,
+)
 
 
-def test_what_keeps_a_loop_undisturbed_is_put_back_whatever_happens() -> None:
+def test_what_keeps_a_loop_undisturbed_is_put_back_whatever_happens(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "leave_alone_what_is_there", leave_alone_what_is_there)
     before = sys.getswitchinterval(), gc.get_threshold()
     seen = []
 

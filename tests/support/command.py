@@ -1,66 +1,165 @@
-"""The command in a process of its own, as a user starts it."""
+"""The command in a process of its own, or in the test's."""
 
 from __future__ import annotations
 
+import atexit
 import io
+import json
+import logging
+import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from functools import cache
 from pathlib import Path
+from threading import Lock
+from typing import IO
 from unittest.mock import patch
 
+from support import ready_process
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.cli.main import main
 
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
+"""As a user starts it: for tests of the start itself, which takes a second of imports."""
+_asking = Lock()
+
+
+@cache
+def _ready() -> socket.socket:
+    """To one that has imported everything and waits, which ends when this process does."""
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    with theirs:
+        words = [sys.executable, ready_process.__file__, str(theirs.fileno())]
+        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
+
+
+class Started:
+    """A process of `plotfeed`, forked by one that waits, with what tests use of `Popen`."""
+
+    def __init__(self, *words: object, folder: Path | None = None, stdin: str = "") -> None:
+        news, tells = os.pipe()
+        given, gives = os.pipe()
+        out, says = os.pipe()
+        err, complains = os.pipe()
+        environment = dict(os.environ)
+        orders = json.dumps([[*map(str, words)], str(folder or Path.cwd()), environment])
+        with _asking:
+            socket.send_fds(_ready(), [orders.encode()], [tells, given, says, complains])
+        for theirs in (tells, given, says, complains):
+            os.close(theirs)
+        with os.fdopen(gives, "w") as typed:
+            typed.write(stdin)
+        self.stdout: IO[str] = os.fdopen(out)
+        self.stderr: IO[str] = os.fdopen(err)
+        self._news = os.fdopen(news)
+        self.pid = int(self._news.readline())
+        self.returncode: int | None = None
+        self._said: tuple[str, str] | None = None
+
+    def poll(self) -> int | None:
+        """Its exit code once it has ended."""
+        try:
+            return self.wait(0)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def wait(self, timeout: float | None = None) -> int:
+        if self.returncode is None:
+            if not select.select([self._news], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("plotfeed", timeout or 0.0)
+            self.returncode = int(self._news.readline())
+            self._news.close()
+        return self.returncode
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """What it has yet written to its end; one that does not end in time is killed."""
+        if self._said is None:
+            with ThreadPoolExecutor() as reading:
+                out, err = (reading.submit(each.read) for each in (self.stdout, self.stderr))
+                try:
+                    self.wait(timeout)
+                except BaseException:
+                    self.kill()
+                    raise
+            self._said = out.result(), err.result()
+            self.stdout.close()
+            self.stderr.close()
+        return self._said
+
+    def send_signal(self, which: signal.Signals) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, which)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+@contextmanager
+def started(*words: object, folder: Path | None = None) -> Iterator[Started]:
+    """At work, and killed at last."""
+    process = Started(*words, folder=folder)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate(PATIENCE_S)
 
 
 def plotfeed(
-    *arguments: object, stdin: str = "", wait_s: float = PATIENCE_S
+    *words: object, stdin: str = "", wait_s: float = PATIENCE_S
 ) -> subprocess.CompletedProcess[str]:
-    """Run it to its end; whatever happens, no traceback."""
-    done = subprocess.run(
-        [*PLOTFEED, *map(str, arguments)],
-        input=stdin,
-        capture_output=True,
-        text=True,
-        timeout=wait_s,
-        check=False,
-    )
-    assert "Traceback" not in done.stderr, done.stderr
-    return done
+    """Run it to its end in a process of its own; whatever happens, no traceback."""
+    process = Started(*words, stdin=stdin)
+    out, err = process.communicate(wait_s)
+    assert "Traceback" not in err, err
+    return subprocess.CompletedProcess([*words], process.wait(), out, err)
 
 
-def plotfeed_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+def plotfeed_here(*words: object) -> subprocess.CompletedProcess[str]:
     """Run it in this process, which has its modules already: for what soon ends by itself."""
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
-    words = ["plotfeed", *map(str, arguments)]
-    with patch.object(sys, "argv", words), redirect_stdout(out), redirect_stderr(err):
+    argv = ["plotfeed", *map(str, words)]
+    log, level = logging.getLogger(), logging.getLogger().level
+    with (
+        patch.object(sys, "argv", argv),
+        patch.object(log, "handlers", []),  # where there are any, the command adds none
+        redirect_stdout(out),
+        redirect_stderr(err),
+    ):
         try:
             main()
         except SystemExit as end:
             code = end.code
+        finally:
+            log.setLevel(level)
     return subprocess.CompletedProcess(
-        words, int(code or 0), *(each.buffer.getvalue().decode() for each in (out, err))
+        argv, int(code or 0), *(each.buffer.getvalue().decode() for each in (out, err))
     )
 
 
 class Running:
     """A session that has introduced itself."""
 
-    def __init__(self, *arguments: object, folder: Path | None = None) -> None:
-        self.process = subprocess.Popen(
-            [*PLOTFEED, *map(str, arguments)],
-            cwd=folder,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+    def __init__(self, *words: object, folder: Path | None = None) -> None:
+        self.process = Started(*words, folder=folder)
         self.introduction: list[str] = []
-        assert self.process.stdout is not None
         for line in self.process.stdout:
             self.introduction.append(line.rstrip())
             if line.startswith("look at it"):
@@ -78,17 +177,16 @@ class Running:
     def end(self, how: signal.Signals) -> tuple[int, str, str]:
         """Exit code, and what was written after the introduction."""
         self.process.send_signal(how)
-        out, err = self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode, out, err
+        out, err = self.process.communicate(PATIENCE_S)
+        return self.process.wait(), out, err
 
 
 @contextmanager
-def running(*arguments: object, folder: Path | None = None) -> Iterator[Running]:
+def running(*words: object, folder: Path | None = None) -> Iterator[Running]:
     """In that folder, or where the tests run."""
-    session = Running(*arguments, folder=folder)
+    session = Running(*words, folder=folder)
     try:
         yield session
     finally:
-        if session.process.poll() is None:
-            session.process.kill()
-        session.process.communicate(timeout=PATIENCE_S)
+        session.process.kill()
+        session.process.communicate(PATIENCE_S)

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 from support.brokers import deaf_server, free_port
-from support.command import PLOTFEED, plotfeed, plotfeed_here, running
+from support.command import PLOTFEED, Started, plotfeed, plotfeed_here, running, started
 from support.mqtt_client import Client, listening
 from support.recordings import block_048
 from support.scene_files import radar, scene_file, scene_text
-from support.waiting import PATIENCE_S
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -45,7 +45,7 @@ def test_help_waits_for_no_library_of_a_session() -> None:
 
 
 def test_version_is_that_of_the_package() -> None:
-    assert version("plotfeed") in plotfeed("--version").stdout
+    assert version("plotfeed") in plotfeed_here("--version").stdout
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
 
 
 def test_the_demo_can_end_with_json() -> None:
-    done = plotfeed("demo", "--duration", "1", "--broker", "none", "--speed", "max", "--json")
+    done = plotfeed_here("demo", "--duration", "1", "--broker", "none", "--speed", "max", "--json")
     totals = json.loads(done.stdout)
     assert totals["drones"] == 21
     assert totals["messages"] > 0
@@ -185,7 +185,7 @@ def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = No
     scene = scene or scene_file(folder, scene_text(start_utc=START, sensors=FAST))
     path = folder / name
     options = ("--speed", "max", "--duration", duration_s, "--write", path)
-    done = plotfeed("run", scene, "--broker", "none", *options)
+    done = plotfeed_here("run", scene, "--broker", "none", *options)
     assert done.returncode == 0, done.stderr
     return path
 
@@ -206,32 +206,18 @@ def test_real_time_gives_the_octets_of_simulated_time(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=sensors))
     expected = recorded(tmp_path, "max", 3.0, scene).read_bytes()
     paths = [tmp_path / "with-broker", tmp_path / "without"]
-    sessions = [
-        subprocess.Popen(
-            [*PLOTFEED, "run", scene, "--duration", "3", "--write", path, *options],
-            stdout=subprocess.DEVNULL,
-        )
-        for path, options in zip(paths, [(), ("--broker", "none")], strict=True)
-    ]
-    for session, path in zip(sessions, paths, strict=True):
-        assert session.wait(60) == 0
-        assert path.read_bytes() == expected
+    how = ("run", scene, "--duration", 3, "--write")
+    with started(*how, paths[0]) as one, started(*how, paths[1], "--broker", "none") as other:
+        for session, path in zip((one, other), paths, strict=True):
+            session.communicate(PATIENCE_S)
+            assert session.wait() == 0
+            assert path.read_bytes() == expected
 
 
 def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
-    done = plotfeed(
-        "run",
-        scene,
-        "--broker",
-        "none",
-        "--speed",
-        "max",
-        "--duration",
-        "60",
-        "--write",
-        "/dev/full",
-    )
+    simulated = ("--broker", "none", "--speed", "max", "--duration", "60")
+    done = plotfeed_here("run", scene, *simulated, "--write", "/dev/full")
     assert done.returncode == 1
     assert done.stderr == (
         "plotfeed: /dev/full: No space left on device; what came after is not in the file\n"
@@ -240,7 +226,7 @@ def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    done = plotfeed("demo", "--duration", "1", "--write", tmp_path / "no" / "where")
+    done = plotfeed_here("demo", "--duration", "1", "--write", tmp_path / "no" / "where")
     assert done.returncode == 1
     assert is_one_line(done.stderr)
 
@@ -287,48 +273,47 @@ def test_show_of_a_folder_is_one_line(tmp_path: Path) -> None:
 
 def test_show_ends_quietly_when_nobody_reads_on(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 60.0)
-    shown = subprocess.Popen(
-        [*PLOTFEED, "show", str(path), "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    assert shown.stdout is not None
-    assert shown.stdout.readline().startswith(b"CAT034")
+    shown = Started("show", path, "--list")
+    assert shown.stdout.readline().startswith("CAT034")
     shown.stdout.close()
-    assert shown.stderr is not None
-    assert shown.stderr.read() == b""
+    assert shown.stderr.read() == ""
     shown.stderr.close()
     assert shown.wait(PATIENCE_S) == 0
 
 
 def test_show_prints_what_a_broker_has(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
+    wanted = {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
+    heard: set[str] = set()
+
+    def hears_all() -> bool:
+        done = plotfeed_here("show", url, "--count", 50, "--json")
+        heard.update(json.loads(line)["topic"] for line in done.stdout.splitlines())
+        return heard >= wanted
+
     with running("run", scene) as session:
         for port, _ in session.ports():
             url = f"mqtt://127.0.0.1:{port}"
-            done = plotfeed("show", f"{url}/plotfeed/+/asterix/#", "--count", "5")
+            done = plotfeed_here("show", f"{url}/plotfeed/+/asterix/#", "--count", "5")
             assert done.returncode == 0
             lines = done.stdout.splitlines()
             assert len(lines) == 5
             assert all(x.startswith("plotfeed/radar/asterix/0") for x in lines)
-            done = plotfeed("show", f"{url}/plotfeed/truth", "--count", "2", "--json")
+            done = plotfeed_here("show", f"{url}/plotfeed/truth", "--count", "2", "--json")
             assert all("Ledger" in json.loads(x)["message"] for x in done.stdout.splitlines())
-        done = plotfeed("show", url, "--duration", "1", "--json")
-        topics = {json.loads(line)["topic"] for line in done.stdout.splitlines()}
-        assert topics >= {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
+        wait_until(hears_all)
+        assert plotfeed_here("show", url, "--duration", "0.1").returncode == 0
 
 
 def test_show_prints_what_comes_by_udp() -> None:
     port = free_port()
-    shown = subprocess.Popen(
-        [*PLOTFEED, "show", f"udp://127.0.0.1:{port}", "--count", "2"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    shown = Started("show", f"udp://127.0.0.1:{port}", "--count", "2")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         while shown.poll() is None:  # until it listens, and has enough
             sender.sendto(block_048(43_200) + b"\xca\xfe", ("127.0.0.1", port))
             time.sleep(0.05)
-    out, _ = shown.communicate(timeout=PATIENCE_S)
-    assert shown.returncode == 0
+    out, _ = shown.communicate(PATIENCE_S)
+    assert shown.wait() == 0
     start = f"udp/127.0.0.1/{port}  CAT048  12:00:00.000  010 SAC=25 SIC=13"
     assert [line.startswith(start) for line in out.splitlines()] == [True, True]
 
@@ -360,15 +345,10 @@ def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Pat
             ("show", nobody): nobody,
             ("inject", flight, "--broker", deaf, "--altitude-reference", "ellipsoid"): deaf,
         }
-        started = [
-            subprocess.Popen(
-                [*PLOTFEED, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            )
-            for command in commands
-        ]
-        for process, url in zip(started, commands.values(), strict=True):
-            _, err = process.communicate(timeout=60)
-            assert process.returncode == 1
+        begun = [Started(*command) for command in commands]
+        for process, url in zip(begun, commands.values(), strict=True):
+            _, err = process.communicate(PATIENCE_S)
+            assert process.wait() == 1
             assert is_one_line(err)
             assert url in err
 

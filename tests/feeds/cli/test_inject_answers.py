@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.command import plotfeed, running
+from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.cli.session_answers import SessionAnswers
@@ -52,7 +52,7 @@ def test_a_drone_without_a_name_is_refused_before_anything_is_sent(
     name: str, tmp_path: Path
 ) -> None:
     words = ("--broker", "mqtt://127.0.0.1:1", "--altitude-reference", "ellipsoid")
-    done = plotfeed("inject", flight_file(tmp_path, 40.0), "--drone", name, *words)
+    done = plotfeed_here("inject", flight_file(tmp_path, 40.0), "--drone", name, *words)
     assert done.returncode == 2
     assert "--drone: " in done.stderr
     assert "expected 1 to 64 printable characters" in done.stderr

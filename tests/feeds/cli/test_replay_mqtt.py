@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.command import PLOTFEED, plotfeed, running
+from support.command import plotfeed, running, started
 from support.mqtt_client import Heard, listening
 from support.recordings import plots
 from support.replays import MS, RECORDED, SESSION, TYPE, log_file, message
@@ -134,15 +133,14 @@ def test_a_capture_goes_to_udp_and_to_a_broker_at_once(tmp_path: Path, broker: i
 def test_a_replay_without_end_ends_when_it_is_interrupted(tmp_path: Path, broker: int) -> None:
     path = log_file(tmp_path, SESSION)
     url = f"mqtt://127.0.0.1:{broker}"
-    command = [*PLOTFEED, "replay", str(path), "--broker", url, "--json", "--loop"]
-    with listening(broker, 5, "plotfeed/radar/plots") as ears:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        try:
-            ears.wait_for(is_last)
-            ears.wait_for(is_last, since=len(ears.heard))
-        finally:
-            process.send_signal(signal.SIGINT)
-            out, _ = process.communicate(timeout=PATIENCE_S)
+    with (
+        listening(broker, 5, "plotfeed/radar/plots") as ears,
+        started("replay", path, "--broker", url, "--json", "--loop") as process,
+    ):
+        ears.wait_for(is_last)
+        ears.wait_for(is_last, since=len(ears.heard))
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(PATIENCE_S)
     assert process.returncode == 130
     assert json.loads(out)["laps"] >= 2
 

@@ -8,15 +8,14 @@ import json
 import resource
 import signal
 import socket
-import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 from support.brokers import free_port, rumqttd
-from support.command import PLOTFEED, plotfeed, plotfeed_here
+from support.command import Started, plotfeed_here, started
 from support.mqtt_client import Client
 from support.waiting import PATIENCE_S, wait_until
 
@@ -31,33 +30,19 @@ def read(path: Path) -> tuple[list[Recorded], McapReader]:
 
 
 @contextlib.contextmanager
-def recording(
-    *arguments: object, before: Callable[[], None] | None = None
-) -> Iterator[subprocess.Popen[str]]:
+def recording(*arguments: object) -> Iterator[Started]:
     """One that has said that it records."""
-    process = subprocess.Popen(
-        [*PLOTFEED, "record", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=before,  # noqa: PLW1509 - to set a limit
-    )
-    try:
-        assert process.stdout is not None
+    with started("record", *arguments) as process:
         line = process.stdout.readline()
         assert line.startswith("recording "), process.communicate()
         yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=PATIENCE_S)
 
 
-def end(process: subprocess.Popen[str], how: signal.Signals) -> tuple[int, str, str]:
+def end(process: Started, how: signal.Signals) -> tuple[int, str, str]:
     process.send_signal(how)
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(PATIENCE_S)
     assert "Traceback" not in err
-    return process.returncode, out, err
+    return process.wait(), out, err
 
 
 class Datagrams:
@@ -74,10 +59,20 @@ class Datagrams:
         return f"udp://127.0.0.1:{self.port}"
 
     def send(self, count: int) -> None:
-        for _ in range(count):
+        """Some at a time, as soon as those before have been taken: no socket has room for all."""
+        for i in range(count):
             payload = self.sent.to_bytes(4, "big") + bytes(self._octets - 4)
             self._out.sendto(payload, ("127.0.0.1", self.port))
             self.sent += 1
+            if i % 50 == 49:
+                wait_until(self._are_taken, pause=lambda _: time.sleep(0.001))
+
+    def _are_taken(self) -> bool:
+        """Nobody is there, or has any that wait, as the kernel tells."""
+        rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+        return all(
+            row[4].endswith(":00000000") for row in rows if row[1].endswith(f":{self.port:04X}")
+        )
 
 
 @pytest.fixture
@@ -118,9 +113,8 @@ def test_a_kill_costs_no_more_than_what_was_not_yet_in_the_file(
 ) -> None:
     path = tmp_path / "a.mcap"
     with recording(datagrams.url, path) as process:
-        for _ in range(20):  # some 20,000 a second
+        for _ in range(20):
             datagrams.send(400)
-            time.sleep(0.02)
         wait_until(lambda: len(read(path)[0]) > 4000)
         process.kill()
         process.wait()
@@ -145,16 +139,12 @@ def test_a_kill_a_little_later_costs_nothing(tmp_path: Path, datagrams: Datagram
 
 def test_a_full_disk_ends_it_with_what_was_whole(tmp_path: Path, datagrams: Datagrams) -> None:
     path, room = tmp_path / "a.mcap", 100_000
-
-    def small_disk() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-
-    with recording(datagrams.url, path, before=small_disk) as process:
+    with recording(datagrams.url, path) as process:
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))
         while process.poll() is None:
             datagrams.send(200)
-            time.sleep(0.02)
             assert datagrams.sent < 1_000_000
-        _, err = process.communicate(timeout=PATIENCE_S)
+        _, err = process.communicate(PATIENCE_S)
     assert process.returncode == 1
     assert err == f"plotfeed: {path}: File too large; what came after is not in the file\n"
     assert path.stat().st_size <= room
@@ -175,7 +165,9 @@ def test_it_ends_by_itself_after_so_many(tmp_path: Path, datagrams: Datagrams) -
 
 def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    done = plotfeed("record", f"udp://127.0.0.1:{free_port()}", path, "--duration", 0.1, "--json")
+    done = plotfeed_here(
+        "record", f"udp://127.0.0.1:{free_port()}", path, "--duration", 0.1, "--json"
+    )
     assert (done.returncode, done.stderr) == (0, "")
     totals = json.loads(done.stdout)
     assert totals.pop("seconds") >= 0.1
@@ -213,19 +205,19 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
     path = tmp_path / "a.mcap"
     path.write_text("mine")
     source = ("record", f"udp://127.0.0.1:{free_port()}", path)
-    done = plotfeed(*source, "--duration", 0.1)
+    done = plotfeed_here(*source, "--duration", 0.1)
     assert done.returncode == 2
     assert done.stderr == (
         f"plotfeed: {path}: is there already; --force writes another in its place\n"
     )
     assert path.read_text() == "mine"
-    assert plotfeed(*source, "--duration", 0.1, "--force").returncode == 0
+    assert plotfeed_here(*source, "--duration", 0.1, "--force").returncode == 0
     assert read(path)[0] == []
 
 
 def test_without_a_broker_there_is_no_file(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    done = plotfeed("record", f"mqtt://127.0.0.1:{free_port()}/x", path)
+    done = plotfeed_here("record", f"mqtt://127.0.0.1:{free_port()}/x", path)
     assert done.returncode == 1
     assert done.stderr.startswith("plotfeed: MQTT broker ")
     assert not path.exists()
@@ -256,7 +248,7 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         url = f"udp://127.0.0.1:{other.getsockname()[1]}"
-        done = plotfeed("record", url, tmp_path / "a.mcap")
+        done = plotfeed_here("record", url, tmp_path / "a.mcap")
     assert done.returncode == 1
     assert done.stderr == f"plotfeed: {url}: Address already in use\n"
     assert not (tmp_path / "a.mcap").exists()

@@ -1,40 +1,21 @@
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from support.brokers import free_port, mosquitto, wait_until_listening
+from support.command import running
 from support.mqtt_client import Heard, listening
 from support.sapient_rules import checked
 from support.sapient_tasks import ONE, TWO, task
 from support.scene_files import radar, scene_file, scene_text
-from support.waiting import PATIENCE_S
 
 REPORT = 'report = ["sapient", "plots"]'
 SENSOR = radar(period_s=0.5, sectors=16, more=REPORT)
 TOPIC = "plotfeed/radar/sapient"
-
-
-@contextmanager
-def running(scene: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    session = subprocess.Popen(
-        [sys.executable, "-m", "plotfeed.feeds.cli", "run", str(scene), *options],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        yield session
-    finally:
-        session.kill()
-        session.wait(PATIENCE_S)
 
 
 def content(heard: Heard) -> str | None:
@@ -44,7 +25,9 @@ def content(heard: Heard) -> str | None:
 def test_both_versions_of_mqtt_carry_bare_messages(tmp_path: Path) -> None:
     port = free_port()
     sapient = "[sapient]\nstatus_interval_s = 0.5\n"
-    with running(scene_file(tmp_path, scene_text(port=port, sensors=sapient + SENSOR))) as session:
+    with running(
+        "run", scene_file(tmp_path, scene_text(port=port, sensors=sapient + SENSOR))
+    ) as session:
         for each in (port, port + 1):
             wait_until_listening(each)
         with listening(port, 4, TOPIC) as old, listening(port + 1, 5, TOPIC) as new:
@@ -52,7 +35,7 @@ def test_both_versions_of_mqtt_carry_bare_messages(tmp_path: Path) -> None:
                 client.wait_for(lambda m: content(m) == "detection_report")
                 client.wait_for(lambda m: content(m) == "status_report")
             time.sleep(1.0)
-            session.send_signal(signal.SIGTERM)
+            session.process.terminate()
             for client in (old, new):
                 client.wait_for(goodbye)
     found = new.wait_for(lambda m: content(m) == "detection_report")
@@ -78,7 +61,7 @@ def test_a_broker_that_comes_back_hears_the_registration_again(tmp_path: Path) -
     path = scene_file(tmp_path, scene_text(sensors=SENSOR))
     with ExitStack() as stack:
         with mosquitto(tmp_path, port), listening(port, 5, TOPIC) as ears:
-            stack.enter_context(running(path, "--broker", f"mqtt://127.0.0.1:{port}"))
+            stack.enter_context(running("run", path, "--broker", f"mqtt://127.0.0.1:{port}"))
             first = ears.wait_for(lambda m: content(m) == "registration")
             ears.wait_for(lambda m: content(m) == "detection_report")
         with mosquitto(tmp_path, port), listening(port, 5, TOPIC) as ears:
@@ -100,7 +83,7 @@ def test_whoever_comes_later_has_the_registration_and_may_ask(tmp_path: Path) ->
 
     with ExitStack() as stack:
         stack.enter_context(mosquitto(tmp_path, port))
-        session = stack.enter_context(running(path, "--broker", f"mqtt://127.0.0.1:{port}"))
+        session = stack.enter_context(running("run", path, "--broker", f"mqtt://127.0.0.1:{port}"))
         early = stack.enter_context(listening(port, 5, TOPIC))
         early.wait_for(lambda m: content(m) == "detection_report")
         late = stack.enter_context(listening(port, 4, TOPIC))
@@ -113,7 +96,7 @@ def test_whoever_comes_later_has_the_registration_and_may_ask(tmp_path: Path) ->
         late.publish(inbox, task(TWO, mode_change="dance"))
         refused = late.wait_for(lambda m: status_of(m) == TaskAck.TASK_STATUS_REJECTED)
         assert "expected one of default, standby" in checked(refused.payload).task_ack.reason[0]
-        session.send_signal(signal.SIGTERM)
+        session.process.terminate()
         late.wait_for(goodbye)
         after = stack.enter_context(listening(port, 5, TOPIC))
         assert after.wait_for(goodbye).retained

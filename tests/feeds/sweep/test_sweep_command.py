@@ -5,16 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from support.command import PLOTFEED, plotfeed_here
+from support.command import plotfeed, plotfeed_here, started
 from support.fleet_process import skip_without_ray
 from support.scene_files import radar, scene_file, scene_text
-from support.waiting import PATIENCE_S, wait_until
+from support.waiting import wait_until
 
 from plotfeed.feeds.sweep import sweep_command
 from plotfeed.feeds.sweep.one_run import RunJob, run_once
@@ -75,12 +74,9 @@ def test_a_sweep_killed_at_any_time_goes_on_and_its_tables_are_the_same(
 ) -> None:
     folder, lines = tmp_path / "killed", 2
     command = ["sweep", file, *VARY, *SHORT, "--out", folder]
-    words = [*PLOTFEED, *map(str, command), "--runs", "2"]  # more of them are asked for later
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     path = folder / "journal.jsonl"
-    wait_until(lambda: path.exists() and path.read_bytes().count(b"\n") > lines)
-    process.kill()
-    process.wait(timeout=PATIENCE_S)
+    with started(*command, "--runs", 2):  # more of them are asked for later
+        wait_until(lambda: path.exists() and path.read_bytes().count(b"\n") > lines)
     with path.open("ab") as torn:  # as where it was killed while it wrote
         torn.write(b'{"level": 0, "run": 2, "sen')
     done = plotfeed_here(*command, "--json")
@@ -94,10 +90,8 @@ def test_any_number_of_processes_gives_the_same_tables(
     file: Path, whole: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("ray")
-    command = [*PLOTFEED, "sweep", file, *VARY, *SHORT[:-1], 2, "--out", tmp_path / "two"]
-    done = subprocess.run(
-        [str(word) for word in command], capture_output=True, text=True, timeout=MOST_S, check=False
-    )
+    command = ("sweep", file, *VARY, *SHORT[:-1], 2, "--out", tmp_path / "two")
+    done = plotfeed(*command, wait_s=MOST_S)
     skip_without_ray(done.stderr)
     assert done.returncode == 0, done.stderr
     assert octets(tmp_path / "two") == octets(whole)
