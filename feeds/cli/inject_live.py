@@ -29,6 +29,13 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
+OPTIONS = {
+    "drone": "--drone",
+    "view": "--view",
+    "qnh_hpa": "--qnh-hpa",
+    "edition": "--edition",
+}
+"""By the keys of a scene that they are."""
 MAX_DRONES_TOLD = 5
 MAX_DRONES = 10_000
 """That are told apart in the counts."""
@@ -42,6 +49,8 @@ def settings_of_source(
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
     tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
     tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa")}
+    if options["edition"] is not None:
+        tree["edition"] = options["edition"]
     if options["view"] is not None:
         try:
             tree["view"] = [float(text) for text in options["view"].split(",")]
@@ -53,7 +62,7 @@ def settings_of_source(
         return TelemetrySource.model_validate(tree)
     except ValidationError as error:
         key, text = next(iter(problems_of(error, tree)))
-        option = {"drone": "--drone", "view": "--view", "qnh_hpa": "--qnh-hpa"}.get(key, url)
+        option = OPTIONS.get(key, url)
         raise PlotfeedError(f"{option}: {text}") from None
 
 

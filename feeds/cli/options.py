@@ -257,6 +257,11 @@ source_options = together(
         help="Take this pressure at sea level for pressure altitudes of ADS-B.",
     ),
     click.option(
+        "--edition",
+        metavar="EDITION",
+        help="Read ASTERIX 021 of a source by this edition: 0.23 to 0.26, or 2.1 to 2.7, as usual.",
+    ),
+    click.option(
         "--ask-hz",
         type=click.FloatRange(0.1, 50),
         metavar="HERTZ",
@@ -298,9 +303,8 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
 
 def take_source_options(options: dict[str, Any]) -> dict[str, Any]:
     """What `source_options` gave, likewise."""
-    return {
-        name: options.pop(name) for name in ("duration", "altitude", "ask_hz", "view", "qnh_hpa")
-    }
+    names = ("duration", "altitude", "ask_hz", "view", "qnh_hpa", "edition")
+    return {name: options.pop(name) for name in names}
 
 
 def udp_destination(to: str, ttl: int = 1, interface: str | None = None) -> UdpDestination:

@@ -22,6 +22,7 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     split_address,
 )
+from plotfeed.proto.asterix.decode_021 import NEWEST, Edition021
 
 LOOPBACK_4 = "127.0.0.1"
 USUAL_BAUD = 57_600
@@ -193,6 +194,9 @@ class TelemetrySource(SceneTable):
     qnh_hpa: Annotated[float, Field(ge=850, le=1100)] | None = None
     """Pressure at sea level, by which pressure altitudes of ADS-B become such above it; without it,
     that of the standard atmosphere."""
+    edition: Edition021 = NEWEST
+    """Of asterix-021, by which its blocks are read: those from 2.1 on are alike, those to 0.26 are
+    not, and nothing in a block tells which it is."""
     view: Annotated[View, Field(strict=False)] | None = None
     """Of network Remote ID, which is asked for two corners: latitude, longitude and again."""
     poll_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
@@ -212,6 +216,8 @@ class TelemetrySource(SceneTable):
             raise ValueError("view: network Remote ID is asked for one, and nothing else")
         if self.qnh_hpa is not None and not KINDS[kind].is_traffic:
             raise ValueError("qnh_hpa: only for ADS-B")
+        if self.edition != NEWEST and kind != "asterix-021":
+            raise ValueError("edition: only for asterix-021")
         for key in ("ask_hz", "altitude"):
             if kind != "mavlink" and getattr(self, key) != type(self).model_fields[key].default:
                 raise ValueError(f"{key}: only for mavlink")

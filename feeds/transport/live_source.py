@@ -133,7 +133,9 @@ def listener_of(settings: TelemetrySource) -> Listener:
 
         return MavlinkReports(settings.template, settings.altitude)
     if KINDS[settings.address.kind].is_traffic:
-        return AircraftReports(settings.address.kind, settings.template, settings.qnh_hpa)
+        return AircraftReports(
+            settings.address.kind, settings.template, settings.qnh_hpa, settings.edition
+        )
     if settings.address.transport == "http":
         return NetworkRemoteIdReports(settings.template)
     return RemoteIdReports(settings.template)

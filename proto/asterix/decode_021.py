@@ -1,10 +1,14 @@
-"""ADS-B target reports of category 021, editions 2.1 to 2.7: where aircraft are, and who."""
+"""ADS-B target reports of category 021, editions 0.23 to 2.7: where aircraft are, and who.
+
+Editions from 2.1 on have one order of items, those to 0.26 another: nothing in a block tells which.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError
@@ -12,26 +16,70 @@ from plotfeed.proto.errors import DecodeError
 AIRCRAFT_CATEGORY = 21
 DAY_UNITS = 86_400 * 128
 FOOT_M, MILE_M = 0.3048, 1852.0
-_FIXED = {
-    "010": 2, "161": 2, "015": 1, "071": 3, "130": 6, "131": 8, "072": 3, "150": 2, "151": 2,
-    "080": 3, "073": 3, "074": 4, "075": 3, "076": 4, "140": 2, "210": 1, "070": 2, "230": 2,
-    "145": 2, "152": 2, "200": 1, "155": 2, "157": 2, "160": 4, "165": 2, "077": 3, "170": 6,
-    "020": 1, "146": 2, "148": 2, "016": 1, "008": 1, "132": 1, "260": 7, "400": 1,
-}  # fmt: skip
-"""Octets of the items whose length is fixed."""
-_ORDER = (
-    "010", "040", "161", "015", "071", "130", "131",
-    "072", "150", "151", "080", "073", "074", "075",
-    "076", "140", "090", "210", "070", "230", "145",
-    "152", "200", "155", "157", "160", "165", "077",
-    "170", "020", "220", "146", "148", "110", "016",
-    "008", "271", "132", "250", "260", "400", "295",
+Edition021 = Literal[
+    "0.23", "0.24", "0.25", "0.26", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7"
+]
+NEWEST: Edition021 = "2.7"
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """How records of some editions are laid out."""
+
+    order: tuple[str, ...]
+    """Items by their places in the field specification."""
+    octets: Mapping[str, int]
+    """Of the items whose length is fixed."""
+    extended: frozenset[str]
+    """Items of which each octet says whether another follows."""
+    with_length: frozenset[int]
+    """Places of the fields whose first octet is their length."""
+    times: tuple[str, ...]
+    """Items of time, by how near they are to when the position was measured."""
+    positions_deg: Mapping[str, float]
+    """Items of position and their least significant bits, the finest first."""
+
+
+_SINCE_2_1 = _Layout(
+    order=(
+        "010", "040", "161", "015", "071", "130", "131",
+        "072", "150", "151", "080", "073", "074", "075",
+        "076", "140", "090", "210", "070", "230", "145",
+        "152", "200", "155", "157", "160", "165", "077",
+        "170", "020", "220", "146", "148", "110", "016",
+        "008", "271", "132", "250", "260", "400", "295",
+    ),
+    octets={
+        "010": 2, "161": 2, "015": 1, "071": 3, "130": 6, "131": 8, "072": 3, "150": 2, "151": 2,
+        "080": 3, "073": 3, "074": 4, "075": 3, "076": 4, "140": 2, "210": 1, "070": 2, "230": 2,
+        "145": 2, "152": 2, "200": 1, "155": 2, "157": 2, "160": 4, "165": 2, "077": 3, "170": 6,
+        "020": 1, "146": 2, "148": 2, "016": 1, "008": 1, "132": 1, "260": 7, "400": 1,
+    },
+    extended=frozenset({"040", "090", "271"}),
+    with_length=frozenset({48, 49}),
+    times=("073", "071", "075", "077"),
+    positions_deg={"131": 180 / 2**30, "130": 180 / 2**23},
 )  # fmt: skip
-"""Items by their places in the field specification."""
-_RESERVED, _SPECIAL = 48, 49
-"""Places of the fields whose first octet is their length."""
-_TIMES = ("073", "071", "075", "077")
-"""Items of time, by how near they are to when the position was measured."""
+_0_26 = _Layout(
+    order=(
+        "010", "040", "030", "130", "080", "140", "090",
+        "210", "230", "145", "150", "151", "152", "155",
+        "157", "160", "165", "170", "095", "032", "200",
+        "020", "220", "146", "148", "110", "070", "131",
+    ),
+    octets={
+        "010": 2, "040": 2, "030": 3, "130": 8, "080": 3, "140": 2, "090": 2, "210": 1, "230": 2,
+        "145": 2, "150": 2, "151": 2, "152": 2, "155": 2, "157": 2, "160": 4, "170": 6, "095": 1,
+        "032": 1, "200": 1, "020": 1, "146": 2, "148": 2, "070": 2, "131": 1,
+    },
+    extended=frozenset({"165"}),
+    with_length=frozenset({34, 35}),
+    times=("030",),
+    positions_deg={"130": 180 / 2**25},
+)  # fmt: skip
+_0_25 = replace(_0_26, order=_0_26.order[:26])
+_0_23 = replace(_0_25, octets={**_0_26.octets, "130": 6}, positions_deg={"130": 180 / 2**23})
+_LAYOUTS = {"0.23": _0_23, "0.24": _0_25, "0.25": _0_25, "0.26": _0_26}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +103,12 @@ class AircraftReport:
     climb_m_s: float
 
 
-def read_021(data: bytes) -> list[AircraftReport]:
-    """The reports with a position and an address in data blocks, of which all must be of 021."""
+def read_021(data: bytes, edition: Edition021 = NEWEST) -> list[AircraftReport]:
+    """The reports with a position and an address in data blocks, of which all must be of 021.
+
+    Raises `DecodeError` for what is none of that edition.
+    """
+    layout = _LAYOUTS.get(edition, _SINCE_2_1)
     reports, at = list[AircraftReport](), 0
     while at < len(data):
         octets = int.from_bytes(data[at + 1 : at + HEADER_OCTETS], "big")
@@ -66,15 +118,15 @@ def read_021(data: bytes) -> list[AircraftReport]:
             raise DecodeError("a data block that is cut short", at_octet=at)
         start, end = at + HEADER_OCTETS, at + octets
         while start < end:
-            items, start = _record(data[:end], start)
-            report = _report(items)
+            items, start = _record(data[:end], start, layout)
+            report = _report(items, layout)
             if report is not None:
                 reports.append(report)
         at = end
     return reports
 
 
-def _record(data: bytes, at: int) -> tuple[dict[str, bytes], int]:
+def _record(data: bytes, at: int, layout: _Layout) -> tuple[dict[str, bytes], int]:
     """The items of a record by name, and where it ends."""
     places, n = list[int](), 0
     while True:
@@ -87,8 +139,8 @@ def _record(data: bytes, at: int) -> tuple[dict[str, bytes], int]:
             raise DecodeError("a field specification without end", at_octet=at)
     items: dict[str, bytes] = {}
     for place in places:
-        name = _ORDER[place - 1] if place <= len(_ORDER) else ""
-        end = at + _length(name, place, data, at)
+        name = layout.order[place - 1] if place <= len(layout.order) else ""
+        end = at + _length(layout, name, place, data, at)
         if end > len(data):
             raise DecodeError("a record that is cut short", at_octet=at)
         items[name] = data[at:end]
@@ -102,19 +154,19 @@ def _octet(data: bytes, at: int) -> int:
     return data[at]
 
 
-def _length(name: str, place: int, data: bytes, at: int) -> int:
+def _length(layout: _Layout, name: str, place: int, data: bytes, at: int) -> int:
     """Octets of the item that starts there."""
-    if name in _FIXED:
-        return _FIXED[name]
-    if name in ("040", "090", "271"):
+    if name in layout.octets:
+        return layout.octets[name]
+    if name in layout.extended:
         return _extended(data, at)
     if name == "250":
         return 1 + 8 * _octet(data, at)
     if name in ("220", "295", "110"):
         return _compound(name, data, at)
-    if place in (_RESERVED, _SPECIAL):
+    if place in layout.with_length:
         return max(1, _octet(data, at))
-    raise DecodeError(f"field {place}, which no edition has", at_octet=at)
+    raise DecodeError(f"field {place}, which this edition has not", at_octet=at)
 
 
 def _extended(data: bytes, at: int) -> int:
@@ -142,14 +194,14 @@ def _compound(name: str, data: bytes, at: int) -> int:
     return end - at
 
 
-def _report(items: dict[str, bytes]) -> AircraftReport | None:
-    if "080" not in items or not ("130" in items or "131" in items):
+def _report(items: dict[str, bytes], layout: _Layout) -> AircraftReport | None:
+    named = next((name for name in layout.positions_deg if name in items), None)
+    if "080" not in items or named is None:
         return None
-    high = "131" in items
-    place, lsb_deg = (items["131"], 180 / 2**30) if high else (items["130"], 180 / 2**23)
+    place, lsb_deg = items[named], layout.positions_deg[named]
     half = len(place) // 2
     latitude_deg, longitude_deg = (_signed(p) * lsb_deg for p in (place[:half], place[half:]))
-    time = next((items[name] for name in _TIMES if name in items), None)
+    time = next((items[name] for name in layout.times if name in items), None)
     units = math.nan if time is None else int.from_bytes(time, "big")
     east, north = _over_ground(items.get("160"))
     return AircraftReport(

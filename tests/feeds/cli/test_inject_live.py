@@ -46,6 +46,8 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:pigeon:1",), "expected one of"),
         (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
+        (("asterix-021:udp::8600", "--edition", "1.0"), "--edition: input should be '0.23',"),
+        (("mavlink:udp::14550", "--edition", "0.26"), "edition: only for asterix-021"),
         (("nothing.srt",), "cannot be read: No such file"),
     ],
 )

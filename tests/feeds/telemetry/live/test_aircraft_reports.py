@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plotfeed.feeds.scene.source_keys import TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft_kinds import (
     GLIDER,
     HEAVY,
@@ -19,6 +20,7 @@ from plotfeed.feeds.telemetry.live.aircraft_kinds import (
 from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.decode_021 import read_021
 
@@ -35,6 +37,8 @@ EVEN, ODD, VELOCITY = (
 
 A_BLOCK = bytes.fromhex("1500160319400e666666feaf385348441200004003e8")
 """Of half a second past midnight, as libasterix writes it."""
+AN_OLD_BLOCK = bytes.fromhex("150022bd21c180010200004000733333fff579be48441203e80320ff9c03e840000d")
+"""Likewise, in edition 0.26."""
 
 
 def beast(message: bytes) -> bytes:
@@ -129,6 +133,20 @@ def test_blocks_of_021_are_taken_from_datagrams_and_streams() -> None:
     found = report(heard)
     assert found.altitude_reference is AltitudeReference.ELLIPSOID
     assert found.t_utc_ns == NOW + S // 2
+
+
+def test_blocks_are_of_the_edition_that_the_source_states() -> None:
+    """Nothing in a block tells which it is of; one of another is told with the edition."""
+    keys = {"url": "asterix-021:udpin:127.0.0.1:8600", "edition": "0.26"}
+    listener = listener_of(TelemetrySource.model_validate(keys))
+    assert isinstance(listener, AircraftReports)
+    found = report(hear(listener, AN_OLD_BLOCK))
+    assert (found.latitude_deg, found.longitude_deg) == pytest.approx((40.5, -3.7), abs=1e-5)
+    assert found.t_utc_ns == NOW + S // 2
+    for edition, wrong in (("0.26", A_BLOCK), ("2.7", AN_OLD_BLOCK)):
+        (heard,) = hear(listener_of(TelemetrySource(**{**keys, "edition": edition})), wrong)
+        assert isinstance(heard.said, Refused)
+        assert f"no ASTERIX 021 of edition {edition}: octet" in heard.said.detail
 
 
 @pytest.mark.parametrize("kind", ["sbs1", "beast", "asterix-021"])
