@@ -7,16 +7,18 @@ the session's own time stamps. The clock is simulated, so nothing depends on how
 from __future__ import annotations
 
 import json
+from bisect import bisect_left
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from support.chromium import looking, until
+from support.chromium import looking, until, wait_beside
 from support.command import Running, running
 from support.mqtt_client import Client, Heard, listening
 from support.scene_files import DRONE, RADAR, scene_file, scene_text
-from support.waiting import wait_until
 
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -27,9 +29,9 @@ S = 1_000_000_000
 MS = 1_000_000
 START = "2026-01-01T12:00:00.05Z"
 START_NS = 1_767_268_800 * S + 50 * MS
-SPEED = 8
-TURN_S = 4.0
-"""Of the radars, so that a machine that stalls is late but misses no scan."""
+SPEED = 4
+TURN_S = 2.0
+"""Of the radars, so that a machine that stalls for half a second is late but misses no scan."""
 SECTORS = {"radar": 128, "gate": 32}
 PFA = 1e-4
 CLOCK = ("Pause", "Go on", "Step 1 s", "Restart")
@@ -83,7 +85,10 @@ class Broker:
 
     def __init__(self, client: Client) -> None:
         self.client = client
-        self._read: list[pb.Ledger | pb.PlotBatch | None] = []
+        self._read = 0
+        self._places: dict[tuple[type, str], list[int]] = defaultdict(list)
+        self._told: dict[tuple[type, str], list[Any]] = defaultdict(list)
+        """Entries and batches by sensor, with their places in the order of all."""
 
     @property
     def count(self) -> int:
@@ -91,10 +96,10 @@ class Broker:
         return len(self.client.heard)
 
     def ledger(self, sensor: str = "radar", since: int = 0) -> list[pb.Ledger]:
-        return [x for x in self._told(since) if isinstance(x, pb.Ledger) and x.sensor == sensor]
+        return self._of(pb.Ledger, sensor, since)
 
     def batches(self, sensor: str = "radar", since: int = 0) -> list[pb.PlotBatch]:
-        return [x for x in self._told(since) if isinstance(x, pb.PlotBatch) and x.sensor == sensor]
+        return self._of(pb.PlotBatch, sensor, since)
 
     def on(self, topic: str, since: int = 0) -> list[tuple[int, dict[str, Any]]]:
         """Places and objects of JSON messages."""
@@ -103,14 +108,26 @@ class Broker:
 
     def sent(self, link: dict[str, Any], since: int = 0) -> list[pb.Sent]:
         """What became of the radar's messages that such a link was given, without a gap."""
-        entries = [x for x in self.ledger(since=since) if json.loads(x.link or "{}") == link]
+        entries = [x for x in self.ledger(since=since) if _link(x.link) == link]
         sent = sorted((m for x in entries for m in x.messages), key=lambda m: m.number)
         gap = next((i for i, m in enumerate(sent) if m.number != sent[0].number + i), len(sent))
         return sent[:gap]
 
-    def _told(self, since: int) -> list[pb.Ledger | pb.PlotBatch | None]:
-        self._read += [_parsed(message) for message in self.client.heard[len(self._read) :]]
-        return self._read[since:]
+    def _of(self, kind: type, sensor: str, since: int) -> list[Any]:
+        for place in range(self._read, self.count):
+            told = _parsed(self.client.heard[place])
+            if told is not None:
+                self._places[type(told), told.sensor].append(place)
+                self._told[type(told), told.sensor].append(told)
+            self._read = place + 1
+        first = bisect_left(self._places[kind, sensor], since)
+        return self._told[kind, sensor][first:]
+
+
+@cache
+def _link(text: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(text or "{}")
+    return found
 
 
 def _parsed(message: Heard) -> pb.Ledger | pb.PlotBatch | None:
@@ -124,13 +141,14 @@ def _parsed(message: Heard) -> pb.Ledger | pb.PlotBatch | None:
 class Live:
     """What a test of a control needs: the page to use it on, the broker to hear what it did."""
 
-    def __init__(self, page: Page, broker: Broker) -> None:
+    def __init__(self, page: Page, broker: Broker, process: Running) -> None:
         self.page = page
         self.broker = broker
+        self.process = process
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Until it holds."""
-        wait_until(condition, pause=lambda s: self.page.wait_for_timeout(s * 1e3))
+        wait_beside(self.page, condition)
 
     def ask(self, **fields: str) -> tuple[int, dict[str, Any]]:
         """Fill in fields of the radar by their labels and apply them; what the broker tells."""
@@ -201,8 +219,15 @@ class Live:
         """
         for sensor in sensors or SECTORS:
             self._all_of(sensor, now_ns)
-        self.page.wait_for_timeout(100)  # a status may be due at the very end
+        self.settle()  # a status may be due at the very end
         return now_ns
+
+    def settle(self) -> None:
+        """Until nothing has come for a while: what had left when time stood has come by then."""
+        count = -1
+        while count != self.broker.count:
+            count = self.broker.count
+            self.page.wait_for_timeout(300)
 
     def _all_of(self, sensor: str, now_ns: int) -> None:
         last = sectors_within(sensor, now_ns - S, now_ns)[-1]
@@ -239,4 +264,4 @@ def live(browser: Browser, folder: Path) -> Iterator[Live]:
         heard(folder) as (run, broker),
         looking(browser, f"http://127.0.0.1:{run.port('page')}/") as page,
     ):
-        yield Live(page, broker)
+        yield Live(page, broker, run)

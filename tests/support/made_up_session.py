@@ -187,7 +187,7 @@ class MadeUpSession:
         before_s = end_s = loop.time()
         end_s += seconds or 1e9
         while before_s < end_s:
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.1 if self.session["clock"]["paused"] else 0.02)
             at_s, clock = loop.time(), self.session["clock"]
             pace = 0.0 if clock["paused"] else clock["speed"]
             # On a machine that is too busy for it, time is lost, not made up for.
@@ -210,6 +210,10 @@ class MadeUpSession:
         if to_ns >= self._tracks_due_ns:
             self._tracks_due_ns = to_ns + NS
             self._tell_tracks()
+
+    def stand(self, *, paused: bool = True) -> None:
+        """Let its time stand still, or go on."""
+        self._change_session("clock", {"paused": paused})
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
         self.commands.append(command)

@@ -14,8 +14,9 @@ from urllib.parse import urlsplit
 
 import pytest
 from support import made_up_session
+from support.chromium import wait_beside
 from support.made_up_session import MadeUpSession
-from support.waiting import PATIENCE_S, wait_until
+from support.waiting import PATIENCE_S
 from websockets.sync.client import ClientConnection, connect
 
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
@@ -25,7 +26,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Locator, Page
 
 LOOPBACK = PageAddress("127.0.0.1", 0)
 
@@ -154,8 +155,10 @@ def small_page(stage: MadeUpSession) -> Iterator[Served]:
 
 
 def wait_for_command(page: Page, stage: MadeUpSession, expected: dict[str, Any]) -> None:
-    wait_until(
-        lambda: expected in stage.commands,
-        f"{expected} never came",
-        pause=lambda s: page.wait_for_timeout(s * 1e3),
-    )
+    wait_beside(page, lambda: expected in stage.commands, f"{expected} never came")
+
+
+def clock_button(page: Page, name: str) -> Locator:
+    """A button of the clock: a replay has some of the same names."""
+    group = page.get_by_role("group", name="Clock")
+    return group.get_by_role("button", name=name, exact=True)

@@ -9,7 +9,7 @@ import pytest
 from support import made_up_session, road
 from support.brokers import free_port, mosquitto
 from support.chromium import chromium, looking
-from support.command import plotfeed
+from support.command import plotfeed_here
 from support.made_up_session import MadeUpSession
 from support.mqtt_client import Client
 from support.page_replays import SESSION_S, TRACKS, Act, Viewer
@@ -32,9 +32,11 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def stage() -> MadeUpSession:
+    """After four seconds, at which its time stands: on any machine there is the same to see."""
     stage = MadeUpSession(View(), made_up_session.scene(16))
     for _ in range(40):
         stage.advance(stage.now_ns + road.NS // 10)
+    stage.stand()
     return stage
 
 
@@ -42,6 +44,12 @@ def stage() -> MadeUpSession:
 def served(stage: MadeUpSession) -> Iterator[Served]:
     with on_stage(stage) as served:
         yield served
+
+
+@pytest.fixture
+def goes_on(served: Served, stage: MadeUpSession) -> None:
+    """Its time runs, for tests of what that brings."""
+    served.call(lambda: stage.stand(paused=False))
 
 
 @pytest.fixture
@@ -60,7 +68,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = folder / "lab.toml"
     scene.write_text(f'{text}\n[page]\ntracks_topic = "{TRACKS}"\n'.replace('"test"', '"lab"'))
     how = ["--broker", "none", "--speed", "max", "--duration", SESSION_S]
-    done = plotfeed("run", scene, "--record", folder / "session.mcap", *how)
+    done = plotfeed_here("run", scene, "--record", folder / "session.mcap", *how)
     assert done.returncode == 0, done.stderr
     return folder / "session.mcap"
 

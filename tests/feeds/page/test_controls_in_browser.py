@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
 from support.chromium import until
 from support.made_up_session import MadeUpSession
-from support.page_server import Served, wait_for_command
+from support.page_server import Served, clock_button, wait_for_command
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -85,7 +84,9 @@ def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(
     assert (latency.input_value(), loss.input_value()) == ("120", "3")
 
 
-def test_a_field_that_somebody_is_in_changes_when_he_leaves_it(page: Page) -> None:
+def test_a_field_that_somebody_is_in_or_has_filled_in_is_left_alone(
+    page: Page, served: Served
+) -> None:
     latency = page.get_by_label("Latency", exact=True)
     latency.focus()
     page.evaluate("plotfeed.feed.ask({ sensor: 'radar', set: { link: { latency_ms: 77 } } })")
@@ -93,23 +94,50 @@ def test_a_field_that_somebody_is_in_changes_when_he_leaves_it(page: Page) -> No
     assert latency.input_value() == "120"
     latency.blur()
     assert latency.input_value() == "77"
+    latency.fill("78")
+    latency.blur()
+    view = served.server._view
+    served.call(lambda: view.settings("radar", {"link": {"latency_ms": 500}}))
+    page.locator("#latency-now").get_by_text("500 ms").wait_for()
+    assert latency.input_value() == "78"
+    assert page.get_by_label("Jitter").input_value() == "0"
 
 
 def test_each_button_says_what_it_says(page: Page, stage: MadeUpSession) -> None:
+    def press(name: str) -> None:
+        page.get_by_role("button", name=name, exact=True).click()
+
     for name, expected in [
+        ("Go on", {"clock": {"paused": False}}),
         ("Pause", {"clock": {"paused": True}}),
         ("Step 1 s", {"clock": {"step_s": 1}}),
-        ("Go on", {"clock": {"paused": False}}),
+    ]:
+        clock_button(page, name).click()
+        wait_for_command(page, stage, expected)
+    for name, expected in [
         ("Restart", {"session": {"restart": True}}),
         ("Record", {"record": {"start": True}}),
-        ("Stop 0:00.0", {"record": {"stop": True}}),
+    ]:
+        press(name)
+        wait_for_command(page, stage, expected)
+    stop = page.get_by_role("button", name="Stop 0:00.0")
+    stop.wait_for()
+    stage.commands.clear()
+    press("Restart")
+    page.get_by_text("This ends the recording to").wait_for()
+    assert not stage.commands
+    press("Restart")
+    wait_for_command(page, stage, {"session": {"restart": True}})
+    stop.click()
+    wait_for_command(page, stage, {"record": {"stop": True}})
+    page.get_by_role("button", name="Record", exact=True).wait_for()  # else one would be ended
+    for name, expected in [
         ("Load", {"session": {"scene": "road"}}),
         ("Replay", {"replay": {"load": "morning.mcap"}}),
         ("As in the scene", {"sensor": "radar", "reset": True}),
     ]:
-        page.get_by_role("button", name=name, exact=True).first.click()
+        press(name)
         wait_for_command(page, stage, expected)
-        page.wait_for_timeout(150)
     page.get_by_label("Speed").select_option("10")
     wait_for_command(page, stage, {"clock": {"speed": 10}})
 
@@ -162,72 +190,44 @@ def test_a_recording_is_scrubbed(page: Page, stage: MadeUpSession) -> None:
     page.get_by_text("no replay").wait_for()
 
 
-def test_a_replay_lets_no_sensor_be_changed_and_says_why(page: Page, served: Served) -> None:
+def test_what_is_not_allowed_is_disabled_and_said(page: Page, served: Served) -> None:
     view, why = served.server._view, "A replay is not changed."
     refuses = dict.fromkeys(("sensor", "record", "step"), why)
     served.call(lambda: view.session({"refuses": refuses, "notes": ["Times are recorded."]}))
     page.get_by_text(f"Times are recorded. {why}").wait_for()
     assert page.evaluate("document.getElementById('sensor-form').inert")
     assert page.get_by_role("button", name="Record").is_disabled()
-    assert page.get_by_role("button", name="Pause").first.is_enabled()
+    assert clock_button(page, "Go on").is_enabled()
     served.call(lambda: view.session({"refuses": {}, "notes": []}))
     until(page, "!document.getElementById('sensor-form').inert")
-
-
-def test_what_is_refused_says_why(page: Page) -> None:
-    page.get_by_label("Pfa", exact=True).fill("2")
-    page.get_by_role("button", name="Apply").click()
-    page.locator("#answer[data-failed]").get_by_text("pfa").wait_for()
-    assert page.get_by_label("Pfa", exact=True).input_value() == "2"  # to be mended
-
-
-@pytest.mark.parametrize(("field", "text"), [("Pfa", "1e-x"), ("Pfa", "many"), ("Latency", "1e")])
-def test_garbage_in_a_field_changes_nothing_and_says_what_was_expected(
-    page: Page, stage: MadeUpSession, field: str, text: str
-) -> None:
-    page.get_by_label("Pfa", exact=True).fill("1e-5")
-    page.get_by_role("button", name="Apply").click()
-    page.locator("#answer").get_by_text("In force.").wait_for()
-    stage.commands.clear()
-    page.get_by_label(field, exact=True).press_sequentially("")
-    page.get_by_label(field, exact=True).select_text()
-    page.keyboard.type(text)
-    page.get_by_role("button", name="Apply").click()
-    page.locator("#answer").get_by_text(f"{field}: a number such as").wait_for()
-    assert page.locator("#answer").get_attribute("data-failed") is not None
-    assert page.locator("#pfa-now").text_content() == "1e-5"
-    assert not stage.commands
-
-
-def test_a_restart_during_a_recording_says_first_that_it_ends(
-    page: Page, stage: MadeUpSession
-) -> None:
-    page.get_by_role("button", name="Record", exact=True).click()
-    page.get_by_role("button", name="Stop 0").wait_for()
-    stage.commands.clear()
-    page.get_by_role("button", name="Restart").click()
-    page.get_by_text("This ends the recording to").wait_for()
-    assert not stage.commands
-    page.get_by_role("button", name="Restart").click()
-    wait_for_command(page, stage, {"session": {"restart": True}})
-
-
-def test_the_page_says_what_a_clock_does_not_allow(page: Page, served: Served) -> None:
     why = "Real time cannot be held."
     refuses = dict.fromkeys(("pause", "step", "speed"), why)
-    view = served.server._view
     served.call(lambda: view.session({"refuses": refuses}))
     page.get_by_text(why).wait_for()
-    for name in ("Pause", "Step 1 s"):
-        assert page.get_by_role("button", name=name).first.is_disabled()
+    for name in ("Go on", "Step 1 s"):
+        assert clock_button(page, name).is_disabled()
     assert page.get_by_label("Speed").is_disabled()
     assert page.get_by_role("button", name="Restart").is_enabled()
 
 
-def test_a_field_that_is_being_filled_in_is_left_alone(page: Page, served: Served) -> None:
-    page.get_by_label("Latency", exact=True).fill("77")
-    view = served.server._view
-    served.call(lambda: view.settings("radar", {"link": {"latency_ms": 500}}))
-    page.locator("#latency-now").get_by_text("500 ms").wait_for()
-    assert page.get_by_label("Latency", exact=True).input_value() == "77"
-    assert page.get_by_label("Jitter").input_value() == "0"
+def test_what_is_refused_or_no_number_says_why_and_changes_nothing(
+    page: Page, stage: MadeUpSession
+) -> None:
+    answer, pfa = page.locator("#answer"), page.get_by_label("Pfa", exact=True)
+    pfa.fill("2")
+    page.get_by_role("button", name="Apply").click()
+    page.locator("#answer[data-failed]").get_by_text("pfa").wait_for()
+    assert pfa.input_value() == "2"  # to be mended
+    for field, text in (("Pfa", "1e-x"), ("Pfa", "many"), ("Latency", "1e")):
+        pfa.fill("1e-5")
+        page.get_by_role("button", name="Apply").click()
+        answer.get_by_text("In force.").wait_for()
+        stage.commands.clear()
+        page.get_by_label(field, exact=True).press_sequentially("")
+        page.get_by_label(field, exact=True).select_text()
+        page.keyboard.type(text)
+        page.get_by_role("button", name="Apply").click()
+        answer.get_by_text(f"{field}: a number such as").wait_for()
+        assert answer.get_attribute("data-failed") is not None
+        assert page.locator("#pfa-now").text_content() == "1e-5"
+        assert not stage.commands

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from support import road
-from support.chromium import until
+from support.chromium import drawn, until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
 from support.page_updates import read_frame
@@ -31,13 +31,7 @@ CLEAR_OF_OTHERS_PX = 12
 """Marks of plots this far apart do not lie over each other."""
 
 
-def freeze(page: Page, stage: MadeUpSession) -> None:
-    """Let time stand still, and the page know it."""
-    page.get_by_role("button", name="Pause").first.click()
-    until(page, "plotfeed.picture.pace === 0")
-    until(page, "ms => plotfeed.picture.nowMs(0) >= ms - 0.01", stage.now_ns / 1e6)
-
-
+@pytest.mark.usefixtures("goes_on")
 def test_the_browser_reads_frames_as_they_were_written(page: Page) -> None:
     page.evaluate(
         """() => {
@@ -54,7 +48,9 @@ def test_the_browser_reads_frames_as_they_were_written(page: Page) -> None:
         }"""
     )
     page.get_by_role("button", name="Truth").click()
-    until(page, "new Set(caught.flatMap((c) => c[1].map((s) => s[0]))).size >= 4")
+    wanted = {SectionKind.PLOTS, SectionKind.PLOT_TRUTHS, SectionKind.DRONES, SectionKind.TRACKS}
+    kinds = "new Set(caught.flatMap((c) => c[1].map((s) => s[0])))"
+    until(page, f"(all) => all.every((kind) => {kinds}.has(kind))", [int(kind) for kind in wanted])
     seen = set()
     for octets, sections in page.evaluate("caught"):
         written = [s for s in read_frame(base64.b64decode(octets)).sections if s.columns]
@@ -64,11 +60,7 @@ def test_the_browser_reads_frames_as_they_were_written(page: Page) -> None:
             for name, values in columns:
                 read = np.array(values, dtype=np.float64)
                 np.testing.assert_array_equal(read, section.columns[name].astype(np.float64))
-    assert (
-        seen
-        >= {SectionKind.PLOTS, SectionKind.PLOT_TRUTHS, SectionKind.DRONES, SectionKind.TRACKS}
-        <= LAYOUTS.keys()
-    )
+    assert seen >= wanted <= LAYOUTS.keys()
 
 
 def delivered_plots(stage: MadeUpSession) -> dict[str, list[tuple[float, float, float]]]:
@@ -88,13 +80,12 @@ def delivered_plots(stage: MadeUpSession) -> dict[str, list[tuple[float, float, 
 
 
 def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
-    page: Page, stage: MadeUpSession
+    page: Page, stage: MadeUpSession, served: Served
 ) -> None:
     for layer in ("Cover", "Sweep", "Labels", "Tracks"):
         page.get_by_role("checkbox", name=layer).uncheck()
     page.get_by_label("Fade").select_option("30")
-    freeze(page, stage)
-    page.wait_for_timeout(600)  # marks are drawn again at least that often
+    drawn(page)
     shown, view, ids, pixels = page.evaluate(
         """() => {
           const { picture: { plots, news }, display: { view } } = plotfeed, shown = [];
@@ -112,7 +103,9 @@ def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
           return [shown, { ...view }, news.scene.sensors.map((s) => s.id), pixels];
         }"""
     )
-    lost = read_frame(b"".join(stage.view.snapshot(stage.now_ns)[:2]))  # type: ignore[union-attr]
+    view_now = served.server._view
+    everything = served.call(lambda: view_now.snapshot(stage.now_ns))
+    lost = read_frame(everything.public + everything.truth)
     expected = delivered_plots(stage)
     assert len(shown) + len(lost.column(SectionKind.LOST_PLOTS, "flags")) == sum(
         map(len, expected.values())
@@ -126,10 +119,10 @@ def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
         assert off.min() < 1
     # Where a plot is that no other mark or ring touches, its sensor's colour lies over the ground,
     # however faded.
-    drawn = np.array(pixels) - SEA
+    seen = np.array(pixels) - SEA
     colour = np.array([SENSOR_COLOURS[sensor] for sensor, *_ in shown]) - SEA
-    share = (drawn * colour).sum(axis=1) / (colour**2).sum(axis=1)
-    off = np.abs(drawn - share[:, None] * colour).max(axis=1)
+    share = (seen * colour).sum(axis=1) / (colour**2).sum(axis=1)
+    off = np.abs(seen - share[:, None] * colour).max(axis=1)
     assert (share > 0.1).mean() > 0.97
     places = np.array([(x, y) for *_, x, y in shown])
     apart = np.hypot(*(places[:, None] - places).T) + np.diag(np.full(len(shown), np.inf))
@@ -138,6 +131,7 @@ def test_every_plot_that_was_delivered_is_shown_within_a_pixel(
     assert np.median(off[alone]) < 6  # some lie over a ring or a spoke
 
 
+@pytest.mark.usefixtures("goes_on")
 def test_the_truth_is_hidden_until_it_is_asked_for(page: Page) -> None:
     truth = page.get_by_role("button", name="Truth")
     assert truth.get_attribute("aria-pressed") == "false"
@@ -161,7 +155,6 @@ def test_a_leap_shows_another_time_and_leaves_the_display_where_it_is(
     page.get_by_role("application").press("n")
     page.get_by_text("Plot of").wait_for()
     view = page.evaluate("({ ...plotfeed.display.view })")
-    freeze(page, stage)
     before_ms = page.evaluate("plotfeed.picture.nowMs(0)")
 
     def leap() -> None:
@@ -199,17 +192,16 @@ def test_the_display_is_worked_by_keys_alone(page: Page, stage: MadeUpSession) -
     display.press("t")
     until(page, "plotfeed.picture.drones !== null")
     display.press("Space")
-    wait_for_command(page, stage, {"clock": {"paused": True}})
+    wait_for_command(page, stage, {"clock": {"paused": False}})
     display.press(".")
     wait_for_command(page, stage, {"clock": {"step_s": 1}})
 
 
 def test_a_click_on_a_plot_shows_its_values_and_with_the_truth_the_true_ones(
-    page: Page, stage: MadeUpSession
+    page: Page,
 ) -> None:
     page.get_by_label("Fade").select_option("60")
     page.get_by_role("checkbox", name="Tracks").uncheck()
-    freeze(page, stage)
     place = page.evaluate(
         """() => {
           const { picture: { plots }, display: { view } } = plotfeed;
@@ -270,6 +262,7 @@ def test_another_scene_replaces_the_first_and_its_map_lies_where_it_is(
     served.call(lambda: served.server._view.scene(scene, basemap))
     page.get_by_role("heading", name="lonely: settings").wait_for()
     assert page.evaluate("plotfeed.picture.plots.end") == 0
+    until(page, "plotfeed.display.isFitted")
     for layer in ("Cover", "Sweep", "Labels"):
         page.get_by_role("checkbox", name=layer).uncheck()
     page.get_by_role("application").press("ArrowUp")

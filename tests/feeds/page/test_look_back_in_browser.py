@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-from support.chromium import until
+from support import made_up_session
+from support.chromium import looking, until
 from support.made_up_session import MOST_AT_ONCE_S, MadeUpSession
-from support.page_server import Served, wait_for_command
+from support.page_server import Served, clock_button, on_stage, wait_for_command
+
+from plotfeed.feeds.page.view import View
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 PLOTS = """({ plots }) => {
   const found = [];
@@ -22,11 +26,30 @@ PLOTS = """({ plots }) => {
 }"""
 
 
+@pytest.fixture(scope="module")
+def stage() -> MadeUpSession:
+    """Of all tests here, as what they look back at takes seconds to come."""
+    return MadeUpSession(View(), made_up_session.scene(16))
+
+
+@pytest.fixture(scope="module")
+def served(stage: MadeUpSession) -> Iterator[Served]:
+    with on_stage(stage) as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def shared(browser: Browser, served: Served) -> Iterator[Page]:
+    with looking(browser, served.url) as page:
+        until(page, "plotfeed.past.latestMs - plotfeed.past.oldestMs > 4000")
+        yield page
+
+
 @pytest.fixture
-def watched(page: Page) -> Page:
-    """A page that has looked for some seconds."""
-    until(page, "plotfeed.past.latestMs - plotfeed.past.oldestMs > 4000")
-    return page
+def watched(shared: Page) -> Page:
+    """A page that has looked for some seconds, and looks at what is now."""
+    shared.evaluate("document.getElementById('now').click()")
+    return shared
 
 
 def looked_at_ms(page: Page) -> float:
@@ -85,11 +108,15 @@ def test_a_story_leaves_a_mark_to_which_one_goes_back(watched: Page, stage: Made
         until(page, f"{label}.includes('Outage of radar')")
     told_ms = page.evaluate("plotfeed.picture.news.marks.at(-1).t_utc_ms")
     until(page, "ms => plotfeed.picture.nowMs(performance.now()) > ms + 1500", told_ms)
+    clock_button(page, "Pause").click()
+    until(page, "plotfeed.picture.pace === 0")
     page.get_by_role("button", name="Hold").click()
     marks.select_option(index=1)
     page.get_by_text("Looking back").first.wait_for()
-    assert looked_at_ms(page) == pytest.approx(told_ms - 1000, abs=100)
+    assert looked_at_ms(page) == pytest.approx(told_ms - 1000, abs=1)
     page.get_by_role("button", name="Back to now").click()
+    clock_button(page, "Go on").click()
+    until(page, "plotfeed.picture.pace === 1")
     page.get_by_role("button", name="Outage of radar").click()
     wait_for_command(page, stage, {"story": "outage", "reset": True})
     page.get_by_role("button", name="Outage of radar", pressed=False).wait_for()

@@ -1,4 +1,4 @@
-"""The page and whole runs: restarted, another scene, recorded, shown, gone and come back.
+"""The page and a whole run: received, shown, recorded, replayed, restarted, of another scene.
 
 What it does and shows is measured on what the broker delivers.
 """
@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
-from support.brokers import free_port
-from support.chromium import looking, new_context, requests, until
+from support.chromium import drawn, until
 from support.live_page import (
     MS,
     SECTORS,
@@ -22,12 +24,10 @@ from support.live_page import (
     Live,
     S,
     end_ns,
-    heard,
     live,
-    scene_of_two,
     sectors_within,
+    told,
 )
-from support.scene_files import scene_file
 
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.fields import frame_at, site_frame
@@ -46,117 +46,61 @@ STOP = re.compile(r"^Stop \d")
 """The button of a recording that runs, with its seconds."""
 
 
-@pytest.fixture
-def run(browser: Browser, tmp_path: Path) -> Iterator[Live]:
-    with live(browser, tmp_path) as run:
+GLOW_S = 10.0
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the run is."""
+    return tmp_path_factory.mktemp("run")
+
+
+@pytest.fixture(scope="module")
+def shared(browser: Browser, place: Path) -> Iterator[Live]:
+    with live(browser, place) as run:
         yield run
 
 
-def test_a_restart_begins_the_scene_anew_with_the_same_octets(run: Live) -> None:
-    first = beginning(run)
-    run.freeze()  # a session that stands is restarted too, and runs
-    again = beginning(run)
-    both = first.keys() & again.keys()  # all, unless the machine missed scans
-    assert len(both) > 20
-    assert {place: first[place] for place in both} == {place: again[place] for place in both}
+@pytest.fixture
+def run(shared: Live) -> Iterator[Live]:
+    """A run that all tests here use, those that begin it anew last."""
+    yield shared
+    shared.as_in_the_beginning()
 
 
-def begun(run: Live, since: int) -> tuple[int, dict[str, Any]]:
-    """Where the next session says that it runs, and what."""
-
-    def said() -> list[tuple[int, dict[str, Any]]]:
-        news = run.broker.on("plotfeed/session", since)
-        return [(at, session) for at, session in news if session["state"] == "RUNNING"]
-
-    run.wait(said)
-    return said()[0]
-
-
-def beginning(run: Live) -> dict[tuple[int, int], bytes]:
-    """The first of the radar's messages after a restart, by scan and sector."""
-    since = run.broker.count
-    run.press("Restart")
-    at, session = begun(run, since)
-    assert session["start_utc_ns"] == START_NS
-    run.wait(lambda: len(run.broker.batches(since=at)) >= 200)
-    batches = run.broker.batches(since=at)[:200]
-    places = [(batch.scan, batch.sector) for batch in batches]
-    # In the scene's own order, from its beginning; a busy machine may miss some.
-    assert places == sorted(places)
-    assert set(places) <= set(sectors_within("radar", START_NS, START_NS + 60 * S))
-    return {(batch.scan, batch.sector): batch.SerializeToString() for batch in batches}
+def test_what_is_copied_from_the_page_receives_the_sensors_messages(
+    run: Live,
+) -> None:
+    page = run.page
+    page.get_by_role("button", name="Connect here").click()
+    until(page, "document.querySelectorAll('#connect-snippets li').length >= 4")
+    where = page.locator("#connect-where").inner_text()
+    assert f"mqtt://127.0.0.1:{run.process.port('MQTT 5')}" in where
+    assert "plotfeed/radar/plots" in where
+    for protocol in ("MQTT 3.1.1", "MQTT 5"):
+        line = page.locator("pre", has_text="mosquitto_sub").get_by_text(
+            f"-p {run.process.port(protocol)}"
+        )
+        words = shlex.split(line.inner_text())
+        done = subprocess.run(
+            [*words, "-C", "2"], capture_output=True, text=True, timeout=60, check=True
+        )
+        assert done.stdout.startswith("plotfeed/radar/")
+        assert len(done.stdout.splitlines()) == 2
+    for title in ("Python, paho", "Python, aiomqtt"):
+        code = page.get_by_label(title, exact=True).inner_text()
+        assert first_line(code).startswith("plotfeed/radar/")
 
 
-def test_another_scene_has_its_own_topics_alone(run: Live, tmp_path: Path) -> None:
-    scene = run.page.get_by_label("Scene", exact=True)
-    assert scene.locator("option").all_inner_texts() == [*summaries(), "other", "scene"]
-    scene.select_option("other")
-    since = run.broker.count
-    run.press("Load")
-    at, session = begun(run, since)
-    assert session["sensors"] == ["north"]
-    run.page.get_by_role("heading", name="north: settings").wait_for()
-    run.wait(lambda: len(run.broker.batches("north", at)) >= 20 and bool(truths(run, at)))
-    topics = {m.topic for m in run.broker.client.heard[at:]}
-    of_north = {f"plotfeed/north/{kind}" for kind in ("plots", "status", "settings", "description")}
-    assert topics <= of_north | {"plotfeed/session", "plotfeed/truth"}
-    assert run.broker.on("plotfeed/radar/status")[-1][1]["state"] == "OFFLINE"
-    assert {x.sensor for x in map(pb.Ledger.FromString, truths(run, at))} == {"north"}
-
-
-def truths(run: Live, since: int) -> list[bytes]:
-    return [m.payload for m in run.broker.client.heard[since:] if m.topic == "plotfeed/truth"]
-
-
-def test_a_recording_holds_what_the_broker_delivered_meanwhile(run: Live, tmp_path: Path) -> None:
-    run.press("Record")
-    since = run.broker.count
-    run.wait(lambda: len(run.broker.batches(since=since)) > 600)
-    running = stop_recording(run, tmp_path)
-    # While time runs, message after message, without a gap.
-    for topic, payloads in running.items():
-        heard = run.broker.client.on(topic)
-        first = heard.index(payloads[0])
-        assert heard[first : first + len(payloads)] == payloads
-    assert len(running["plotfeed/radar/plots"]) > 500
-
-    # From one stand of time to another, exactly those.
-    run.set_speed(1)
-    run.freeze()
-    run.press("Record")
-    run.page.get_by_role("button", name=STOP).wait_for()
-    since = run.broker.count
-    run.step()
-    stepped = stop_recording(run, tmp_path)
-    heard = run.broker.client.heard[since:]
-    topics = {message.topic for message in heard}
-    assert stepped == {t: [m.payload for m in heard if m.topic == t] for t in topics}
-    kinds = {"radar/plots", "gate/plots", "truth"}
-    assert topics >= {f"plotfeed/{kind}" for kind in kinds}
-
-
-def stop_recording(run: Live, folder: Path) -> dict[str, list[bytes]]:
-    """Payloads that left, by topic, as they stand in the file, which is taken out of the way.
-
-    A file begins with the sensors' settings, which whoever came to the broker had before: those
-    are the same, and left out.
-    """
-    run.page.get_by_role("button", name=STOP).click()
-    run.page.get_by_role("button", name="Record", exact=True).wait_for()
-    (path,) = folder.glob("*.mcap")
-    found: dict[str, list[bytes]] = {}
-    with McapReader(path) as log:
-        assert not log.damage
-        for message in log.messages(stages=[Stage.AFTER]):
-            found.setdefault(message.topic, []).append(message.payload)
-    path.unlink()
-    for topic in [topic for topic in found if topic.endswith("/description")]:
-        (payload,) = found.pop(topic)
-        assert json.loads(payload) == run.broker.on(topic)[-1][1]
-    for topic in [topic for topic in found if topic.endswith("/settings")]:
-        (payload,) = found.pop(topic)
-        assert json.loads(payload)["in_force"] == run.broker.on(topic)[-1][1]["in_force"]
-    return found
+def first_line(code: str) -> str:
+    """What a program prints first, which has no end of its own."""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout
+        return process.stdout.readline()
+    finally:
+        process.kill()
+        process.communicate()
 
 
 DISPLAYED = """() => {
@@ -177,10 +121,8 @@ DISPLAYED = """() => {
 }"""
 
 
-def test_the_display_shows_each_plot_of_the_ledger_within_a_pixel(
-    run: Live, tmp_path: Path
-) -> None:
-    scene = load(scene_file(tmp_path, scene_of_two()))
+def test_the_display_shows_each_plot_of_the_ledger_within_a_pixel(run: Live, place: Path) -> None:
+    scene = load(place / "scene.toml")
     for layer in ("Cover", "Sweep", "Labels", "Tracks"):
         run.page.get_by_role("checkbox", name=layer).uncheck()
     run.page.get_by_label("Fade").select_option("60")
@@ -201,7 +143,7 @@ def test_the_display_shows_each_plot_of_the_ledger_within_a_pixel(
     now_ns = run.freeze()
     since_ns = still_shown_ns()
     until(run.page, "ms => plotfeed.picture.nowMs(0) >= ms", now_ns / MS - 0.01)
-    run.page.wait_for_timeout(1000)  # marks are drawn again at least that often
+    drawn(run.page)
     shown, gone, view = run.page.evaluate(DISPLAYED)
     shown = [row for row in shown if row[1] * MS > since_ns]
     expected, lost = plots_of_the_ledger(run, scene, view, since_ns)
@@ -255,67 +197,212 @@ def plots_of_the_ledger(
     return shown, lost
 
 
-def test_the_page_comes_back_by_itself_when_the_run_does(browser: Browser, tmp_path: Path) -> None:
-    address = f"127.0.0.1:{free_port()}"
-    context = new_context(browser)
-    page = context.new_page()
-    with heard(tmp_path, page=address) as (run, broker):
-        page.goto(f"http://{address}/")
-        until(page, "plotfeed.picture.plots.end > 0")
-        run.process.kill()
-        page.locator("#veil").get_by_text("Connection lost").wait_for()
-        broker.client.wait_until_cut_off()
-    with heard(tmp_path, page=address) as (_, broker):
-        page.locator("#veil").wait_for(state="hidden")
-        page.get_by_text("Connected").wait_for()
-        until(page, "plotfeed.picture.plots.end > 0")
-        again = Live(page, broker)
-        again.ask(Latency="250")
-        again.wait(lambda: len(broker.sent({"latency_ms": 250.0})) >= 10)
-    context.close()
+def test_a_recording_holds_what_the_broker_delivered_meanwhile(run: Live, place: Path) -> None:
+    run.press("Record")
+    since = run.broker.count
+    run.wait(lambda: len(run.broker.batches(since=since)) > 600)
+    running = stop_recording(run, place)
+    # While time runs, message after message, without a gap.
+    for topic, payloads in running.items():
+        heard = run.broker.client.on(topic)
+        first = heard.index(payloads[0])
+        run.wait(lambda: len(run.broker.client.on(topic)) >= first + len(payloads))  # noqa: B023
+        heard = run.broker.client.on(topic)
+        assert heard[first : first + len(payloads)] == payloads
+    assert len(running["plotfeed/radar/plots"]) > 500
+
+    # From one stand of time to another, exactly those.
+    run.set_speed(1)
+    run.freeze()
+    run.press("Record")
+    run.page.get_by_role("button", name=STOP).wait_for()
+    since = run.broker.count
+    run.step()
+    stepped = stop_recording(run, place)
+    heard = run.broker.client.heard[since:]
+    topics = {message.topic for message in heard}
+    assert stepped == {t: [m.payload for m in heard if m.topic == t] for t in topics}
+    kinds = {"radar/plots", "gate/plots", "truth"}
+    assert topics >= {f"plotfeed/{kind}" for kind in kinds}
 
 
-def test_what_one_browser_changes_the_other_shows_and_the_broker_tells(
-    browser: Browser, run: Live
-) -> None:
-    with looking(browser, run.page.url) as page:
-        other = Live(page, run.broker)
-        run.ask(Latency="333", Loss="10")
-        page.locator("#latency-now").get_by_text("333 ms").wait_for()
-        page.locator("#loss-now").get_by_text("10 %").wait_for()
-        other.ask(Jitter="20")
-        run.page.locator("#jitter-now").get_by_text("20 ms").wait_for()
-        random = {"kind": "random", "probability": 0.1}
-        asked = {"latency_ms": 333.0, "jitter_ms": 20.0, "loss": random}
-        run.wait(lambda: len(run.broker.sent(asked)) >= 10)
-        other.choose("Off")
-        run.page.locator("#sensors tr").first.get_by_text("off").wait_for()
-        run.choose("On")
-        page.locator("#sensors tr").first.get_by_text("on", exact=True).wait_for()
-        run.press("Pause")
-        page.get_by_role("button", name="Go on").wait_for()
-        other.press("Go on")
-        run.page.get_by_role("button", name="Pause").first.wait_for()
+def stop_recording(run: Live, folder: Path) -> dict[str, list[bytes]]:
+    """Payloads that left, by topic, as they stand in the file, which is taken out of the way.
+
+    A file begins with the sensors' settings, which whoever came to the broker had before: those
+    are the same, and left out.
+    """
+    run.page.get_by_role("button", name=STOP).click()
+    run.page.get_by_role("button", name="Record", exact=True).wait_for()
+    (path,) = folder.glob("*.mcap")
+    found: dict[str, list[bytes]] = {}
+    with McapReader(path) as log:
+        assert not log.damage
+        for message in log.messages(stages=[Stage.AFTER]):
+            found.setdefault(message.topic, []).append(message.payload)
+    path.unlink()
+    for topic in [topic for topic in found if topic.endswith("/description")]:
+        (payload,) = found.pop(topic)
+        assert json.loads(payload) == run.broker.on(topic)[-1][1]
+    for topic in [topic for topic in found if topic.endswith("/settings")]:
+        (payload,) = found.pop(topic)
+        assert json.loads(payload)["in_force"] == run.broker.on(topic)[-1][1]["in_force"]
+    return found
 
 
-def test_no_request_of_the_page_leaves_the_machine(browser: Browser, tmp_path: Path) -> None:
-    context = new_context(browser)
-    page = context.new_page()
-    asked = requests(context, page)
-    with heard(tmp_path) as (process, broker):
-        host = f"127.0.0.1:{process.port('page')}"
-        page.goto(f"http://{host}/")
-        until(page, "plotfeed.picture.plots.end > 0")
-        run = Live(page, broker)
-        for name in ("Truth", "Light", "Zoom in", "Show all sensors", "Pause", "Step 1 s", "Go on"):
-            run.press(name)
-        run.ask(Latency="10")
-        run.press("Restart")
-        page.get_by_label("Scene", exact=True).select_option("other")
-        run.press("Load")
-        page.get_by_role("heading", name="north: settings").wait_for()
-        until(page, "plotfeed.picture.plots.end > 0")
-        context.close()
-    assert f"ws://{host}/feed" in asked
-    assert len(asked) > 10
-    assert not [url for url in asked if not url.startswith((f"http://{host}/", f"ws://{host}/"))]
+SHOWN = """() => {
+  const { picture: { plots } } = plotfeed, shown = [];
+  for (let row = plots.begin; row < plots.end; row++)
+    shown.push([plots.sensor[plots.at(row)], plots.t_utc_ms[plots.at(row)]]);
+  return shown.sort((a, b) => a[1] - b[1]);
+}"""
+
+
+class Told(NamedTuple):
+    """What a recording holds, with the times at which it left."""
+
+    start_ns: int
+    ledger: list[tuple[int, pb.Ledger]]
+    """Entries of sectors that were handed over since it began: of others there are no plots."""
+    sectors: list[tuple[int, tuple[int, int]]]
+    """Scans and sectors of the radar of which plots left."""
+
+
+def recorded(run: Live, folder: Path) -> Told:
+    """What was recorded from the page, at a pace at which busy machines miss no scan."""
+    run.set_speed(2)
+    run.press("Record")
+    since = run.broker.count
+    run.wait(lambda: len(run.broker.batches(since=since)) > 400)
+    run.page.get_by_role("button", name=STOP).click()
+    until(run.page, "plotfeed.picture.news.session.recordings.length === 1")
+    (path,) = folder.glob("*.mcap")
+    with McapReader(path) as log:
+        start_ns = log.summary().start_ns
+        messages = list(log.messages())
+    assert start_ns
+    batches = [
+        (m.log_time_ns, m.stage, pb.PlotBatch.FromString(m.payload))
+        for m in messages
+        if m.topic.endswith("/plots")
+    ]
+    handed_over = {(b.sensor, b.scan, b.sector) for _, stage, b in batches if stage == Stage.BEFORE}
+    entries = [
+        (m.log_time_ns, pb.Ledger.FromString(m.payload))
+        for m in messages
+        if m.topic == "plotfeed/truth" and m.stage == Stage.AFTER
+    ]
+    return Told(
+        start_ns,
+        [(at_ns, e) for at_ns, e in entries if (e.sensor, e.scan, e.sector) in handed_over],
+        [
+            (at_ns, (b.scan, b.sector))
+            for at_ns, stage, b in batches
+            if stage == Stage.AFTER and b.sensor == "radar"
+        ],
+    )
+
+
+def test_a_recording_is_loaded_moved_along_and_left(run: Live, place: Path) -> None:
+    start_ns, entries, sectors = recorded(run, place)
+    page = run.page
+    run.press("Replay")
+    until(page, "plotfeed.picture.news.session.replay.position_s > 0.3")
+    assert page.get_by_role("button", name="Record", exact=True).is_disabled()
+    page.get_by_text("Times are those of the recording").wait_for()
+
+    # In a pause, moved along: what has not faded there, and nothing is sent.
+    page.locator("#replay-pause").click()
+    page.locator("#replay-pause").get_by_text("Play").wait_for()
+    run.settle()
+    heard = run.broker.count
+    second = 0.0
+    for share in (0.7, 0.8, 0.5):
+        second = round((entries[int(share * len(entries))][0] - start_ns) / S, 1)
+        page.get_by_label("Position in the recording").fill(str(second))
+        now_ms = (start_ns + second * S) / MS
+        until(page, "ms => Math.abs(plotfeed.picture.nowMs(0) - ms) < 0.1", now_ms)
+        wanted = [
+            [int(entry.sensor == "gate"), float(plot.time_utc_ns) / MS]
+            for at_ns, entry in entries
+            if now_ms - 1000 * GLOW_S < at_ns / MS <= now_ms and entry.messages[0].delivered
+            for plot in entry.plots
+        ]
+        assert len(wanted) > 20
+        shown = page.evaluate(SHOWN)
+        first_ms = now_ms - 1000 * GLOW_S
+        assert [row for row in shown if row[1] > first_ms] == sorted(
+            (row for row in wanted if row[1] > first_ms), key=lambda row: row[1]
+        )
+    assert run.broker.count == heard
+
+    # Going on: the messages of there.
+    page.locator("#replay-pause").click()
+    run.wait(lambda: len(run.broker.batches(since=heard)) > 30)
+    from_ns = start_ns + round(second * S)
+    from_there = {sector for at_ns, sector in sectors if at_ns >= from_ns}
+    assert not told(run.broker.batches(since=heard)) - from_there
+    assert not run.broker.ledger(since=heard)
+
+    page.locator("#replay-stop").click()
+    page.get_by_text("no replay").wait_for()
+    left = run.broker.count
+    run.wait(lambda: run.broker.ledger(since=left))
+    assert page.get_by_role("button", name="Record", exact=True).is_enabled()
+
+
+def test_a_restart_begins_the_scene_anew_with_the_same_octets(run: Live) -> None:
+    first = beginning(run)
+    run.freeze()  # a session that stands is restarted too, and runs
+    again = beginning(run)
+    both = first.keys() & again.keys()  # all, unless the machine missed scans
+    assert len(both) > 20
+    assert {place: first[place] for place in both} == {place: again[place] for place in both}
+
+
+def begun(run: Live, since: int) -> tuple[int, dict[str, Any]]:
+    """Where the next session says that it runs, and what."""
+
+    def said() -> list[tuple[int, dict[str, Any]]]:
+        news = run.broker.on("plotfeed/session", since)
+        return [(at, session) for at, session in news if session["state"] == "RUNNING"]
+
+    run.wait(said)
+    return said()[0]
+
+
+def beginning(run: Live) -> dict[tuple[int, int], bytes]:
+    """The first of the radar's messages after a restart, by scan and sector."""
+    since = run.broker.count
+    run.press("Restart")
+    at, session = begun(run, since)
+    assert session["start_utc_ns"] == START_NS
+    run.wait(lambda: len(run.broker.batches(since=at)) >= 200)
+    batches = run.broker.batches(since=at)[:200]
+    places = [(batch.scan, batch.sector) for batch in batches]
+    # In the scene's own order, from its beginning; a busy machine may miss some.
+    assert places == sorted(places)
+    assert set(places) <= set(sectors_within("radar", START_NS, START_NS + 60 * S))
+    return {(batch.scan, batch.sector): batch.SerializeToString() for batch in batches}
+
+
+def test_another_scene_has_its_own_topics_alone(shared: Live) -> None:
+    run = shared  # which is of that scene from now on
+    scene = run.page.get_by_label("Scene", exact=True)
+    assert scene.locator("option").all_inner_texts() == [*summaries(), "other", "scene"]
+    scene.select_option("other")
+    since = run.broker.count
+    run.press("Load")
+    at, session = begun(run, since)
+    assert session["sensors"] == ["north"]
+    run.page.get_by_role("heading", name="north: settings").wait_for()
+    run.wait(lambda: len(run.broker.batches("north", at)) >= 20 and bool(truths(run, at)))
+    topics = {m.topic for m in run.broker.client.heard[at:]}
+    of_north = {f"plotfeed/north/{kind}" for kind in ("plots", "status", "settings", "description")}
+    assert topics <= of_north | {"plotfeed/session", "plotfeed/truth"}
+    assert run.broker.on("plotfeed/radar/status")[-1][1]["state"] == "OFFLINE"
+    assert {x.sensor for x in map(pb.Ledger.FromString, truths(run, at))} == {"north"}
+
+
+def truths(run: Live, since: int) -> list[bytes]:
+    return [m.payload for m in run.broker.client.heard[since:] if m.topic == "plotfeed/truth"]

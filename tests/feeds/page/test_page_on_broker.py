@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 DEGRADED_PFA, DEGRADED_SNR_DB = 10, 6.0
 """As docs/page.md says: times, and down."""
-SPEED_SEEN_S = 2.4
+SEEN_S = 1.5
+"""So long at least one looks at the pace."""
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +57,12 @@ def test_latency_that_is_asked_for_is_that_of_every_message(run: Live) -> None:
     for message in run.broker.sent(link):
         assert message.link_due_utc_ns - message.due_utc_ns == 400 * MS
         assert message.sent_utc_ns >= message.link_due_utc_ns
+    run.set_speed(1)  # at which no machine is so slow that it misses a scan
     # With time at a stand, what has come of the radar ends 400 ms before what has of the gate.
     now_ns = run.freeze("gate")
     expected = sectors_within("radar", now_ns - S, now_ns - 400 * MS)
     run.wait(lambda: expected[-1] in told(run.broker.batches()))
-    run.page.wait_for_timeout(300)
+    run.settle()
     assert max(told(run.broker.batches())) == expected[-1]
     assert max(told(run.broker.batches("gate"))) == sectors_within("gate", now_ns - S, now_ns)[-1]
 
@@ -72,7 +74,7 @@ def test_latency_that_is_asked_for_is_that_of_every_message(run: Live) -> None:
 
 def test_jitter_that_is_asked_for_is_the_spread_of_delays(run: Live) -> None:
     run.ask(Latency="400", Jitter="50")
-    link, count = {"latency_ms": 400.0, "jitter_ms": 50.0}, 400
+    link, count = {"latency_ms": 400.0, "jitter_ms": 50.0}, 250
     run.wait(lambda: len(run.broker.sent(link)) >= count)
     delays_ns = [m.link_due_utc_ns - m.due_utc_ns for m in run.broker.sent(link)[:count]]
     assert_law(np.array(delays_ns) / MS, stats.norm(400, 50).cdf, "delays")
@@ -82,7 +84,7 @@ def test_jitter_that_is_asked_for_is_the_spread_of_delays(run: Live) -> None:
 
 def test_loss_that_is_asked_for_is_what_the_broker_never_got(run: Live) -> None:
     run.ask(Loss="20")
-    link, count = {"loss": {"kind": "random", "probability": 0.2}}, 800
+    link, count = {"loss": {"kind": "random", "probability": 0.2}}, 400
     run.wait(lambda: len(run.broker.sent(link)) >= count)
     lost = [m.fate == pb.LOST for m in run.broker.sent(link)[:count]]
     assert_chance(stats.binomtest(sum(lost), count, 0.2).pvalue, "lost")
@@ -93,7 +95,7 @@ def test_loss_that_is_asked_for_is_what_the_broker_never_got(run: Live) -> None:
 def test_losses_that_are_asked_for_in_bursts_come_in_bursts(run: Live) -> None:
     run.ask(Loss="40", Mean_burst="4")
     link = {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.4, "mean_burst": 4.0}}
-    count = 100
+    count = 60
     run.wait(lambda: len(bursts(run, link)) > count)
     # So many bursts, and not those of so many messages: long ones would be cut off.
     lengths = bursts(run, link)[:count]
@@ -119,12 +121,17 @@ def assert_ledger_is_what_came(run: Live) -> None:
 
 
 def false_alarms(ledger: list[pb.Ledger]) -> int:
-    return sum(not plot.drone for entry in ledger for plot in entry.plots)
+    """In as many directions as there are."""
+    return sum(not plot.drone for entry in ledger[: SECTORS["radar"]] for plot in entry.plots)
+
+
+def looks_snr_db(entry: pb.Ledger) -> list[float]:
+    """Of the looks at the drone that hovers."""
+    return [look.snr_db for look in entry.looks if look.drone == "hovering"]
 
 
 def hovering_snr_db(ledger: list[pb.Ledger]) -> float:
-    looks = [look.snr_db for x in ledger for look in x.looks if look.drone == "hovering"]
-    return float(np.mean(looks))
+    return float(np.mean([snr_db for entry in ledger for snr_db in looks_snr_db(entry)]))
 
 
 def turn_under(run: Live, settings: dict[str, Any]) -> list[pb.Ledger]:
@@ -132,11 +139,12 @@ def turn_under(run: Live, settings: dict[str, Any]) -> list[pb.Ledger]:
     since_ns = utc_ns(settings["time_utc"]) + AHEAD_NS
 
     def found() -> list[pb.Ledger]:
-        return [entry for entry in run.broker.ledger() if end_ns(entry) > since_ns][
-            : SECTORS["radar"]
-        ]
+        entries = [entry for entry in run.broker.ledger() if end_ns(entry) > since_ns]
+        hovering = (i for i, entry in enumerate(entries) if looks_snr_db(entry))
+        # If the machine misses a scan, the drone is seen in a later turn.
+        return entries[: max(SECTORS["radar"], next(hovering, len(entries)) + 1)]
 
-    run.wait(lambda: len(found()) == SECTORS["radar"])
+    run.wait(lambda: len(found()) >= SECTORS["radar"] and any(map(looks_snr_db, found())))
     return found()
 
 
@@ -245,21 +253,29 @@ def test_nothing_comes_in_a_pause_and_a_step_is_all_that_lies_in_it(run: Live) -
     assert (first.scan, first.sector) == sectors_within("radar", now_ns, now_ns + S)[0]
 
 
-@pytest.mark.parametrize("speed", [2, 10])
-def test_the_speed_that_is_asked_for_is_that_of_the_scene(run: Live, speed: int) -> None:
+def test_the_speed_that_is_asked_for_is_that_of_the_scene(run: Live) -> None:
     run.choose("Off")  # the gate alone is no burden for any machine
-    run.set_speed(speed)
-    since = run.broker.count
-    run.page.wait_for_timeout(SPEED_SEEN_S * 1000)
-    # When messages came, by this clock, less when they were due, by the session's: that grows where
-    # the session is faster or slower than asked. Where a machine stalls it leaps, but falls back.
+    for speed in (2, 10):
+        run.set_speed(speed)
+        since = run.broker.count
+        run.wait(lambda: is_pace(run, since, speed))  # noqa: B023 - at once
+
+
+def is_pace(run: Live, since: int, speed: int) -> bool:
+    """When messages came, by this clock, less when they were due, by the session's.
+
+    That grows where the session is faster or slower than asked. Where a machine stalls it leaps,
+    but falls back: the longer one looks, the less of it is seen.
+    """
     came_s = np.array([message.at_s for message in heard_of_gate(run, since)])
+    if not len(came_s) or came_s[-1] - came_s[0] < SEEN_S:
+        return False
     due_s = np.array([end_ns(batch) / S for batch in run.broker.batches("gate", since)])
     behind_s = came_s - due_s[: len(came_s)] / speed
     third = (came_s[-1] - came_s[0]) / 3
     early = behind_s[came_s < came_s[0] + third].min()
     late = behind_s[came_s > came_s[-1] - third].min()
-    assert abs(late - early) < 0.15 * 2 * third
+    return bool(abs(late - early) < 0.15 * 2 * third)
 
 
 def heard_of_gate(run: Live, since: int) -> list[Heard]:

@@ -1,15 +1,16 @@
-"""Presenter and audience in two browsers; the picture that they save, their maps and grids."""
+"""Presenter and audience in two browsers: who sees what; pictures, maps and grids of their own."""
 
 from __future__ import annotations
 
 import json
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import pytest
 from support.chromium import looking, until
 from support.made_up_session import MadeUpSession
-from support.page_server import Served, wait_for_command
+from support.page_server import Served, clock_button, wait_for_command
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -18,12 +19,36 @@ NEAR = {"type": "Point", "coordinates": [-3.73, 40.45]}
 """The site of the made-up session."""
 
 
+FIGURES = {
+    "gospa_m": 12.34,
+    "ospa_m": 8.7,
+    "completeness": 0.75,
+    "spuriousness": 0.25,
+    "position_error_m": 5.61,
+    "latency_s": 0.042,
+    "latency_p95_s": None,
+}
+AZIMUTH = {
+    "sensor": "radar-3", "check": "azimuth", "unit": "deg", "claimed": 0.0, "found": 2.013,
+    "z": 37.1, "of": 58, "wrong": True, "why_not": "",
+}  # fmt: skip
+
+
+def score(second: int, *feed: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "time_utc": f"2026-01-01T12:00:{second:02}Z", "cutoff_m": 50.0, "drones": 4, "tracks": 4,
+        "reports": 100, "unreadable": 3, "problem": "a track of the future", "now": FIGURES,
+        "window_s": second, "window": FIGURES, "feed_false_rate": 0.01, "feed": list(feed),
+    }  # fmt: skip
+
+
+@pytest.mark.usefixtures("goes_on")
 def test_the_audience_sees_and_does_what_the_presenter_gives(
     browser: Browser, page: Page, served: Served, stage: MadeUpSession
 ) -> None:
     with looking(browser, f"{served.url}audience/") as other:
         truth = other.get_by_role("button", name="Truth")
-        pause = other.get_by_role("button", name="Pause").first
+        pause = clock_button(other, "Pause")
         assert truth.is_disabled()
         for name in ("Pause", "Step 1 s", "Restart", "Record", "Load", "Replay"):
             assert other.get_by_role("button", name=name).first.is_disabled(), name
@@ -45,7 +70,7 @@ def test_the_audience_sees_and_does_what_the_presenter_gives(
         until(other, "plotfeed.picture.drones !== null")
         page.get_by_role("checkbox", name="It may see the truth").uncheck()
         until(other, "plotfeed.picture.drones === null")
-        assert truth.is_disabled()
+        until(other, "document.getElementById('truth').disabled")
         done = page.get_by_label("Actions, the newest first")
         for who, what in (
             ("presenter 1", "audience: controls"),
@@ -102,3 +127,27 @@ def test_the_grid_has_squares_in_place_of_rings(page: Page) -> None:
     page.locator("#scale").get_by_text("squares ").wait_for()
     page.get_by_label("Grid").select_option("none")
     until(page, f"!{words}.some((w) => w.endsWith(' E') || w.endsWith('°'))")
+
+
+def test_the_score_is_shown_with_the_truth_alone(
+    page: Page, stage: MadeUpSession, served: Served
+) -> None:
+    card = page.locator('[data-card="score"]')
+    served.call(lambda: stage.view.score(score(1)))
+    frames = page.evaluate("plotfeed.picture.framesTaken")
+    until(page, f"plotfeed.picture.framesTaken > {frames + 3}")
+    assert not card.is_visible()
+    page.get_by_role("button", name="Truth").click()
+    until(page, "document.getElementById('score-body').checkVisibility()")
+    words = card.inner_text()
+    for told in ("12.3 m", "75 %", "25 %", "5.6 m", "0.04 s", "3 reports of tracks left out"):
+        assert told in words
+    assert "nothing to judge yet" in words
+    served.call(lambda: stage.view.score(score(2, AZIMUTH)))
+    until(
+        page, "document.getElementById('score-feed').textContent.includes('radar-3: azimuth 2.01')"
+    )
+    page.get_by_role("button", name="Truth").click()
+    until(page, "document.getElementById('score-body').hidden")
+    assert "Shown with the truth" in card.inner_text()
+    assert "radar-3" not in card.inner_text()
