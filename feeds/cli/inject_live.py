@@ -34,6 +34,7 @@ OPTIONS = {
     "view": "--view",
     "qnh_hpa": "--qnh-hpa",
     "edition": "--edition",
+    "interface": "--interface",
 }
 """By the keys of a scene that they are."""
 MAX_DRONES_TOLD = 5
@@ -49,8 +50,7 @@ def settings_of_source(
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
     tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
     tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa")}
-    if options["edition"] is not None:
-        tree["edition"] = options["edition"]
+    tree |= {name: options[name] for name in ("edition", "interface") if options[name] is not None}
     if options["view"] is not None:
         try:
             tree["view"] = [float(text) for text in options["view"].split(",")]

@@ -257,6 +257,11 @@ source_options = together(
         help="Take this pressure at sea level for pressure altitudes of ADS-B.",
     ),
     click.option(
+        "--interface",
+        metavar="NAME",
+        help="Join a multicast group of a source at this network interface, such as eth0.",
+    ),
+    click.option(
         "--edition",
         metavar="EDITION",
         help="Read ASTERIX 021 of a source by this edition: 0.23 to 0.26, or 2.1 to 2.7, as usual.",
@@ -303,7 +308,7 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
 
 def take_source_options(options: dict[str, Any]) -> dict[str, Any]:
     """What `source_options` gave, likewise."""
-    names = ("duration", "altitude", "ask_hz", "view", "qnh_hpa", "edition")
+    names = ("duration", "altitude", "ask_hz", "view", "qnh_hpa", "edition", "interface")
     return {name: options.pop(name) for name in names}
 
 

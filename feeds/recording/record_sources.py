@@ -22,6 +22,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.multicast_groups import interface_number, join_group
 from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_blocks import content_type
@@ -91,7 +92,7 @@ class UdpSource:
         try:
             self._prepare(opened)
             if self._endpoint.address.is_multicast:
-                self._join(opened)
+                join_group(opened, self._endpoint.address, self._interface)
         except OSError as error:
             opened.close()
             raise UdpError(f"{self.shown}: {error.strerror or error}") from None
@@ -167,22 +168,8 @@ class UdpSource:
         )
         place = found[0][4]
         if address.is_multicast and address.version == 6:  # whose scope may need its interface
-            place = (*place[:3], self._index())
+            place = (*place[:3], interface_number(address, self._interface))
         receiver.bind(place)
-
-    def _join(self, receiver: socket.socket) -> None:
-        group = self._endpoint.address
-        if group.version == 4:
-            member = group.packed + _interface_4(self._interface)
-            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-        else:
-            member = group.packed + struct.pack("@I", self._index())
-            receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
-
-    def _index(self) -> int:
-        """The number of the interface for a group of IPv6; 0 is the system's own choice."""
-        name = self._interface or getattr(self._endpoint.address, "scope_id", None)
-        return socket.if_nametoindex(name) if name else 0
 
     def _topic_of(self, level: int, kind: int, data: bytes) -> str:
         """The topic of a struct in_pktinfo or in6_pktinfo; empty if it is none."""
@@ -201,16 +188,6 @@ def _place(address: object, port: int) -> str:
 
 def _topic(address: object, port: int) -> str:
     return f"{UDP_TOPIC}{_place(address, port)}"
-
-
-def _interface_4(interface: str | None) -> bytes:
-    """The end of a struct ip_mreqn: an address, or the number of a name; neither is the route's."""
-    if interface is None:
-        return struct.pack("@4si", b"", 0)
-    try:
-        return struct.pack("@4si", ipaddress.IPv4Address(interface).packed, 0)
-    except ValueError:
-        return struct.pack("@4si", b"", socket.if_nametoindex(interface))
 
 
 def _forget(_recorded: Recorded) -> None:

@@ -197,6 +197,9 @@ class TelemetrySource(SceneTable):
     edition: Edition021 = NEWEST
     """Of asterix-021, by which its blocks are read: those from 2.1 on are alike, those to 0.26 are
     not, and nothing in a block tells which it is."""
+    interface: str | None = None
+    """Where a multicast group is joined: the name of a network interface, or its IPv4 address;
+    without it, by the system's route."""
     view: Annotated[View, Field(strict=False)] | None = None
     """Of network Remote ID, which is asked for two corners: latitude, longitude and again."""
     poll_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
@@ -218,6 +221,11 @@ class TelemetrySource(SceneTable):
             raise ValueError("qnh_hpa: only for ADS-B")
         if self.edition != NEWEST and kind != "asterix-021":
             raise ValueError("edition: only for asterix-021")
+        if self.interface is not None:
+            if self.address.transport != "udpin" or not self.address.is_multicast:
+                raise ValueError(f"interface: only for a multicast group, which {self.url} is not")
+            if not self.interface or "\0" in self.interface:
+                raise ValueError("interface: expected the name of one, or its address")
         for key in ("ask_hz", "altitude"):
             if kind != "mavlink" and getattr(self, key) != type(self).model_fields[key].default:
                 raise ValueError(f"{key}: only for mavlink")

@@ -64,7 +64,7 @@ class LiveSource:
         self._listener = listener_of(settings)
         self._octets: _Octets
         if settings.view is None:
-            self._octets = octets_of(self.address, self)
+            self._octets = octets_of(self.address, self, settings.interface)
         else:
             view = ",".join(f"{degrees:.6f}" for degrees in settings.view)
             self._octets = PolledOctets(self.address, self, view, settings.poll_s)
@@ -141,10 +141,10 @@ def listener_of(settings: TelemetrySource) -> Listener:
     return RemoteIdReports(settings.template)
 
 
-def octets_of(address: SourceAddress, taker: OctetsTaker) -> _Octets:
+def octets_of(address: SourceAddress, taker: OctetsTaker, interface: str | None = None) -> _Octets:
     """The way in to a source's octets."""
     if address.transport in ("udpin", "udpout"):
-        return UdpOctets(address, taker)
+        return UdpOctets(address, taker, interface)
     if address.transport in ("tcp", "tcpin"):
         return TcpOctets(address, taker)
     if address.transport == "serial":

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import logging
 import socket
-import struct
 from collections.abc import Callable
 from typing import Protocol
 
 from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.transport.multicast_groups import interface_number, join_group
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
@@ -47,8 +48,11 @@ Send = Callable[[str, bytes], None]
 class UdpOctets:
     """A socket that is bound to a port, or sends to one, and takes what comes."""
 
-    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
-        self._address, self._taker = address, taker
+    def __init__(
+        self, address: SourceAddress, taker: OctetsTaker, interface: str | None = None
+    ) -> None:
+        """`interface` is where a multicast group is joined."""
+        self._address, self._taker, self._interface = address, taker, interface
         self._socket: socket.socket | None = None
         self._senders: dict[str, tuple[object, ...]] = {}
 
@@ -68,15 +72,14 @@ class UdpOctets:
             if address.transport == "udpout":
                 opened.connect((address.host, address.port))
                 self._senders[f"{address.host}:{address.port}"] = ()
+            elif address.is_multicast:
+                self._join(opened)
             else:
-                if address.is_multicast:  # others on this machine may receive the group too
-                    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 opened.bind((address.host, address.port))
-                if address.is_multicast:
-                    _join(opened, address.host)
         except OSError as error:
             opened.close()
-            raise SourceError(f"{address}: {error.strerror or error}") from None
+            at = f" at {self._interface}" if self._interface else ""
+            raise SourceError(f"{address}{at}: {error.strerror or error}") from None
         self._socket = opened
         asyncio.get_running_loop().add_reader(opened, self._take, opened)
 
@@ -107,6 +110,17 @@ class UdpOctets:
         """Who can be sent something."""
         return list(self._senders)
 
+    def _join(self, opened: socket.socket) -> None:
+        host, port = self._address.host.partition("%")[0], self._address.port
+        group = ipaddress.ip_address(self._address.host)
+        # Others on this machine may receive the group too.
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if group.version == 4:
+            opened.bind((host, port))
+        else:  # whose scope may need its interface
+            opened.bind((host, port, 0, interface_number(group, self._interface)))
+        join_group(opened, group, self._interface)
+
     def _take(self, opened: socket.socket) -> None:
         for _ in range(AT_ONCE):
             try:
@@ -119,17 +133,6 @@ class UdpOctets:
                     del self._senders[next(iter(self._senders))]
                 self._senders[peer] = sender
             self._taker.octets(peer, data)
-
-
-def _join(receiver: socket.socket, group: str) -> None:
-    if receiver.family == socket.AF_INET:
-        member = socket.inet_pton(socket.AF_INET, group) + struct.pack("@4s", b"")
-        receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-    else:
-        name, _, scope = group.partition("%")
-        index = socket.if_nametoindex(scope) if scope else 0
-        member = socket.inet_pton(socket.AF_INET6, name) + struct.pack("@I", index)
-        receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
 
 
 class TcpOctets:

@@ -48,6 +48,7 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
         (("asterix-021:udp::8600", "--edition", "1.0"), "--edition: input should be '0.23',"),
         (("mavlink:udp::14550", "--edition", "0.26"), "edition: only for asterix-021"),
+        (("mavlink:udp::14550", "--interface", "lo"), "--interface: only for a multicast group"),
         (("nothing.srt",), "cannot be read: No such file"),
     ],
 )

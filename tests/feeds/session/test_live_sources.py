@@ -217,6 +217,8 @@ async def test_simulated_time_has_no_live_sources() -> None:
         ('url = "remote-id:http://a/b"', "telemetry.source[0].view: network Remote ID"),
         ('url = "remote-id:http://u:p@a/b"\nview = [1, 2, 3, 4]', "without user"),
         ('url = "mavlink:udp::1"\nqnh_hpa = 1000.0', "telemetry.source[0].qnh_hpa: only"),
+        ('url = "mavlink:udp::1"\ninterface = "lo"', "telemetry.source[0].interface: only"),
+        ('url = "mavlink:mcast:"\ninterface = ""', "telemetry.source[0].interface: expected"),
         ('url = "sbs1:udp::1"\nedition = "0.26"', "telemetry.source[0].edition: only"),
         ('url = "asterix-021:udp::1"\nedition = "1.0"', "telemetry.source[0].edition: "),
         ('url = "mavlink:udp::1"\nask_hz = 1000.0', "telemetry.source[0].ask_hz"),

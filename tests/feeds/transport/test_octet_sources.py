@@ -7,17 +7,24 @@ import contextlib
 import os
 import pty
 import socket
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, has_ipv6
+from support.udp_receiver import interface_of
 from support.waiting import until
 
-from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.scene.source_keys import SourceAddress, TelemetrySource
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources, serial_port
-from plotfeed.feeds.transport.live_source import octets_of
+from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
+
+AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00")
+"""A Location message of Open Drone ID, of now, whenever that is."""
+IDENTITY = b"\x02\x12" + b"1581F4XF".ljust(20, b"\0") + bytes(3)
 
 
 class Taker:
@@ -68,6 +75,91 @@ async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
             source.send(peer, b"answer")
             one.settimeout(10)
             assert one.recv(100) == b"answer"
+
+
+@contextlib.contextmanager
+def to_group(group: str) -> Iterator[socket.socket]:
+    """A socket whose datagrams to a group go no further than loopback."""
+    is_4 = ":" not in group
+    level = socket.IPPROTO_IP if is_4 else socket.IPPROTO_IPV6
+    with socket.socket(socket.AF_INET if is_4 else socket.AF_INET6, socket.SOCK_DGRAM) as out:
+        if is_4:
+            out.setsockopt(level, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+            out.setsockopt(level, socket.IP_MULTICAST_TTL, 0)
+        else:
+            index = socket.if_nametoindex(interface_of(group))
+            out.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
+            out.setsockopt(level, socket.IPV6_MULTICAST_HOPS, 0)
+        yield out
+
+
+@contextlib.asynccontextmanager
+async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None]:
+    """Sources that have joined it at loopback."""
+    where = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    keys = {"url": f"mavlink:udp://{where}", "interface": interface_of(host)}
+    settings = TelemetrySource.model_validate(keys)
+    sources = [octets_of(settings.address, taker, settings.interface) for taker in takers]
+    try:
+        for source in sources:
+            try:
+                await source.open()
+            except SourceError as error:
+                pytest.skip(f"no multicast on this machine's loopback: {error}")
+        yield
+    finally:
+        for source in sources:
+            source.close()
+
+
+@pytest.mark.parametrize("group", ["239.255.77.78", "ff11::7:8"])
+@pytest.mark.asyncio
+async def test_a_group_is_heard_by_all_who_joined_it(group: str) -> None:
+    if ":" in group and not has_ipv6():
+        pytest.skip("no IPv6 on this machine")
+    one, other, port = Taker(), Taker(), free_port()
+    async with in_a_group(group, port, one, other):
+        with to_group(group) as drone:
+            drone.sendto(b"here I am", (group, port))
+            await until(lambda: one.all == other.all == b"here I am")
+            assert list(one.came) == list(other.came)
+            assert next(iter(one.came)).endswith(f":{drone.getsockname()[1]}")
+
+
+@pytest.mark.asyncio
+async def test_drones_of_a_group_are_telemetry() -> None:
+    """What a receiver of Remote ID sends to a group is reports, of which drone and where."""
+    taken: dict[str, PositionReport] = {}
+    port = free_port()
+    url = f"remote-id:udp://239.255.77.79:{port}"
+    source = LiveSource(
+        TelemetrySource(url=url, interface="127.0.0.1"),
+        now_utc_ns=time.time_ns,
+        take=taken.__setitem__,
+        refuse=lambda _drone, refused: pytest.fail(refused.detail),
+    )
+    try:
+        await source.open()
+    except SourceError as error:
+        pytest.skip(f"no multicast on this machine's loopback: {error}")
+    try:
+        with to_group("239.255.77.79") as receiver:
+            receiver.sendto(IDENTITY, ("239.255.77.79", port))
+            receiver.sendto(AIRBORNE, ("239.255.77.79", port))
+            await until(lambda: "1581F4XF" in taken)
+    finally:
+        source.close()
+    found = taken["1581F4XF"]
+    assert found.latitude_deg == pytest.approx(40.4512345, abs=1e-7)
+    assert found.longitude_deg == pytest.approx(-3.7298765, abs=1e-7)
+
+
+@pytest.mark.asyncio
+async def test_an_interface_that_is_not_there_is_an_error_that_names_it() -> None:
+    keys = {"url": f"mavlink:mcast:239.255.77.78:{free_port()}", "interface": "nowhere0"}
+    settings = TelemetrySource.model_validate(keys)
+    with pytest.raises(SourceError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
+        await octets_of(settings.address, Taker(), settings.interface).open()
 
 
 @pytest.mark.asyncio
