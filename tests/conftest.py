@@ -2,12 +2,14 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from itertools import chain, groupby, zip_longest
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from support.allowed_skips import allowed_skips, no_skip
 from support.given_files import more_input
 
+TESTS = Path(__file__).parent
 ALLOWED = allowed_skips()
 collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
@@ -25,8 +27,29 @@ def _nothing_to_leave_alone() -> Iterator[None]:
         yield
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Of several processes each collects other rooms first.
+
+    A file whose assertions one of them has rewritten is there for the others, which else would all
+    do it at once: half the work of a process that collects.
+    """
+    process = getattr(config, "workerinput", None)
+    if process is None or config.args_source is not config.ArgsSource.TESTPATHS:
+        return
+    rooms = [room_of(file) for file in sorted(TESTS.rglob("test_*.py"))]
+    first = len(rooms) * int(process["workerid"].removeprefix("gw")) // process["workercount"]
+    config.args = list(map(str, dict.fromkeys(rooms[first:] + rooms[:first])))
+
+
+def room_of(file: Path) -> Path:
+    """The folder of a test, or the file where it lies by itself."""
+    parts = file.relative_to(TESTS).parts
+    return TESTS.joinpath(*parts[: 2 if parts[0] == "feeds" else 1])
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of feeds, which mostly wait, and others, which compute, by turns for the processes."""
+    items.sort(key=lambda item: item.path)  # in whatever order they were collected
     files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
     waiting = [tests for tests in files if "feeds" in tests[0].path.parts]
     computing = [tests for tests in files if "feeds" not in tests[0].path.parts]

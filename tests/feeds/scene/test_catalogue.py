@@ -67,7 +67,7 @@ QUOTED_RANGE_M = {
 }
 """Of tables 1 to 13 of the paper, and of sections 2.3 and 2.4."""
 
-each = pytest.mark.parametrize("shown", [preset(name) for name in names()], ids=lambda p: p.name)
+each = pytest.mark.parametrize("name", names())
 
 
 def sensor(name: str) -> Sensor:
@@ -118,7 +118,8 @@ def test_every_system_of_the_papers_tables_is_a_preset() -> None:
 
 
 @each
-def test_a_preset_makes_a_model(shown: Preset) -> None:
+def test_a_preset_makes_a_model(name: str) -> None:
+    shown = preset(name)
     alarms = shown.sensor.model(SITE).false_alarms_per_scan
     if shown.sensor.scan.kind == "electronic":
         assert alarms == 0  # none is confirmed
@@ -127,7 +128,8 @@ def test_a_preset_makes_a_model(shown: Preset) -> None:
 
 
 @each
-def test_pd_is_080_at_the_quoted_range(shown: Preset) -> None:
+def test_pd_is_080_at_the_quoted_range(name: str) -> None:
+    shown = preset(name)
     assert shown.target.range_m == QUOTED_RANGE_M[shown.name]
     assert pd_at(shown.sensor, shown.target) == pytest.approx(0.8, abs=1e-6)
     assert pd_at(shown.sensor, shown.target, range_m=shown.target.range_m * 1.1) < 0.75
@@ -135,7 +137,8 @@ def test_pd_is_080_at_the_quoted_range(shown: Preset) -> None:
 
 
 @each
-def test_every_rule_that_is_solved_is_met_by_the_whole_sensor(shown: Preset) -> None:
+def test_every_rule_that_is_solved_is_met_by_the_whole_sensor(name: str) -> None:
+    shown = preset(name)
     solved = [rule.solve for rule in shown.derived.values() if rule.solve is not None]
     assert "pd" in [goal.quantity for goal in solved]
     for goal in solved:
@@ -145,7 +148,8 @@ def test_every_rule_that_is_solved_is_met_by_the_whole_sensor(shown: Preset) -> 
 
 
 @each
-def test_every_key_has_one_mark_and_a_reason(shown: Preset) -> None:
+def test_every_key_has_one_mark_and_a_reason(name: str) -> None:
+    shown = preset(name)
     marked = {entry.key: entry for entry in shown.marked_keys()}
     assert set(marked) == set(type(shown.sensor).model_fields) - SCENE_ONLY
     assert set(shown.keys) - {"type"} <= set(marked)
@@ -158,13 +162,15 @@ def test_every_key_has_one_mark_and_a_reason(shown: Preset) -> None:
 
 
 @each
-def test_a_receiver_gets_no_warning_and_a_radar_only_that_of_the_format(shown: Preset) -> None:
+def test_a_receiver_gets_no_warning_and_a_radar_only_that_of_the_format(name: str) -> None:
+    shown = preset(name)
     warnings = shown.sensor.warnings(SITE)
     assert all(text.startswith("asterix-048 counts range") for text in warnings)
 
 
 @each
-def test_nothing_is_derived_out_of_reason(shown: Preset) -> None:
+def test_nothing_is_derived_out_of_reason(name: str) -> None:
+    shown = preset(name)
     power_w = shown.keys.get("power_w")
     assert power_w is None or 0.1 < power_w < 1000
     loss_db = shown.keys.get("loss_db")

@@ -65,8 +65,11 @@ def paths(tree: Any, name: str = "") -> Iterator[tuple[str, str]]:
             yield from paths(below, f"{name}[{i}]")
 
 
-@pytest.mark.parametrize("text", [TEXT, TRAPS, *(p.read_text() for p in WRITTEN)])
-def test_every_key_is_found_in_a_line_that_has_it(text: str) -> None:
+@pytest.mark.parametrize(
+    "written", [TEXT, TRAPS, *WRITTEN], ids=["text", "traps", *map(str, WRITTEN)]
+)
+def test_every_key_is_found_in_a_line_that_has_it(written: str | Path) -> None:
+    text = written if isinstance(written, str) else written.read_text()
     found, lines = key_lines(text), text.split("\n")
     for path, key in paths(tomllib.loads(text)):
         if path in found:

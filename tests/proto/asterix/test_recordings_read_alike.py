@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from support.given_recordings import EVERY_RECORDING
 from support.recordings import message, written
-from support.standard_records import newest, same, values_of_item
 from support.tshark import tshark_layers
 
 from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, records_in
@@ -44,6 +43,8 @@ def values(value: Value) -> Iterator[Any]:
 
 @EVERY_RECORDING
 def test_libasterix_reads_the_same_values(recording: Path) -> None:
+    from support.standard_records import newest, same, values_of_item
+
     count = 0
     for payload in payloads_of(recording):
         for block in blocks(payload):
