@@ -116,17 +116,11 @@ def changed(
     path: Path,
     other: Path,
     change: Callable[[Iterable[Recorded]], Iterable[Recorded]],
-    *,
-    scene: Path | None = None,
 ) -> Path:
-    """Another record with what the change makes of the messages, and all attachments.
-
-    Those are of the record `scene`, if that is given.
-    """
-    with McapReader(scene or path) as log:
+    """Another record with what the change makes of the messages, and all attachments."""
+    with McapReader(path) as log, other.open("wb") as file:
         names = [entry.name for entry in log.attachments()]
         attachments = [a for a in map(log.attachment, names) if a is not None]
-    with McapReader(path) as log, other.open("wb") as file:
         writer = McapWriter(file, attachments=attachments)
         for message in change(log.messages()):
             writer.write(message)
@@ -144,11 +138,16 @@ def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> LedgerReport:
     return told(written(folder / "ledger.mcap", recorded(ledgers)))
 
 
-def record_session(scene_path: Path, path: Path, duration_s: float) -> Path:
-    """The record of a session in simulated time."""
+def record_session(
+    scene_path: Path, path: Path, duration_s: float, *, says: Path | None = None
+) -> Path:
+    """The record of a session in simulated time.
+
+    It says that the session was one of the scene `says`, if that is given.
+    """
     scene = load(scene_path)
     clock = InstantClock(START_NS)
-    attachments = attachments_of(scene, START_NS)
+    attachments = attachments_of(scene if says is None else load(says), START_NS)
     with Recorder(path, attachments=attachments, waits=True) as recorder:
         observer = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
         observers = [observer]

@@ -1,4 +1,7 @@
-"""Whatever is wrong in a recording is named: the sensor, and the quantity that is off."""
+"""Whatever is wrong in a recording is named: the sensor, and the quantity that is off.
+
+One recording has a sensor for each fault beside those that are right.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from support.ledgers import changed, record_session, told
 from support.random_scenes import toml_of
 from support.road import SITE
 
+from plotfeed.feeds.report.figures import LedgerReport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
 
@@ -90,33 +94,6 @@ TREE: Keys = {
 }
 
 
-@pytest.fixture(scope="module")
-def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded(TREE, tmp_path_factory.mktemp("faults"))
-
-
-def recorded(tree: Keys, folder: Path) -> Path:
-    scene = folder / "scene.toml"
-    scene.write_text(toml_of(tree))
-    return record_session(scene, folder / "record.mcap", SECONDS)
-
-
-def found_in(path: Path) -> dict[str, set[str]]:
-    """What is named, by sensor."""
-    wrong: dict[str, set[str]] = {}
-    for verdict in told(path).verdicts.wrong:
-        wrong.setdefault(verdict.sensor, set()).add(verdict.quantity)
-    return wrong
-
-
-def test_nothing_is_wrong_where_all_is_right(record: Path) -> None:
-    report = told(record)
-    assert report.verdicts.wrong == []
-    assert report.verdicts.judged > 60
-    assert {sensor.joined == sensor.plots > 100 for sensor in report.sensors} == {True}
-    assert [sensor.contradicted + sensor.times_off for sensor in report.sensors] == [0, 0, 0]
-
-
 def each_plot(change: Callable[[pb.Plot], None]) -> Change:
     def of_batch(batch: pb.PlotBatch) -> None:
         for plot in batch.plots:
@@ -170,22 +147,6 @@ ON_THE_WIRE: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize("fault", ON_THE_WIRE)
-def test_what_is_wrong_on_the_wire_is_named(fault: str, record: Path, tmp_path: Path) -> None:
-    change, quantity = ON_THE_WIRE[fault]
-
-    def on_the_wire(messages: Iterable[Recorded]) -> Iterator[Recorded]:
-        for each in messages:
-            if each.topic.endswith("fine/plots"):
-                batch = pb.PlotBatch.FromString(each.payload)
-                change(batch)
-                yield replace(each, payload=batch.SerializeToString())
-            else:
-                yield each
-
-    assert found_in(changed(record, tmp_path / "a.mcap", on_the_wire)) == {"fine": {quantity}}
-
-
 def seldom(entry: pb.Ledger, rng: np.random.Generator) -> None:
     for look in entry.looks:
         look.detected &= bool(rng.random() < 0.6)
@@ -215,26 +176,6 @@ IN_THE_LEDGER: dict[str, tuple[Callable[[pb.Ledger, np.random.Generator], None],
 }
 
 
-@pytest.mark.parametrize("fault", IN_THE_LEDGER)
-def test_what_is_wrong_in_the_ledger_is_named(fault: str, record: Path, tmp_path: Path) -> None:
-    change, quantity = IN_THE_LEDGER[fault]
-    rng = np.random.default_rng(3)
-
-    def in_the_ledger(messages: Iterable[Recorded]) -> Iterator[Recorded]:
-        for each in messages:
-            if each.topic.endswith("/truth"):
-                entry = pb.Ledger.FromString(each.payload)
-                if entry.sensor == "fine":
-                    change(entry, rng)
-                if not entry.sensor:
-                    continue
-                yield replace(each, payload=entry.SerializeToString())
-            else:
-                yield each
-
-    assert found_in(changed(record, tmp_path / "a.mcap", in_the_ledger)) == {"fine": {quantity}}
-
-
 IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
     "bias of the other sign": (
         "fine",
@@ -253,21 +194,92 @@ IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
 }
 
 
-@pytest.mark.parametrize("fault", IN_THE_SESSION)
-def test_a_session_that_does_something_else_is_named(
-    fault: str, record: Path, tmp_path: Path
-) -> None:
-    sensor, keys, quantities = IN_THE_SESSION[fault]
-    tree = deepcopy(TREE)
-    (does,) = (each for each in tree["sensor"] if each["id"] == sensor)
-    does.update(keys)
-    other = recorded(tree, tmp_path)
-    asked = changed(other, tmp_path / "a.mcap", list, scene=record)
-    assert found_in(asked) == {sensor: quantities}
+FAULTS = [*ON_THE_WIRE, *IN_THE_LEDGER, *IN_THE_SESSION]
+RIGHT = [sensor["id"] for sensor in TREE["sensor"]]
+STARING = {"kind": "staring", "period_s": 0.5}
+"""As often, in one sector for four: a quarter of the entries to be read."""
 
 
-def test_mean_sea_level_taken_for_the_ellipsoid_is_named(record: Path, tmp_path: Path) -> None:
-    tree = deepcopy(TREE)
-    tree["telemetry"] = {"geoid_undulation_m": 0.0}
-    asked = changed(recorded(tree, tmp_path), tmp_path / "a.mcap", list, scene=record)
-    assert found_in(asked) == {"coarse": {"height"}}
+def id_of(fault: str) -> str:
+    """The sensor that has it."""
+    return f"fault-{FAULTS.index(fault)}"
+
+
+def tree_with(changes: dict[str, Keys]) -> Keys:
+    """The scene with a sensor for each fault, and what some of those do otherwise."""
+    tree, of_id = deepcopy(TREE), {sensor["id"]: sensor for sensor in TREE["sensor"]}
+    for fault in FAULTS:
+        like = of_id[IN_THE_SESSION[fault][0] if fault in IN_THE_SESSION else "fine"]
+        of_its_own: Keys = {"id": id_of(fault), "sic": 10 + FAULTS.index(fault)}
+        if fault not in IN_THE_LEDGER:
+            of_its_own["scan"] = STARING
+        tree["sensor"].append(like | of_its_own | changes.get(fault, {}))
+    return tree
+
+
+def recorded(does: Keys, says: Keys, folder: Path) -> Path:
+    """What a session of the one scene did, as if it had been one of the other."""
+    paths = [folder / f"{name}.toml" for name in ("does", "says")]
+    for path, tree in zip(paths, (does, says), strict=True):
+        path.write_text(toml_of(tree))
+    return record_session(paths[0], folder / "record.mcap", SECONDS, says=paths[1])
+
+
+def planted(messages: Iterable[Recorded]) -> Iterator[Recorded]:
+    """With the faults of the wire and of the ledger."""
+    on_the_wire = {f"plotfeed/{id_of(f)}/plots": change for f, (change, _) in ON_THE_WIRE.items()}
+    in_the_ledger = {id_of(f): change for f, (change, _) in IN_THE_LEDGER.items()}
+    rngs = {name: np.random.default_rng(3) for name in in_the_ledger}
+    for each in messages:
+        if each.topic in on_the_wire:
+            batch = pb.PlotBatch.FromString(each.payload)
+            on_the_wire[each.topic](batch)
+            yield replace(each, payload=batch.SerializeToString())
+        elif each.topic.endswith("/truth"):
+            entry = pb.Ledger.FromString(each.payload)
+            if entry.sensor in in_the_ledger:
+                in_the_ledger[entry.sensor](entry, rngs[entry.sensor])
+            if entry.sensor:
+                yield replace(each, payload=entry.SerializeToString())
+        else:
+            yield each
+
+
+def wrong_in(report: LedgerReport) -> dict[str, set[str]]:
+    """What is named, by sensor."""
+    wrong: dict[str, set[str]] = {}
+    for verdict in report.verdicts.wrong:
+        wrong.setdefault(verdict.sensor, set()).add(verdict.quantity)
+    return wrong
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> LedgerReport:
+    folder = tmp_path_factory.mktemp("faults")
+    does = tree_with({fault: keys for fault, (_, keys, _) in IN_THE_SESSION.items()})
+    record = recorded(does, tree_with({}), folder)
+    return told(changed(record, folder / "planted.mcap", planted))
+
+
+def test_nothing_is_wrong_where_all_is_right(report: LedgerReport) -> None:
+    assert wrong_in(report).keys() == {id_of(fault) for fault in FAULTS}
+    right = [sensor for sensor in report.sensors if sensor.sensor in RIGHT]
+    assert len(right) == len(RIGHT)
+    assert report.verdicts.judged > 20 * len(report.sensors)
+    assert {sensor.joined == sensor.plots > 100 for sensor in right} == {True}
+    assert [sensor.contradicted + sensor.times_off for sensor in right] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_wrong_is_named(fault: str, report: LedgerReport) -> None:
+    found = wrong_in(report)[id_of(fault)]
+    if fault in IN_THE_SESSION:
+        assert found == IN_THE_SESSION[fault][2]
+    else:
+        assert found == {(ON_THE_WIRE | IN_THE_LEDGER)[fault][1]}
+
+
+def test_mean_sea_level_taken_for_the_ellipsoid_is_named(tmp_path: Path) -> None:
+    does = deepcopy(TREE)
+    does["telemetry"] = {"geoid_undulation_m": 0.0}
+    assert wrong_in(told(recorded(does, TREE, tmp_path))) == {"coarse": {"height"}}

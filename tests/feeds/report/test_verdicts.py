@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy import stats
 from support.ledgers import record_session
 from support.random_scenes import SECONDS, random_tree, toml_of
@@ -17,8 +16,11 @@ from plotfeed.feeds.report.figures import judged_of, report
 from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.report.verdicts import FALSE_VERDICTS, Judged
 
-SCENES = 200
-PARTS = 8
+SCENES = 80
+"""Judged together: a fault of 1 in 20 scenes is seen with 3 chances in 4, of 1 in 10 nearly always.
+
+Right scenes fail three times or more in fewer than one run of 10,000.
+"""
 LEVELS = (0.1, 0.01, 0.001)
 
 
@@ -50,15 +52,13 @@ def reports_of(seeds: range, folder: Path) -> Reports:
     return found
 
 
-@pytest.mark.parametrize("part", range(PARTS))
-def test_what_is_right_is_called_wrong_as_seldom_as_is_said(part: int, tmp_path: Path) -> None:
-    each = SCENES // PARTS
-    found = reports_of(range(part * each, (part + 1) * each), tmp_path)
-    most = stats.binom.isf(FALSE_ALARM_RATE / PARTS, each, FALSE_VERDICTS)
+def test_what_is_right_is_called_wrong_as_seldom_as_is_said(tmp_path: Path) -> None:
+    found = reports_of(range(SCENES), tmp_path)
+    most = stats.binom.isf(FALSE_ALARM_RATE, SCENES, FALSE_VERDICTS)
     assert len({line.partition(":")[0] for line in found.wrong}) <= most, found.wrong
     by_chance = [f for f in found.figures if f.has_chance and not math.isnan(f.p)]
     of_errors = [f for f in by_chance if "error" in f.what]
-    assert len(of_errors) > 150
+    assert len(of_errors) > 480
     assert found.not_compared < found.plots / 10
     for figures in (by_chance, of_errors):
         p = np.array([figure.p for figure in figures])
