@@ -178,7 +178,7 @@ def test_mean_inverse_power_needs_no_more_points(monkeypatch):
         return [
             float(detection.inverse_detected_power_noncoherent(linear(v), pfa, n * len(v)))
             for v, n in boxes
-            for pfa in (1e-15, 1e-6, 0.1)
+            for pfa in (1e-15, 0.1)
         ]
 
     coarse = values()

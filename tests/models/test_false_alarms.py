@@ -93,9 +93,12 @@ def test_a_beam_wider_than_the_cover_is_one_cell():
     assert false_alarms.cells_across(110.0, 30.0) == pytest.approx(11 / 3, rel=1e-15)
 
 
-@pytest.mark.parametrize("sectors", [1, 32])
+@pytest.mark.parametrize("sectors", [1, 8])
 def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_them(sectors):
-    """110 degrees of 30: 3.67 beams, which as 4 would alarm 9 % too often; seed 8."""
+    """110 degrees of 30: 3.67 beams, which as 4 would alarm 9 % too often; seed 8.
+
+    In 10,000 scans that is 5.8 sigma, and 3.9 are called wrong: it is seen in 97 % of runs.
+    """
     rng, cover = np.random.default_rng(8), AzimuthCover(-40.0, 70.0)
     turn = Timetable(1_000_000_000, sectors)
     cells = false_alarms.cells_across(110.0, 30.0)
@@ -105,7 +108,7 @@ def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_t
                 len(false_alarms.draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
                 for k in range(sectors)
             )
-            for scan in range(20_000 if sectors == 1 else 6000)
+            for scan in range(10_000)
         ]
     )
     assert_counts(counts, stats.binom(4, 0.1 * 11 / 12), f"seed 8, {sectors} sectors")

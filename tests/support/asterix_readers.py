@@ -1,11 +1,10 @@
-"""Independent readers of ASTERIX, asterix-decoder and libasterix: bad input may crash them."""
+"""Independent readers of ASTERIX: asterix-decoder, which bad input may crash, and libasterix."""
 
 from __future__ import annotations
 
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -81,36 +80,6 @@ def asterix_decoder() -> Path:
     return python
 
 
-# The newest edition of each category. A record is read strictly, and made of its items again.
-_LIBASTERIX = """
-import json, sys
-from asterix.base import Bits, RawDatablock
-from asterix.generated import manifest
-
-def block(raw):
-    category = raw.get_category()
-    edition = max(manifest["CATS"][category], key=lambda each: each.cv_edition)
-    records = edition.cv_uap.parse(raw.get_raw_records())
-    if isinstance(records, ValueError):
-        raise records
-    items = [
-        {name: r.get_item(name) for name in r.cv_items_dict if r.get_item(name) is not None}
-        for r in records
-    ]
-    again = edition.create([type(r).create(each) for r, each in zip(records, items)])
-    texts = [{name: i.unparse().to_bytes().hex() for name, i in each.items()} for each in items]
-    return category, again.unparse().to_bytes().hex(), texts
-
-def blocks(octets):
-    raws = RawDatablock.parse(Bits.from_bytes(octets))
-    if isinstance(raws, ValueError):
-        raise raws
-    return [block(raw) for raw in raws]
-
-print(json.dumps(blocks(bytes.fromhex(sys.stdin.read()))))
-"""
-
-
 class TheirBlock(NamedTuple):
     """A data block as libasterix reads it."""
 
@@ -123,16 +92,25 @@ class TheirBlock(NamedTuple):
 
 def blocks_of(octets: bytes) -> list[TheirBlock]:
     """The data blocks that lie back to back."""
-    done = subprocess.run(
-        [sys.executable, "-I", "-c", _LIBASTERIX],
-        input=octets.hex(),
-        capture_output=True,
-        text=True,
-        timeout=_SECONDS,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return [
-        TheirBlock(category, bytes.fromhex(made), records)
-        for category, made, records in json.loads(done.stdout)
+    from asterix import base  # type: ignore[import-not-found]
+
+    raws = base.RawDatablock.parse(base.Bits.from_bytes(octets))
+    assert not isinstance(raws, ValueError), raws
+    return [_block_of(raw) for raw in raws]
+
+
+def _block_of(raw: Any) -> TheirBlock:
+    """By the newest edition of its category, strictly, and made of its items again."""
+    from asterix.generated import manifest  # type: ignore[import-not-found]
+
+    category = raw.get_category()
+    edition = max(manifest["CATS"][category], key=lambda each: each.cv_edition)
+    records = edition.cv_uap.parse(raw.get_raw_records())
+    assert not isinstance(records, ValueError), records
+    items = [
+        {name: item for name in r.cv_items_dict if (item := r.get_item(name)) is not None}
+        for r in records
     ]
+    made = [type(r).create(each) for r, each in zip(records, items, strict=True)]
+    texts = [{name: i.unparse().to_bytes().hex() for name, i in each.items()} for each in items]
+    return TheirBlock(category, edition.create(made).unparse().to_bytes(), texts)

@@ -1,13 +1,8 @@
-"""Run with libasterix: random records of every category, as it and as our readers read them.
-
-Prints a JSON object: by category how many values were the same, and the first that were not.
-"""
+"""Random records of every category, as libasterix and as our readers read them."""
 
 from __future__ import annotations
 
-import json
 import random
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -182,9 +177,10 @@ def compared(number: int, draw: random.Random) -> tuple[int, str]:
     return count, ""
 
 
-if __name__ == "__main__":
-    generator = random.Random(int(sys.argv[1]))  # noqa: S311 - not for secrets
+def all_compared(seed: int) -> dict[int, tuple[int, str]]:
+    """By category how many values were the same, and the first that were not."""
+    generator = random.Random(seed)  # noqa: S311 - not for secrets
     known = tables()
     assert known
     numbers = [n for n in known[0].manifest["CATS"] if standard(n)]
-    print(json.dumps({n: compared(n, generator) for n in numbers}))
+    return {n: compared(n, generator) for n in numbers}

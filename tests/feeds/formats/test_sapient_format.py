@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from support.command import plotfeed_here
 from support.road import fly, radar, scene
 from support.sapient_tasks import ONE, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
+from plotfeed.feeds.formats.sapient import need_sapient
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.proto.errors import PlotfeedError
@@ -20,9 +23,22 @@ REPORT = 'report = ["sapient"]'
 
 
 @pytest.fixture
-def without_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [n for n in sys.modules if n.startswith("sapient_msg.")]:
-        monkeypatch.delitem(sys.modules, name)
+def not_imported() -> Iterator[None]:
+    """What a test imports of it in its place is forgotten again."""
+    held = of_sapient()
+    yield
+    of_sapient()
+    sys.modules |= held
+
+
+def of_sapient() -> dict[str, ModuleType]:
+    """Its modules, which are imported no more."""
+    names = [name for name in sys.modules if name.partition(".")[0] == "sapient_msg"]
+    return {name: sys.modules.pop(name) for name in names}
+
+
+@pytest.fixture
+def without_extra(not_imported: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sapient_msg", None)
 
 
@@ -61,22 +77,18 @@ def test_without_the_extra_a_scene_is_refused_in_one_line() -> None:
         ),
     ],
 )
+@pytest.mark.usefixtures("not_imported")
 def test_what_is_installed_wrongly_is_told_in_one_line(
-    files: dict[str, str], expected: str, tmp_path: Path
+    files: dict[str, str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, text in files.items():
         path = tmp_path / "sapient_msg" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    program = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-        "from plotfeed.feeds.formats.sapient import need_sapient\n"
-        "try:\n    need_sapient()\nexcept Exception as e:\n    print(type(e).__name__, e)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == f"PlotfeedError {expected}"
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(PlotfeedError) as caught:
+        need_sapient()
+    assert str(caught.value) == expected
 
 
 @pytest.mark.usefixtures("without_extra")
@@ -85,36 +97,19 @@ def test_without_the_extra_show_says_so() -> None:
     assert line.endswith("pip install 'plotfeed[sapient]'")
 
 
+@pytest.mark.usefixtures("without_extra")
 def test_the_command_says_it_too(tmp_path: Path) -> None:
     path = scene_file(tmp_path, scene_text(sensors=radar_text(more=REPORT)))
-    program = (
-        "import sys; sys.modules['sapient_msg'] = None\n"
-        f"sys.argv = ['plotfeed', 'run', {str(path)!r}, '--broker', 'none', '--duration', '1']\n"
-        "from plotfeed.feeds.cli.main import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
+    done = plotfeed_here("run", path, "--broker", "none", "--duration", 1)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "pip install 'plotfeed[sapient]'" in done.stderr
 
 
-def test_a_scene_without_sapient_does_not_import_it(tmp_path: Path) -> None:
-    path = scene_file(tmp_path, scene_text())
-    program = (
-        "import asyncio, sys\n"
-        "from plotfeed.feeds.timing.clock import InstantClock\n"
-        "from plotfeed.feeds.scene.scene import load\n"
-        "from plotfeed.feeds.session.session import run\n"
-        f"scene = load({str(path)!r})\n"
-        "asyncio.run(run(scene, clock=InstantClock(), broker='none', duration_s=1))\n"
-        "print([name for name in sys.modules if 'sapient_msg' in name])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
+@pytest.mark.usefixtures("without_extra")
+def test_a_scene_without_sapient_does_not_import_it() -> None:
+    assert fly(scene([radar()], seed=1), 1.0).payloads("radar/plots")
+    assert sys.modules["sapient_msg"] is None
 
 
 @pytest.mark.parametrize(

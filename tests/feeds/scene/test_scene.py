@@ -372,24 +372,33 @@ def test_the_example_is_the_papers_scenario() -> None:
     assert scene.scene.start_utc_ns is None
 
 
-def test_the_schema_is_valid_and_takes_the_example() -> None:
-    schema = json.loads(text_of("scene"))
-    jsonschema.Draft202012Validator.check_schema(schema)
+@pytest.fixture(scope="module")
+def schema() -> jsonschema.Draft202012Validator:
+    tree = json.loads(text_of("scene"))
+    jsonschema.Draft202012Validator.check_schema(tree)
+    return jsonschema.Draft202012Validator(tree)
+
+
+def test_the_schema_is_valid_and_takes_the_example(
+    schema: jsonschema.Draft202012Validator,
+) -> None:
     text = files("plotfeed.feeds.scene.examples").joinpath("section-4.toml").read_text()
-    jsonschema.validate(tomllib.loads(text), schema)
+    schema.validate(tomllib.loads(text))
 
 
 @pytest.mark.parametrize(
     "mistake",
     ["unknown key", "missing", "text for a number", "unknown kind", "out of range", "latitude"],
 )
-def test_the_schema_refuses_what_the_scene_refuses(mistake: str) -> None:
+def test_the_schema_refuses_what_the_scene_refuses(
+    mistake: str, schema: jsonschema.Draft202012Validator
+) -> None:
     (right, wrong), _ = MISTAKES[mistake]
     tree = tomllib.loads(TEXT.replace("start_utc = 2026-01-01T12:00:00Z", ""))
-    jsonschema.validate(tree, json.loads(text_of("scene")))
+    schema.validate(tree)
     tree = tomllib.loads(TEXT.replace("start_utc = 2026-01-01T12:00:00Z", "").replace(right, wrong))
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(tree, json.loads(text_of("scene")))
+        schema.validate(tree)
 
 
 def test_every_key_of_the_schema_that_has_a_unit_says_it() -> None:

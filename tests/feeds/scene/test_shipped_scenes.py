@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import runpy
-import subprocess
-import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command import plotfeed, plotfeed_here
+from support.command import plotfeed_here
 from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.cli.check import report
@@ -26,6 +25,7 @@ ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "scenes.md").read_text()
 
 
+@cache
 def seen(name: str, duration_s: float) -> Simulation:
     return simulate(name, duration_s, start_utc_ns=START_NS)
 
@@ -55,7 +55,7 @@ def test_all_are_listed_with_their_files() -> None:
 
 
 def test_one_that_does_not_exist_is_refused_with_those_that_do() -> None:
-    told = plotfeed("demo", "nowhere", "--broker", "none")
+    told = plotfeed_here("demo", "nowhere", "--broker", "none")
     assert (told.returncode, told.stdout) == (2, "")
     assert told.stderr.startswith("plotfeed: no shipped scene 'nowhere': expected one of field-day")
 
@@ -85,8 +85,7 @@ def test_the_field_day_has_work_for_every_sensor_and_trouble_for_its_tracker() -
 def test_the_field_day_s_map_is_what_its_command_writes() -> None:
     made = ROOT / "feeds" / "scene" / "examples" / "field-day.geojson"
     before = made.read_bytes()
-    command = ROOT / "docs" / "commands" / "write_field_map.py"
-    subprocess.run([sys.executable, command], check=True)
+    runpy.run_path(str(ROOT / "docs" / "commands" / "write_field_map.py"), run_name="__main__")
     assert made.read_bytes() == before
     shown = example("field-day")
     assert load_basemap("field-day.geojson", made, shown.scene.site).content.count(b'"town"') == 1

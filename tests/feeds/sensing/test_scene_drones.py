@@ -88,11 +88,9 @@ def test_legs_are_flown_one_after_the_other_and_then_it_is_gone() -> None:
 def test_legs_that_are_repeated_begin_again_at_home() -> None:
     flown = Flown(on_legs(leg=LEGS[:3], repeat=True))
     track = flown.trajectories
-    period_s = next(
-        t
-        for t in np.arange(1.0, 400.0, 0.01)
-        if np.allclose(flown.at(t), [[0.0, 0.0, 5.0]], atol=1e-3)
-    )
+    times = np.arange(1.0, 400.0, 0.01)
+    home = np.isclose(flown.at(*times), [0.0, 0.0, 5.0], atol=1e-3).all(axis=1)
+    period_s = times[home][0]
     assert flown.at(period_s + 30.0) == pytest.approx(flown.at(30.0), abs=0.2)
     assert track.names == ["a"]
 

@@ -114,7 +114,7 @@ def test_walls_hide_what_the_ray_meets_at_entry_or_exit():
 
 def any_crossed(rings, tops_m, place):
     """Whether a ray enters or leaves a footprint below its top, by each of its points."""
-    share = np.linspace(0, 1, 8001)[:, None]
+    share = np.linspace(0, 1, 2001)[:, None]
     points = share * place
     latitude_deg, longitude_deg, height_m = HERE.to_geodetic(points)
     for ring, top_m in zip(rings, tops_m, strict=True):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.command import plotfeed_here
 from support.recordings import block
 
 from plotfeed.feeds.recording.decoded_text import message_lines
@@ -15,34 +14,23 @@ from plotfeed.feeds.recording.record_text import categories_of
 from plotfeed.proto.asterix import standard
 from plotfeed.replay.asterix_blocks import record_counts
 
-COMPARE = Path(__file__).parents[2] / "support" / "standard_records.py"
 NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
 REPORT_021 = block(21, "800520", "190d", "0c8000", "018e", "04d2")
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_random_records_of_every_category_are_read_as_libasterix_reads_them(seed: int) -> None:
-    done = subprocess.run(
-        [sys.executable, COMPARE, str(seed)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert {int(number) for number in found} >= NAMED
+    from support.standard_records import all_compared
+
+    found = all_compared(seed)
+    assert found.keys() >= NAMED
     for count, otherwise in found.values():
         assert otherwise == ""
         assert count > 200
 
 
 def show(path: Path, *options: str) -> list[str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "plotfeed.feeds.cli", "show", path, *options],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = plotfeed_here("show", path, *options)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
