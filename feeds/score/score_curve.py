@@ -1,16 +1,22 @@
-"""The curve of what a tracker survives: means over runs at each level, with their intervals."""
+"""The curve of what a tracker survives: means over runs at each level, with their intervals.
+
+As a table for people, and drawn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.console.extras import NO_DATE, save_figure
 from plotfeed.feeds.console.printed import aligned
 from plotfeed.feeds.sweep.levels import SweepLevel
+from plotfeed.feeds.sweep.sweep_pictures import LevelAxis, draw_by_level, plain_text
 from plotfeed.feeds.sweep.sweep_summary import Results
 from plotfeed.models.bootstrap import Interval, mean_interval
 
@@ -23,6 +29,8 @@ SHOWN = {
     "initiation_median_s": ("initiation, s", ".1f"),
 }
 """Figures of the printed table and the picture, with their titles and how they are printed."""
+INCHES = (15.0, 8.0)
+DPI = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,3 +94,26 @@ def _shown(figure: Interval, form: str) -> str:
         return "-"
     value, low, high = (f"{number:{form}}" for number in figure)
     return value if not isfinite(figure.low) or low == high else f"{value} ({low} to {high})"
+
+
+def draw_curve(path: Path, points: Sequence[CurvePoint]) -> None:
+    """Write the picture, in the format that its name says."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    axis = LevelAxis([point.level for point in points])
+    with mpl.rc_context({"svg.hashsalt": "plotfeed", "font.size": 9.5, "axes.titlesize": 10.5}):
+        figure: Any = Figure(figsize=INCHES, dpi=DPI, layout="constrained")
+        figure.suptitle(_title(points), fontsize=13)
+        for axes, (name, (title, _)) in zip(figure.subplots(2, 3).flat, SHOWN.items(), strict=True):
+            found = {point.level.number: point.figures[name] for point in points}
+            draw_by_level(axes, axis, found, title, "")
+        save_figure(figure, path, metadata=NO_DATE[path.suffix.lower()])
+
+
+def _title(points: Sequence[CurvePoint]) -> str:
+    names = ", ".join(dict.fromkeys(point.tracker for point in points))
+    failed = sum(len(point.failures) for point in points)
+    runs = sum(point.runs for point in points)
+    more = f"; failed in {failed}" if failed else ""
+    return plain_text(f"{names}: {runs} runs, bars 95 % over those of a level{more}")

@@ -27,7 +27,7 @@ from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.sweep.levels import SweepLevel, scene_of
-from plotfeed.feeds.sweep.one_run import START_UTC_NS, USUAL_S
+from plotfeed.feeds.sweep.one_run import span_of
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -118,7 +118,7 @@ def run_tracker(job: TrackerJob) -> dict[str, Any]:
 
 async def _run(job: TrackerJob) -> dict[str, Any]:
     scene, plan = _scene_of(job), job.plan
-    start_ns = START_UTC_NS if scene.scene.start_utc_ns is None else scene.scene.start_utc_ns
+    start_ns, duration_s = span_of(scene, plan.duration_s)
     clock = WallClock(start_ns, speed=plan.speed)
     site = scene.scene.site
     frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
@@ -126,7 +126,6 @@ async def _run(job: TrackerJob) -> dict[str, Any]:
     tally = FlightsTally(frames, longest_s)
     heard = _Heard(scene, clock)
     topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
-    duration_s = plan.duration_s or scene.scene.duration_s or USUAL_S
     async with (
         brokers_of(scene, None) as brokers,
         _listening(brokers, topic, heard),

@@ -13,7 +13,7 @@ from typing import Any
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, say
 from plotfeed.feeds.console.process import refuse_if_there
-from plotfeed.feeds.score.score_curve import CurvePoint, curve_lines
+from plotfeed.feeds.score.score_curve import CurvePoint, curve_lines, draw_curve
 from plotfeed.feeds.score.score_figures import FIGURE_NAMES
 from plotfeed.feeds.score.score_settings import ScoreSettings
 from plotfeed.feeds.score.tracker_run import (
@@ -151,8 +151,6 @@ def _write(
     write_table(table, *level_columns(levels, done, rows, own, first=first))
     yield table
     for picture in pictures:
-        from plotfeed.feeds.score.curve_pictures import draw_curve
-
         draw_curve(picture, points)
         yield picture
 

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
-from plotfeed.feeds.timing.early_waking import MAX_EARLY_NS, SAVED_NS, SHARE, EarlyWaking
-from plotfeed.feeds.timing.timers import TimerFd
+from plotfeed.feeds.timing.timers import MAX_EARLY_NS, SAVED_NS, SHARE, EarlyWaking, TimerFd
 
 MS = 1_000_000
 S = 1_000_000_000
