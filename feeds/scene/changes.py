@@ -198,10 +198,15 @@ class Command(SceneTable):
 _COMMAND = TypeAdapter(Command)
 
 
-def parsed(payload: bytes) -> Command:
-    """A command from the wire; raises `ControlError`."""
+def check_octets(payload: bytes) -> None:
+    """Raise `ControlError` for a command, of whatever kind, that is longer than any is."""
     if len(payload) > MAX_COMMAND_OCTETS:
         raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
+
+
+def parsed(payload: bytes) -> Command:
+    """A command from the wire; raises `ControlError`."""
+    check_octets(payload)
     try:
         tree = json.loads(payload)
     except (ValueError, RecursionError):

@@ -12,11 +12,11 @@ from plotfeed.feeds.formats import inboxes_of
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import (
-    MAX_COMMAND_OCTETS,
     ChangeError,
     ClockCommand,
     Command,
     ControlError,
+    check_octets,
     command_of,
     parsed,
 )
@@ -202,24 +202,24 @@ class SessionInputs:
 
     def _ask(self, topic: str, payload: bytes, as_of_ns: int) -> None:
         """Have a sensor answer what is asked of it in the words of a format."""
-        sensor = self._inboxes.get(topic)
-        if sensor is None:
-            known = ", ".join(self._inboxes.values())
-            raise ControlError(f"there is no sensor that takes this; expected one of {known}")
-        if len(payload) > MAX_COMMAND_OCTETS:
-            raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
-        self._sensor_tasks[sensor].asked(payload, as_of_ns)
+        task = self._task_of(topic, self._inboxes, "that takes this")
+        check_octets(payload)
+        task.asked(payload, as_of_ns)
 
     def _cue(self, topic: str, payload: bytes, as_of_ns: int) -> None:
         """Have a sensor's mount look somewhere."""
-        sensor = self._cued.get(topic)
-        if sensor is None:
-            known = ", ".join(self._cued.values())
-            raise ControlError(f"there is no sensor that a mount turns; expected one of {known}")
-        if len(payload) > MAX_COMMAND_OCTETS:
-            raise ControlError(f"{len(payload)} octets: at most {MAX_COMMAND_OCTETS} are taken")
-        self._sensor_tasks[sensor].cue(payload, as_of_ns)
+        task = self._task_of(topic, self._cued, "that a mount turns")
+        check_octets(payload)
+        task.cue(payload, as_of_ns)
         self._totals.controls += 1
+
+    def _task_of(self, topic: str, sensors: Mapping[str, str], which: str) -> SensorTask:
+        """The sensor to which a topic belongs; raises `ControlError` if there is no such."""
+        sensor = sensors.get(topic)
+        if sensor is None:
+            known = ", ".join(sensors.values())
+            raise ControlError(f"there is no sensor {which}; expected one of {known}")
+        return self._sensor_tasks[sensor]
 
     def _refuse_dropped(self, as_of_ns: int) -> None:
         """Count what could not even wait to be taken in, and tell of it by topic."""

@@ -92,11 +92,17 @@ class RunJob:
         return f"run {self.run} of {self.level}"
 
 
+def span_of(scene: Scene, duration_s: float | None) -> tuple[int, float]:
+    """When runs of a scene begin, UTC in nanoseconds, and how many seconds they last."""
+    told = scene.scene
+    start_utc_ns = START_UTC_NS if told.start_utc_ns is None else told.start_utc_ns
+    return start_utc_ns, duration_s or told.duration_s or USUAL_S
+
+
 def run_once(job: RunJob) -> dict[str, Any]:
     """Rows of a run for each table, as JSON holds them; raises `PlotfeedError`."""
     scene, plan = scene_of(job.level), job.plan
-    start_ns = START_UTC_NS if scene.scene.start_utc_ns is None else scene.scene.start_utc_ns
-    duration_s = plan.duration_s or scene.scene.duration_s or USUAL_S
+    start_ns, duration_s = span_of(scene, plan.duration_s)
     found = simulate(scene, duration_s, seed=job.seed, start_utc_ns=start_ns)
     end_ns = start_ns + round(duration_s * NS)
     figures = _RunFigures(scene, plan, found, end_ns)
