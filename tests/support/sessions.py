@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
 
 import pytest
 from support.brokers import mosquitto, rumqttd
+from support.road import START_NS
 from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -95,6 +96,30 @@ class AtWork(Observer):
         """It goes on reporting."""
         wanted = len(self.sectors) + number
         await until(lambda: len(self.sectors) >= wanted)
+
+
+Asked = tuple[float, str, bytes]
+"""Seconds after the beginning, a topic and what is said on it."""
+
+
+class Asks(Observer):
+    """Hands a session that begins at `road.START_NS` what it is asked, each at its time."""
+
+    def __init__(self, asked: Sequence[Asked]) -> None:
+        self._asked = [(START_NS + round(s * 1e9), topic, said) for s, topic, said in asked]
+        self._session: RunningSession | None = None
+
+    def begun(self, session: RunningSession) -> None:
+        self._session = session
+
+    def next_input_ns(self) -> int | None:
+        return self._asked[0][0] if self._asked else None
+
+    def before_due(self, due_utc_ns: int) -> None:
+        while self._asked and self._asked[0][0] < due_utc_ns:
+            assert self._session is not None
+            at_ns, topic, payload = self._asked.pop(0)
+            self._session.receive([(topic, payload, None)], at_ns)
 
 
 @asynccontextmanager

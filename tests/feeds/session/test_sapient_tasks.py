@@ -15,13 +15,14 @@ from support.road import START_NS, held, radar, scene, staring
 from support.sapient_middleware import Peer, listening
 from support.sapient_rules import checked, checked_together
 from support.sapient_tasks import ONE, THREE, TWO, task
+from support.sessions import Asks
 from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats.sapient.sapient_tasks import MAX_TASKS_PER_S
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Input, Observer, RunningSession
+from plotfeed.feeds.session.observer import Input
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.sapient.envelope import node_id
@@ -34,29 +35,15 @@ ACCEPTED, REJECTED, COMPLETED = (
 )
 
 
-class Asks(Observer):
-    """Hands a session what it is asked, each at its time after the beginning, and keeps all."""
+class Keeps(Asks):
+    """Hands a session tasks, each so many seconds after the beginning, and keeps all."""
 
     def __init__(self, asked: Sequence[tuple[float, bytes]], topic: str = INBOX) -> None:
+        super().__init__([(after_s, topic, payload) for after_s, payload in asked])
         self.said: list[SapientMessage] = []
         self.messages: list[Message] = []
         self.sensors: list[Sensor] = []
         self.taken: list[Input] = []
-        self._asked = [(START_NS + round(after_s * 1e9), payload) for after_s, payload in asked]
-        self._topic = topic
-        self._session: RunningSession | None = None
-
-    def begun(self, session: RunningSession) -> None:
-        self._session = session
-
-    def next_input_ns(self) -> int | None:
-        return self._asked[0][0] if self._asked else None
-
-    def before_due(self, due_utc_ns: int) -> None:
-        while self._asked and self._asked[0][0] < due_utc_ns:
-            assert self._session is not None
-            at_ns, payload = self._asked.pop(0)
-            self._session.receive([(self._topic, payload, None)], at_ns)
 
     def received(
         self, topic: str, payload: bytes, content_type: str | None, _t_utc_ns: int
@@ -83,15 +70,15 @@ def seconds(message: SapientMessage) -> float:
     return (message.timestamp.ToNanoseconds() - START_NS) / 1e9
 
 
-def said_at(asks: Asks, after_s: float) -> list[str | None]:
+def said_at(asks: Keeps, after_s: float) -> list[str | None]:
     near = [m for m in asks.said if abs(seconds(m) - after_s) < 0.005]
     return [m.WhichOneof("content") for m in near if not m.HasField("detection_report")]
 
 
 def flown_with(
     *asked: tuple[float, bytes], duration_s: float = 4.0, **keys: Any
-) -> tuple[Asks, SessionCounters]:
-    asks = Asks(asked)
+) -> tuple[Keeps, SessionCounters]:
+    asks = Keeps(asked)
     of = radar(report=["sapient"], scan=staring(0.1), pfa=1e-5, **keys)
     flown = scene([of], [held("d", 45.0, 20.0, 1000.0, rcs_m2=1.0)], seed=3)
     totals = asyncio.run(
@@ -235,7 +222,7 @@ def test_what_is_not_done_is_rejected_with_the_reason(asked: bytes, reason: str)
 
 def test_a_sensor_without_false_alarms_takes_no_threshold() -> None:
     place = {"type": "range_gate", "scan": staring(0.1), "range_max_m": 5e3, "sigma_m": 5.0}
-    asks = Asks([(0.2, task(detection_threshold="DISCRETE_THRESHOLD_LOW"))])
+    asks = Keeps([(0.2, task(detection_threshold="DISCRETE_THRESHOLD_LOW"))])
     flown = scene([{"id": "radar", "report": ["sapient"], **place}], seed=3)
     clock = InstantClock(START_NS)
     asyncio.run(run(flown, clock=clock, broker="none", duration_s=0.5, observers=[asks]))
@@ -273,7 +260,7 @@ def test_more_than_some_in_a_second_are_rejected() -> None:
 
 
 def test_tasks_of_nobody_are_refused_and_recorders_are_told_of_all() -> None:
-    asks = Asks([(0.2, task(request="Status"))], topic="plotfeed/nobody/sapient/task")
+    asks = Keeps([(0.2, task(request="Status"))], topic="plotfeed/nobody/sapient/task")
     flown = scene([radar(report=["sapient"])], seed=3)
     clock = InstantClock(START_NS)
     totals = asyncio.run(run(flown, clock=clock, broker="none", duration_s=2.0, observers=[asks]))

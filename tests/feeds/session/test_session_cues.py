@@ -14,12 +14,13 @@ from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from support.road import START_NS, held, radar, scene, staring
 from support.sapient_tasks import ONE, TWO, task
+from support.sessions import Asked, Asks
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import Observer, RunningSession, Tap
+from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -27,7 +28,6 @@ from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_N
 
 CUE, TASK = "plotfeed/camera/cue", "plotfeed/camera/sapient/task"
 EAST = {"azimuth_deg": 90.0, "elevation_deg": 6.0}
-Asked = tuple[float, str, bytes]
 
 
 def camera(**changes: Any) -> dict[str, Any]:
@@ -40,26 +40,6 @@ def camera(**changes: Any) -> dict[str, Any]:
 
 
 DRONES = [held("north", 0.0, 6.0, 900.0), held("east", 90.0, 6.0, 900.0)]
-
-
-class Asks(Observer):
-    """Hands a session what is asked, each at its time after the beginning."""
-
-    def __init__(self, asked: Sequence[Asked]) -> None:
-        self._asked = [(START_NS + round(s * 1e9), topic, said) for s, topic, said in asked]
-        self._session: RunningSession | None = None
-
-    def begun(self, session: RunningSession) -> None:
-        self._session = session
-
-    def next_input_ns(self) -> int | None:
-        return self._asked[0][0] if self._asked else None
-
-    def before_due(self, due_utc_ns: int) -> None:
-        while self._asked and self._asked[0][0] < due_utc_ns:
-            assert self._session is not None
-            at_ns, topic, payload = self._asked.pop(0)
-            self._session.receive([(topic, payload, None)], at_ns)
 
 
 def flown(
