@@ -21,9 +21,10 @@ from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
+from plotfeed.feeds.delivery.delivery import Transport
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.destinations import Destinations, ReplayTransport, open_transports
+from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
@@ -167,7 +168,7 @@ def _line(totals: ReplayCounters, settings: ReplaySettings, took_s: float) -> st
 
 
 def _summary(
-    totals: ReplayCounters, outs: Sequence[ReplayTransport], took_s: float
+    totals: ReplayCounters, outs: Sequence[Transport], took_s: float
 ) -> dict[str, float | dict[str, int]]:
     p50_us, p99_us, p999_us = lateness_us(totals.lateness_ns, 50, 99, 99.9)
     return {

@@ -156,6 +156,29 @@ class Transport(Protocol):
         """Wait until everything has left, or the time is up."""
 
 
+class ImmediateTransport:
+    """A transport with which nothing waits, for those to inherit that keep nothing back."""
+
+    def publish(self, *deliveries: Delivery) -> None:
+        """Take some that are due at once, and `settle` each now; never raise."""
+        raise NotImplementedError
+
+    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
+        """Take them one by one."""
+        self.publish(*made())
+        return False
+
+    def waiting_of(self, _client: ClientCounters) -> int:
+        """Nothing waits."""
+        return 0
+
+    def prepare(self, _messages: Sequence[Message]) -> None:
+        """Nothing can be done ahead of time."""
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Nothing is kept that could take any time."""
+
+
 class KeptUp(Protocol):
     """What has to be connected, and connected again, while the session runs."""
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import select
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from ipaddress import ip_address
-from typing import Protocol
 
 from plotfeed.feeds.console.printed import bracketed
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, Transport
+from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, Transport
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -30,13 +28,6 @@ FULL_S = 1.0
 WAITING = 4096
 """Messages that may wait for a broker while whoever has no deadlines waits for room."""
 CONNECT_S = 5.0
-
-
-class ReplayTransport(Transport, Protocol):
-    """A transport that says what of a recording goes over it."""
-
-    def carries(self, message: Message) -> bool:
-        """Whether it is a message for this transport."""
 
 
 def is_datagram(message: Message) -> bool:
@@ -92,7 +83,7 @@ class ReplayUdp(UdpTransport):
         return False
 
 
-class RecordedUdp:
+class RecordedUdp(ImmediateTransport):
     """The destinations that datagrams once had, by their topics udp/ADDRESS/PORT."""
 
     def __init__(self, *, ttl: int = 1, interface: str | None = None, waits: bool = False) -> None:
@@ -121,21 +112,6 @@ class RecordedUdp:
                 delivery.settle(delivered=None)
             else:
                 link.publish(delivery)
-
-    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Send each to where its topic says, and settle it."""
-        self.publish(*made())
-        return False
-
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits."""
-        return 0
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
-
-    async def drain(self, timeout_s: float = 1.0) -> None:
-        """Nothing is kept that could take any time."""
 
     def close(self) -> None:
         """Close all sockets."""
@@ -187,9 +163,9 @@ class Destinations:
 
 
 @contextlib.asynccontextmanager
-async def open_transports(to: Destinations, *, waits: bool) -> AsyncIterator[list[ReplayTransport]]:
+async def open_transports(to: Destinations, *, waits: bool) -> AsyncIterator[list[Transport]]:
     """Sockets that are open and brokers that are there; raises `PlotfeedError`."""
-    transports: list[ReplayTransport] = []
+    transports: list[Transport] = []
     async with contextlib.AsyncExitStack() as stack:
         for settings in to.udp:
             link = ReplayUdp(settings, waits=waits)

@@ -8,8 +8,8 @@ from functools import partial
 from itertools import count
 
 from plotfeed.feeds.console.process import undisturbed
+from plotfeed.feeds.delivery.delivery import Transport
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.destinations import ReplayTransport
 from plotfeed.feeds.replaying.read_ahead import ReadAhead, ReplayItem, ReplayReader
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.restamp import Restamper
@@ -40,7 +40,7 @@ class RushClock(InstantClock):
 
 async def replay(
     source: RepeatableRecording,
-    transports: Sequence[ReplayTransport],
+    transports: Sequence[Transport],
     settings: ReplaySettings,
     *,
     control: ReplayControl | None = None,
@@ -76,7 +76,7 @@ class Replayer:
     def __init__(
         self,
         source: RepeatableRecording,
-        transports: Sequence[ReplayTransport],
+        transports: Sequence[Transport],
         settings: ReplaySettings,
         *,
         clock: Clock,

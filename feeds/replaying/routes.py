@@ -10,10 +10,10 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.delivery import Delivery, Transport
 from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.replaying.destinations import ReplayTransport, ReplayUdp
+from plotfeed.feeds.replaying.destinations import ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock
@@ -107,7 +107,7 @@ class Routes:
 
     def __init__(
         self,
-        transports: Sequence[ReplayTransport],
+        transports: Sequence[Transport],
         settings: ReplaySettings,
         *,
         clock: Clock,

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 
 from plotfeed.feeds.console.printed import bracketed
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
+from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import ListeningDestination
 from plotfeed.proto.errors import PlotfeedError
@@ -21,7 +20,7 @@ class PortError(PlotfeedError):
     exit_code = 1
 
 
-class ListeningTransport:
+class ListeningTransport(ImmediateTransport):
     """Listens on a port while `run` runs, and tells who connects what goes there."""
 
     def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
@@ -59,16 +58,6 @@ class ListeningTransport:
             if self.carries(message):
                 self.tell(message)
         return True
-
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits but for single clients."""
-        return 0
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
-
-    async def drain(self, timeout_s: float = 1.0) -> None:
-        """Nothing waits."""
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once it listens; raises `PortError` if it cannot."""

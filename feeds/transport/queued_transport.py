@@ -12,9 +12,9 @@ from plotfeed.feeds.delivery.counters import ClientCounters
 from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import QueuedDestination
+from plotfeed.feeds.transport.patience import backoff_s, wait_while
 from plotfeed.proto.errors import PlotfeedError
 
-BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 MAX_SAID = 200
 
 log = logging.getLogger(__name__)
@@ -89,11 +89,7 @@ class QueuedTransport:
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until nothing waits, or the time is up; a server that fails is not waited for."""
-        deadline_s = asyncio.get_running_loop().time() + timeout_s
-        while self._queue and not self._fails:
-            if asyncio.get_running_loop().time() > deadline_s:
-                return
-            await asyncio.sleep(0.005)
+        await wait_while(lambda: self._queue and not self._fails, timeout_s)
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Nothing is waited for: who is away is told of when there is something to send."""
@@ -115,7 +111,7 @@ class QueuedTransport:
                         self._settle(delivery, delivered=False)
                         tries = 0
                     if not error.is_final:
-                        await asyncio.sleep(BACKOFF_S[min(failures, len(BACKOFF_S)) - 1])
+                        await asyncio.sleep(backoff_s(failures - 1))
                     continue
                 tries = failures = 0
                 if self._fails and self.is_steady():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.delivery.counters import ClientCounters, SapientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
+from plotfeed.feeds.delivery.counters import SapientCounters
+from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
@@ -18,6 +18,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.patience import backoff_s, wait_while
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.feeds.transport.sapient_news import SapientNews
 from plotfeed.feeds.transport.sapient_wire import SapientWire
@@ -28,7 +29,6 @@ CONNECT_TIMEOUT_S = 2.0
 ACK_TIMEOUT_S = 2.0
 REGISTER_AGAIN_S = 10.0
 """Who was refused asks so often whether that has changed."""
-BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 STEADY_S = 5.0
 """A connection that lasted less counts as a failure: whoever hangs up at once is not hurried."""
 MAX_SAID = 200
@@ -40,7 +40,7 @@ class SapientError(PlotfeedError):
     exit_code = 1
 
 
-class SapientTcpTransport:
+class SapientTcpTransport(ImmediateTransport):
     """One sensor's connection: kept up while `run` runs, publishing unless it is refused."""
 
     def __init__(
@@ -100,7 +100,7 @@ class SapientTcpTransport:
                         self._tell(f"lost {self.address} ({error})")
                         self._loss_told = True
                 attempt = 0 if loop.time() - began_s > STEADY_S else attempt
-                await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
+                await asyncio.sleep(backoff_s(attempt))
                 attempt += 1
         finally:
             self._ended()
@@ -118,26 +118,12 @@ class SapientTcpTransport:
                 delivered = self._sent(delivery)
             delivery.settle(delivered=delivered, to="SAPIENT")
 
-    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Send what is SAPIENT, and settle each."""
-        self.publish(*made())
-        return False
-
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits."""
-        return 0
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
-
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + timeout_s
-        while self._wire is not None and self._up.is_set() and self._wire.unsent_octets:
-            if loop.time() > deadline_s:
-                return
-            await asyncio.sleep(0.001)
+        await wait_while(
+            lambda: self._wire is not None and self._up.is_set() and self._wire.unsent_octets,
+            timeout_s,
+        )
 
     def _sent(self, delivery: Delivery) -> bool:
         registers = is_registration(delivery.message)

@@ -10,17 +10,12 @@ import logging
 import socket
 import struct
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, MakeDeliveries
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.delivery.counters import ClientCounters
-    from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
-    from plotfeed.feeds.messages.message import Message
-
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +26,7 @@ class UdpError(PlotfeedError):
     exit_code = 1
 
 
-class UdpTransport:
+class UdpTransport(ImmediateTransport):
     """A socket that sends what it carries of the messages to one destination, and never waits."""
 
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
@@ -92,19 +87,9 @@ class UdpTransport:
             delivery.settle(delivered=delivered, to=self.name)
         return False
 
-    def waiting_of(self, _client: ClientCounters) -> int:
-        """Nothing waits."""
-        return 0
-
     def carries(self, message: Message) -> bool:
         """Whether it is of the kind that goes there."""
         return message.content_type.startswith(self._carried)
-
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Nothing can be done ahead of time."""
-
-    async def drain(self, timeout_s: float = 1.0) -> None:
-        """Nothing is kept that could take any time."""
 
     def close(self) -> None:
         """Close the socket."""

@@ -14,6 +14,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import WebSocketKeys
 from plotfeed.feeds.transport.listening_transport import ListeningTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.patience import wait_while
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
@@ -35,11 +36,7 @@ class WebSocketTransport(ListeningTransport):
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until clients have been given everything, or the time is up."""
-        deadline_s = asyncio.get_running_loop().time() + timeout_s
-        while any(not queue.empty() for queue in self._clients):
-            if asyncio.get_running_loop().time() > deadline_s:
-                return
-            await asyncio.sleep(0.005)
+        await wait_while(lambda: any(not queue.empty() for queue in self._clients), timeout_s)
 
     def listening(self) -> AbstractAsyncContextManager[object]:
         """The server, while there is one; entering raises `OSError`."""

@@ -18,13 +18,13 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
 from plotfeed.feeds.transport.mqtt.no_connection import MqttError, no_answer
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
+from plotfeed.feeds.transport.patience import backoff_s, wait_while
 
 log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 3.0
 OTHER_VERSION_AFTER_S = 1.0
 """A broker that does not know a version may just not answer."""
-BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 STABLE_S = 5.0
 """A connection that lasted longer was a good one; a broker may also take us and end it at once."""
 WATCH_EVERY_S = 5.0
@@ -123,7 +123,7 @@ class MqttTransport:
                     if loop.time() - began_s > STABLE_S:
                         attempt = 0
                 self._expire()
-                await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
+                await asyncio.sleep(backoff_s(attempt))
                 attempt += 1
         finally:
             self._ended = True
@@ -219,12 +219,10 @@ class MqttTransport:
 
         What was published with QoS 1 has been acknowledged then.
         """
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + timeout_s
-        while self.waiting or (self._connection is not None and not self._connection.is_idle()):
-            if loop.time() > deadline_s:
-                return
-            await asyncio.sleep(0.001)
+        await wait_while(
+            lambda: self.waiting or not (self._connection is None or self._connection.is_idle()),
+            timeout_s,
+        )
 
     def give_up(self) -> None:
         """Settle all that is not delivered by now, waiting or unacknowledged, as undelivered."""

@@ -16,9 +16,10 @@ from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.user_properties import packed, packed_text
-from plotfeed.feeds.transport.mqtt.client import BACKOFF_S, CONNECT_TIMEOUT_S, MqttTransport
+from plotfeed.feeds.transport.mqtt.client import CONNECT_TIMEOUT_S, MqttTransport
 from plotfeed.feeds.transport.mqtt.gmqtt_client import KEEP_ALIVE_S, reason_name
 from plotfeed.feeds.transport.mqtt.publish_packet import CONTENT_TYPE
+from plotfeed.feeds.transport.patience import backoff_s
 from plotfeed.proto.varint import varint
 
 log = logging.getLogger(__name__)
@@ -85,7 +86,7 @@ class LastWills:
                     if await self._connect_missing():
                         failures = 0
                     else:
-                        again_s = loop.time() + BACKOFF_S[min(failures, len(BACKOFF_S) - 1)]
+                        again_s = loop.time() + backoff_s(failures)
                         failures += 1
                     self._placed.set()
                 self._ping_some(loop.time())

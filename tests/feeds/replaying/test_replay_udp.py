@@ -13,10 +13,10 @@ from support.recordings import plots
 from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
 
+from plotfeed.feeds.delivery.delivery import Transport
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.destinations import (
     RecordedUdp,
-    ReplayTransport,
     ReplayUdp,
     is_datagram,
 )
@@ -30,7 +30,7 @@ from plotfeed.replay.recorded import Recorded
 
 
 async def sent_over(
-    outs: Sequence[ReplayTransport],
+    outs: Sequence[Transport],
     recorded: Sequence[Recorded],
     settings: ReplaySettings | None = None,
 ) -> ReplayCounters:

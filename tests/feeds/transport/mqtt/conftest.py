@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from plotfeed.feeds.transport.mqtt import client
+from plotfeed.feeds.transport import patience
 
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "BACKOFF_S", (0.01,))
+    monkeypatch.setattr(patience, "BACKOFF_S", (0.01,))

@@ -23,6 +23,7 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport import patience
 from plotfeed.feeds.transport.mqtt import last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -191,7 +192,7 @@ async def test_connections_that_say_nothing_else_are_kept_alive(
 async def test_a_broker_that_does_not_take_so_many_connections_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(last_wills, "BACKOFF_S", (0.05,))
+    monkeypatch.setattr(patience, "BACKOFF_S", (0.05,))
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
     port = free_port()
     listener = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_connections 5\n"

@@ -20,6 +20,7 @@ from support.mqtt_client import Client, listening
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
+from plotfeed.feeds.transport import patience
 from plotfeed.feeds.transport.mqtt import client, gmqtt_client, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -48,7 +49,7 @@ def start(request: pytest.FixtureRequest) -> Start:
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "BACKOFF_S", (0.02,))
+    monkeypatch.setattr(patience, "BACKOFF_S", (0.02,))
 
 
 @asynccontextmanager

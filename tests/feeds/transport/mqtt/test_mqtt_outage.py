@@ -13,7 +13,7 @@ from support.mqtt_link import BUSY, end_connection, linked, numbers
 from support.scripted_broker import ScriptedBroker
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.transport.mqtt import client
+from plotfeed.feeds.transport import patience
 
 pytestmark = pytest.mark.usefixtures("hurried")
 
@@ -195,7 +195,7 @@ async def test_thousands_that_waited_leave_in_slices_with_others_in_between() ->
 async def test_hundreds_of_connections_leave_nothing_behind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(client, "BACKOFF_S", (0.0,))
+    monkeypatch.setattr(patience, "BACKOFF_S", (0.0,))
 
     def left() -> tuple[int, int]:
         gc.collect()
