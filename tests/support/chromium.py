@@ -106,15 +106,25 @@ def looking(browser: Browser, url: str, **more: Any) -> Iterator[Page]:
             yield page
             # A connection that was lost on purpose is told on the console by the browser itself.
             assert not [p for p in problems if "ERR_CONNECTION_REFUSED" not in p and "403" not in p]
-        page.mouse.move(0, 0)
-        page.evaluate("localStorage.clear()")
-        page.context.clear_cookies()
-        page.goto(urljoin(url, "/icon.svg"))  # of the same site, and thus of the same process
-        if not more:
+        if not more and _emptied(page, url):
             _left.setdefault(browser, page)
     finally:
         if _left.get(browser) is not page:
             page.context.close()
+
+
+def _emptied(page: Page, url: str) -> bool:
+    """Forget what was done on a page; whether that worked: who served it may have gone."""
+    from playwright import sync_api
+
+    page.mouse.move(0, 0)
+    page.evaluate("localStorage.clear()")
+    page.context.clear_cookies()
+    try:
+        page.goto(urljoin(url, "/icon.svg"))  # of the same site, and thus of the same process
+    except sync_api.Error:
+        return False
+    return True
 
 
 @contextmanager

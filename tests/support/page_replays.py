@@ -71,3 +71,12 @@ class Viewer:
 
 def of_lab(client: Client, since: int = 0) -> list[Heard]:
     return [m for m in client.heard[since:] if m.topic.startswith("lab/") and m.topic != TRACKS]
+
+
+async def settled(client: Client) -> int:
+    """How many messages have come once no more do: what left before a pause has come by then."""
+    count = -1
+    while count != len(client.heard):
+        count = len(client.heard)
+        await asyncio.sleep(0.3)
+    return count

@@ -9,7 +9,7 @@ import pytest
 from support import made_up_session, road
 from support.brokers import free_port, mosquitto
 from support.chromium import chromium, looking
-from support.command import plotfeed_here
+from support.command import plotfeed
 from support.made_up_session import MadeUpSession
 from support.mqtt_client import Client
 from support.page_replays import SESSION_S, TRACKS, Act, Viewer
@@ -68,7 +68,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = folder / "lab.toml"
     scene.write_text(f'{text}\n[page]\ntracks_topic = "{TRACKS}"\n'.replace('"test"', '"lab"'))
     how = ["--broker", "none", "--speed", "max", "--duration", SESSION_S]
-    done = plotfeed_here("run", scene, "--record", folder / "session.mcap", *how)
+    done = plotfeed("run", scene, "--record", folder / "session.mcap", *how)
     assert done.returncode == 0, done.stderr
     return folder / "session.mcap"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from support import made_up_session, road
@@ -94,42 +95,40 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
     browser: Browser, stage: MadeUpSession
 ) -> None:
     address = PageAddress("127.0.0.1", free_port())
-    context = new_context(browser)
-    page = context.new_page()
-    with on_stage(stage, address=address) as served:
-        page.goto(served.url)
-        until_shown(page)
+    again = MadeUpSession(View(), made_up_session.scene(5))
+    with (
+        ExitStack() as first,
+        looking(browser, first.enter_context(on_stage(stage, address=address)).url) as page,
+    ):
         page.get_by_role("button", name="Truth").click()
         until(page, "plotfeed.picture.drones !== null")
         assert page.locator("#veil").is_hidden()
-    page.locator("#veil").get_by_text("Connection lost").wait_for()
-    assert "lost" in page.locator("#connection").inner_text()
-    asked = page.evaluate("plotfeed.feed.ask({ clock: { paused: true } })")
-    assert asked["ok"] is False
-    again = MadeUpSession(View(), made_up_session.scene(5))
-    with on_stage(again, address=address):
-        page.locator("#veil").wait_for(state="hidden")
-        until(page, "plotfeed.picture.drones?.rows === 5")  # the truth is asked again
-        page.get_by_text("Connected").wait_for()
-        page.get_by_label("Latency", exact=True).fill("250")
-        page.get_by_role("button", name="Apply").click()
-        asked = {"sensor": "radar", "set": {"link": {"latency_ms": 250}}}
-        wait_for_command(page, again, asked)
-        page.locator("#latency-now").get_by_text("250 ms").wait_for()
-    context.close()
+        first.close()
+        page.locator("#veil").get_by_text("Connection lost").wait_for()
+        assert "lost" in page.locator("#connection").inner_text()
+        asked = page.evaluate("plotfeed.feed.ask({ clock: { paused: true } })")
+        assert asked["ok"] is False
+        with on_stage(again, address=address):
+            page.locator("#veil").wait_for(state="hidden")
+            until(page, "plotfeed.picture.drones?.rows === 5")  # the truth is asked again
+            page.get_by_text("Connected").wait_for()
+            page.get_by_label("Latency", exact=True).fill("250")
+            page.get_by_role("button", name="Apply").click()
+            wanted = {"sensor": "radar", "set": {"link": {"latency_ms": 250}}}
+            wait_for_command(page, again, wanted)
+            page.locator("#latency-now").get_by_text("250 ms").wait_for()
 
 
 def test_a_page_whose_token_is_old_says_so(browser: Browser, stage: MadeUpSession) -> None:
     wide = PageAddress("0.0.0.0", free_port())  # noqa: S104 - with a token
-    with on_stage(stage, address=wide, tokens=Tokens("one")) as served:
-        context = new_context(browser)
-        page = context.new_page()
-        page.goto(f"http://127.0.0.1:{served.port}/?token=one")
-        until(page, "plotfeed.picture.plots.end > 0")
-        assert "token" not in page.url
-    with on_stage(stage, address=wide, tokens=Tokens("other")):
-        page.locator("#veil").get_by_text("The address has changed").wait_for()
-    context.close()
+    link = f"http://127.0.0.1:{wide.port}/?token=one"
+    with ExitStack() as first:
+        first.enter_context(on_stage(stage, address=wide, tokens=Tokens("one")))
+        with looking(browser, link) as page:
+            assert "token" not in page.url
+            first.close()
+            with on_stage(stage, address=wide, tokens=Tokens("other")):
+                page.locator("#veil").get_by_text("The address has changed").wait_for()
 
 
 def test_no_request_leaves_for_anybody_else(browser: Browser, served: Served) -> None:

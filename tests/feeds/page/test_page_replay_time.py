@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 from support.mqtt_client import Client, Heard
-from support.page_replays import SESSION_S, TRACKS, Act, Viewer, of_lab
+from support.page_replays import SESSION_S, TRACKS, Act, Viewer, of_lab, settled
 from support.page_sessions import Begun
+from support.waiting import until
 
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.replaying.replay_settings import Moment, Selection
@@ -71,7 +72,7 @@ async def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
         assert viewer.replay["duration_s"] == pytest.approx(SESSION_S, abs=0.2)
         await viewer.done(clock={"speed": 20})
         await viewer.until(lambda: viewer.is_at_end)
-        await asyncio.to_thread(client.wait_for, lambda _: len(of_lab(client)) >= len(sent))
+        await until(lambda: len(of_lab(client)) >= len(sent))
         assert begun.names == ["test"]
 
     async def checked(viewer: Viewer, client: Client, begun: Begun) -> None:
@@ -117,8 +118,7 @@ async def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
         await viewer.load()
         await viewer.until(lambda: viewer.replay["position_s"] >= 2.0)
         await viewer.done(replay={"paused": True})
-        await asyncio.sleep(0.3)
-        since, from_ns = len(client.heard), sent[0].log_time_ns + NS
+        since, from_ns = await settled(client), sent[0].log_time_ns + NS
         before = {was_ns for was_ns, _ in shifts_ns(of_lab(client), sent)}
         assert (await viewer.done(replay={"position_s": 1.0}))["paused"]
         await viewer.done(replay={"paused": False})
@@ -128,14 +128,15 @@ async def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
         assert again[:20] == wanted[:20]
         assert before >= set(wanted[:20])
         since = len(client.heard)
-        await viewer.done(replay={"skip_s": 10.0})
+        to_s = (await viewer.done(replay={"skip_s": 10.0}))["position_s"]  # to a tenth
         first_ns = sent[0].log_time_ns
 
-        def times_ns() -> list[int]:
-            return [was_ns - first_ns for was_ns, _ in shifts_ns(of_lab(client, since), sent)]
+        def times_s() -> list[float]:
+            shifts = shifts_ns(of_lab(client, since), sent)
+            return [(was_ns - first_ns) / NS for was_ns, _ in shifts]
 
-        await viewer.until(lambda: [t for t in times_ns() if t > 11 * NS])
-        assert not [t for t in times_ns() if 5 * NS < t < 11 * NS]
+        await viewer.until(lambda: [t for t in times_s() if t > to_s])
+        assert not [t for t in times_s() if to_s - 9.8 < t < to_s - 0.2]
 
     await play(act)
 
@@ -148,8 +149,7 @@ async def test_a_pause_holds_everything_until_it_goes_on(
         await viewer.load()
         await viewer.done(clock={"paused": True, "speed": 1})
         await viewer.until(lambda: viewer.session["clock"]["paused"])
-        await asyncio.sleep(0.3)
-        heard, position_s = len(client.heard), viewer.replay["position_s"]
+        heard, position_s = await settled(client), viewer.replay["position_s"]
         viewer.frames.clear()
         await viewer.until(lambda: len(viewer.frames) > 10)
         assert len(client.heard) == heard
@@ -208,6 +208,7 @@ async def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
         await viewer.load()
         await viewer.done(replay={"position_s": 1e6})
         await viewer.until(lambda: viewer.is_at_end)
+        await settled(client)
         heard = len(of_lab(client))
         await viewer.done(replay={"position_s": 2.0})
         assert viewer.session["clock"]["paused"]
@@ -215,7 +216,7 @@ async def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
         await viewer.until(lambda: viewer.replay["position_s"] == SESSION_S - 1)
         await viewer.done(replay={"paused": False})
         await viewer.until(lambda: viewer.is_at_end)
-        assert len(of_lab(client)) > heard
+        await until(lambda: len(of_lab(client)) > heard)
         await viewer.done(replay={"paused": False})  # once more from the beginning
         await viewer.until(lambda: 0 < viewer.replay["position_s"] < 5)
 

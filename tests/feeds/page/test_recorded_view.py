@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,7 @@ def straight(until_s: float, step_s: float = 0.1) -> list[tuple[float, bool]]:
     return [(float(s), False) for s in np.arange(step_s, until_s + step_s / 2, step_s)]
 
 
+@cache
 def messages(path: Path) -> list[Recorded]:
     with McapReader(path) as log:
         return list(log.messages())
@@ -164,7 +166,7 @@ def compare(shown: Shown, kind: SectionKind, rows: Sequence[Any]) -> None:
 async def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_delivered(
     session: Path,
 ) -> None:
-    shown, wanted = await Shown(session).at(*straight(WHOLE_S)), expected(session)
+    shown, wanted = await Shown(session).at(*straight(WHOLE_S, 0.2)), expected(session)
     assert len(wanted["shown"]) > 100
     assert len(wanted["lost"]) > 3
     compare(shown, SectionKind.PLOTS, wanted["shown"])
@@ -239,12 +241,12 @@ async def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
 
 @pytest.mark.asyncio
 async def test_drones_are_where_they_were(session: Path) -> None:
-    shown = await Shown(session).at(*straight(20.0))
+    shown = await Shown(session).at(*straight(20.0, 0.2))
     scene = shown.recording.scene
     frame = site_frame(scene.scene.site)
     compared = 0
-    for step, drawn in enumerate(shown.frames[30:], 30):
-        t_s = (step + 1) * 0.1
+    for step, drawn in enumerate(shown.frames[15:], 15):
+        t_s = (step + 1) * 0.2
         for number, drone in enumerate(drawn.column(SectionKind.DRONES, "drone").tolist()):
             (flown,) = (d for d in scene.drone if d.id == shown.drones[drone])
             times_s, places = knots(scene.scene.site, flown)
@@ -254,13 +256,13 @@ async def test_drones_are_where_they_were(session: Path) -> None:
             north_m = drawn.column(SectionKind.DRONES, "north_m")[number]
             assert np.hypot(east_m - true_m[0], north_m - true_m[1]) < 0.5
             compared += drawn.column(SectionKind.DRONES, "gone_ms")[number] == 0
-    assert compared > 200
+    assert compared > 100
 
 
 @pytest.mark.asyncio
 async def test_plots_are_read_from_asterix_where_there_is_nothing_better(tmp_path: Path) -> None:
     path = recorded(tmp_path, sensors=radar(more='report = ["asterix-048"]'))
-    shown = await Shown(path).at(*straight(10.0))
+    shown = await Shown(path).at(*straight(10.0, 0.5))
     entries = [e for at_ns, e in ledger(path) if at_ns <= shown.recording.start_ns + 10 * NS]
     truths = [plot for entry in entries for plot in entry.plots if plot.drone]
     assert len(shown.column(SectionKind.PLOTS, "range_m")) == sum(len(e.plots) for e in entries)
@@ -357,7 +359,7 @@ def test_what_cannot_be_shown_is_refused_in_a_line(
 async def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path: Path) -> None:
     data, path = session.read_bytes(), tmp_path / "damaged.mcap"
     shown = 0
-    for at in range(0, len(data), len(data) // 16):
+    for at in range(0, len(data), len(data) // 12):
         for damaged in (data[:at], data[:at] + bytes(64) + data[at + 64 :]):
             path.write_bytes(damaged)
             try:
@@ -365,7 +367,7 @@ async def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path
                 shown += 1
             except PlotfeedError as error:
                 assert "\n" not in str(error)
-    assert shown > 8
+    assert shown > 6
 
 
 @pytest.mark.asyncio

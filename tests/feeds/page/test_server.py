@@ -160,34 +160,32 @@ def test_commands_are_carried_out_answered_and_seen_by_all(
     assert stage.commands == [command]
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        "",
-        "nonsense",
-        "5",
-        "null",
-        "[]",
-        '{"number": 1}',
-        '{"command": {"sensor": "radar"}}',
-        '{"number": 1, "command": {}}',
-        '{"number": 1, "command": {"sensor": "a", "clock": {}}}',
-        '{"look": 5}',
-        '{"look": {"watch": "radar"}}',
-        '{"look": {"watch": [5]}}',
-        "[" * 50_000,
-        b"\x00\x01",
-    ],
+NO_WISHES: tuple[str | bytes, ...] = (
+    "",
+    "nonsense",
+    "5",
+    "null",
+    "[]",
+    '{"number": 1}',
+    '{"command": {"sensor": "radar"}}',
+    '{"number": 1, "command": {}}',
+    '{"number": 1, "command": {"sensor": "a", "clock": {}}}',
+    '{"look": 5}',
+    '{"look": {"watch": "radar"}}',
+    '{"look": {"watch": [5]}}',
+    "[" * 50_000,
+    b"\x00\x01",
 )
-def test_what_is_no_wish_is_refused_in_a_line(
-    page: Served, stage: MadeUpSession, message: str | bytes
-) -> None:
+
+
+def test_what_is_no_wish_is_refused_in_a_line(page: Served, stage: MadeUpSession) -> None:
     with page.feed() as feed:
-        said = answer(feed, message)
-        assert said["ok"] is False
-        assert said["error"]
-        assert "\n" not in said["error"]
-        next_frame(feed)
+        for message in NO_WISHES:
+            said = answer(feed, message)
+            assert said["ok"] is False, message
+            assert said["error"]
+            assert "\n" not in said["error"]
+            next_frame(feed)
     assert not stage.commands
 
 
@@ -219,7 +217,7 @@ def test_who_says_too_much_is_cut_off_and_others_are_not(page: Served) -> None:
 def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(application, "STALLED_S", 0.3)
+    monkeypatch.setattr(application, "STALLED_S", 2.0)
     stalled = socket.socket()
     stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     stalled.settimeout(PATIENCE_S)
@@ -231,8 +229,10 @@ def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
         "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
     )
     with page.feed() as feed:
+        wait_until(lambda: len(page.server.viewers) == 2)
         crowd(page)
-        wait_until(lambda: len(page.server.viewers) == 1)
+        while len(page.server.viewers) > 1:
+            assert next_frame(feed)
         assert next_frame(feed)
     stalled.close()
 

@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
+from support.page_replays import Viewer
 from support.page_sessions import Begun, with_page
 from support.scene_files import scene_file, scene_text
-from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page.session_switch import new_path, recordings_in
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 
 
-async def ask(feed: Any, **command: Any) -> dict[str, Any]:
-    await feed.send(json.dumps({"number": 7, "command": command}))
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            heard = await feed.recv()
-            if isinstance(heard, str):
-                answer = json.loads(heard)
-                if answer.get("number") == 7:
-                    return dict(answer)
-
-
 async def staged(scene: Scene, play: Any) -> list[str]:
-    """The names of the scenes that ran while `play(feed, begun)` did."""
+    """The names of the scenes that ran while `play(viewer, begun)` did."""
     async with with_page(scene) as (feed, begun):
-        await play(feed, begun)
+        await play(Viewer(feed), begun)
     return begun.names
 
 
@@ -44,10 +31,10 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
 
 @pytest.mark.asyncio
 async def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
-    async def play(feed: Any, begun: Begun) -> None:
+    async def play(viewer: Viewer, begun: Begun) -> None:
         for wish in ({"restart": True}, {"scene": "section-4"}):
             begun.waiting.clear()
-            assert (await ask(feed, session=wish))["ok"]
+            assert (await viewer.ask(session=wish))["ok"]
             await begun.wait()
 
     names = await staged(scene, play)
@@ -56,12 +43,12 @@ async def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> 
 
 @pytest.mark.asyncio
 async def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Path) -> None:
-    async def play(feed: Any, _begun: Begun) -> None:
-        started = await ask(feed, record={"start": True})
+    async def play(viewer: Viewer, _begun: Begun) -> None:
+        started = await viewer.ask(record={"start": True})
         assert started["ok"]
-        assert not (await ask(feed, record={"start": True}))["ok"]
-        await asyncio.sleep(0.5)
-        assert (await ask(feed, record={"stop": True}))["ok"]
+        assert not (await viewer.ask(record={"start": True}))["ok"]
+        await viewer.until(lambda: viewer.session["record"].get("seconds", 0) > 0.2)
+        assert (await viewer.ask(record={"stop": True}))["ok"]
         path = tmp_path / started["in_force"]["file"]
         with McapReader(path) as log:
             assert log.summary().messages > 0
@@ -75,10 +62,10 @@ async def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_pat
 async def test_recordings_of_one_second_have_names_of_their_own(
     scene: Scene, tmp_path: Path
 ) -> None:
-    async def play(feed: Any, _begun: Begun) -> None:
+    async def play(viewer: Viewer, _begun: Begun) -> None:
         for _ in range(3):
-            assert (await ask(feed, record={"start": True}))["ok"]
-            assert (await ask(feed, record={"stop": True}))["ok"]
+            assert (await viewer.ask(record={"start": True}))["ok"]
+            assert (await viewer.ask(record={"stop": True}))["ok"]
 
     await staged(scene, play)
     assert len(recordings_in(tmp_path)) == 3
@@ -92,28 +79,26 @@ async def test_recordings_of_one_second_have_names_of_their_own(
     assert names == [f"{stem}.mcap", f"{stem}-2.mcap", f"{stem}-3.mcap"]
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    [
-        ({"session": {"scene": "nowhere"}}, "there is no 'nowhere'"),
-        ({"session": {}}, "expected restart or scene"),
-        ({"session": 5}, "expected restart or scene"),
-        ({"record": {"stop": True}}, "none runs"),
-        ({"record": {}}, "expected start or stop"),
-        ({"replay": {"file": "x.mcap"}}, "expected load"),
-        ({"replay": {"load": "x.mcap"}}, "there is no recording 'x.mcap'"),
-        ({"replay": {"paused": True}}, "none runs"),
-        ({"clock": {"paused": True}}, "real time cannot be held"),
-        ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
-    ],
+REFUSED: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"session": {"scene": "nowhere"}}, "there is no 'nowhere'"),
+    ({"session": {}}, "expected restart or scene"),
+    ({"session": 5}, "expected restart or scene"),
+    ({"record": {"stop": True}}, "none runs"),
+    ({"record": {}}, "expected start or stop"),
+    ({"replay": {"file": "x.mcap"}}, "expected load"),
+    ({"replay": {"load": "x.mcap"}}, "there is no recording 'x.mcap'"),
+    ({"replay": {"paused": True}}, "none runs"),
+    ({"clock": {"paused": True}}, "real time cannot be held"),
+    ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
 )
+
+
 @pytest.mark.asyncio
-async def test_what_cannot_be_done_is_said_and_the_session_goes_on(
-    scene: Scene, command: dict[str, Any], words: str
-) -> None:
-    async def play(feed: Any, _begun: Begun) -> None:
-        answer = await ask(feed, **command)
-        assert not answer["ok"]
-        assert words in answer["error"]
+async def test_what_cannot_be_done_is_said_and_the_session_goes_on(scene: Scene) -> None:
+    async def play(viewer: Viewer, _begun: Begun) -> None:
+        for command, words in REFUSED:
+            answer = await viewer.ask(**command)
+            assert not answer["ok"], command
+            assert words in answer["error"]
 
     assert len(await staged(scene, play)) == 1

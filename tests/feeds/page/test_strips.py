@@ -166,12 +166,12 @@ def test_a_strip_calls_right_losses_off_as_seldom_as_it_says() -> None:
 
 def test_a_strip_calls_right_detections_off_as_seldom_as_it_says() -> None:
     rng, off = np.random.default_rng(13), 0
-    for _ in range(5 * OFTEN):
+    for _ in range(2 * OFTEN):
         looks = new_looks(2500.0)
         pd = rng.random(200)
         looks.add(rng.uniform(0, 2500, 200), pd, rng.random(200) < pd)
         off += looks_summary(looks)["off"]
-    assert_chance(float(stats.binom.sf(off - 1, 5 * OFTEN, OFF_BELOW)), f"{off} off")
+    assert_chance(float(stats.binom.sf(off - 1, 2 * OFTEN, OFF_BELOW)), f"{off} off")
 
 
 def test_a_strip_says_what_is_off() -> None:
