@@ -13,8 +13,9 @@ TESTS = Path(__file__).parent
 ALLOWED = allowed_skips()
 collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
-# A machine that is busy with something else makes no test wrong.
-settings.register_profile("plotfeed", settings(), deadline=None)
+# A machine that is busy with something else makes no test wrong. Each run draws examples anew, half
+# as many as is usual; what takes octets from outside is fuzzed besides (tests/fuzz).
+settings.register_profile("plotfeed", settings(), deadline=None, max_examples=50)
 settings.load_profile("plotfeed")
 
 

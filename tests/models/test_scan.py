@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from plotfeed.models.beam import Sector, Timetable, beam_times_ns, time_after_share_ns
@@ -99,7 +99,6 @@ drones = st.builds(
 )
 
 
-@settings(max_examples=150)
 @given(drones, st.integers(100_000_000, 12 * S), st.integers(4, 64), st.integers(0, 10**6))
 def test_a_drone_is_passed_once_in_every_turn_that_the_beam_makes_over_it(
     drone: Straight, period_ns: int, sectors: int, start_ns: int
@@ -125,7 +124,6 @@ def test_a_drone_is_passed_once_in_every_turn_that_the_beam_makes_over_it(
     assert passes == math.ceil(ahead_last / 360) - math.ceil(ahead_first / 360)
 
 
-@settings(max_examples=150)
 @given(drones, st.integers(100_000_000, 4 * S), st.sampled_from([8, 16, 32, 64]))
 def test_at_the_time_of_passage_the_beam_points_at_the_drone(
     drone: Straight, period_ns: int, sectors: int

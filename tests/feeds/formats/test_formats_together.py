@@ -75,7 +75,7 @@ def alone(formats: SceneFormats, seen: Seen) -> list[list[Message]]:
 
 
 @pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(st.data())
 def test_together_they_are_as_alone(kind: str, report: list[str], data: st.DataObject) -> None:
     drawn = data.draw(passes(kind, report))
@@ -86,7 +86,7 @@ def test_together_they_are_as_alone(kind: str, report: list[str], data: st.DataO
 
 
 @pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(st.data())
 def test_it_matters_not_in_which_order_sensors_stand(
     kind: str, report: list[str], data: st.DataObject

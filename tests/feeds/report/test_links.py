@@ -51,7 +51,7 @@ def assert_z(z: float, of: str) -> None:
 
 @pytest.mark.parametrize("name", LINKS)
 def test_a_right_link_delivers_what_it_asks(name: str, tmp_path: Path) -> None:
-    found = only(told_of(tmp_path, entries(link(**LINKS[name]), COUNT, seed=5)))
+    found = only(told_of(tmp_path, entries(link(**LINKS[name]), COUNT, seed=5, in_each=20)))
     assert found.messages == COUNT
     if not found.fit.not_comparable:
         assert_chance(found.fit.p_value, "delay")
@@ -89,7 +89,7 @@ WRONG: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_link_that_does_something_else_is_found_out(name: str, tmp_path: Path) -> None:
     does, says = WRONG[name]
-    found = only(told_of(tmp_path, entries(link(**does), COUNT, says=link(**says))))
+    found = only(told_of(tmp_path, entries(link(**does), COUNT, says=link(**says), in_each=20)))
     if name in ("delay", "jitter"):
         assert found.fit.p_value < 1e-6
     else:
@@ -145,7 +145,7 @@ def test_entries_may_come_in_any_order(tmp_path: Path) -> None:
 
 
 def test_the_engine_is_told_apart_from_the_link(tmp_path: Path) -> None:
-    found = only(told_of(tmp_path, entries(link(**JITTERED), COUNT, late_ns=2 * MS)))
+    found = only(told_of(tmp_path, entries(link(**JITTERED), COUNT, late_ns=2 * MS, in_each=20)))
     assert found.lateness.p50_ms == pytest.approx(2.0, rel=1e-3)
     assert found.lateness.max_ms == 2.0
     assert found.fit.p_value < 1e-9

@@ -42,8 +42,9 @@ def looked() -> list[pb.Ledger]:
     return ledgers
 
 
-def ledger_file(folder: Path) -> Path:
-    return written(folder / "there.mcap", recorded(looked()))
+@pytest.fixture(scope="module")
+def ledger_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("report") / "there.mcap", recorded(looked()))
 
 
 def printed(path: Path, capsys: Capture, **options: Any) -> tuple[int, str, str]:
@@ -59,11 +60,10 @@ def cells_under(text: str, title: str, row: int = 0) -> list[str]:
     return after[header + 1 + row].split()
 
 
-def test_tables_and_json_tell_the_same(tmp_path: Path, capsys: Capture) -> None:
-    path = ledger_file(tmp_path)
-    code, text, _ = printed(path, capsys)
+def test_tables_and_json_tell_the_same(ledger_file: Path, capsys: Capture) -> None:
+    code, text, _ = printed(ledger_file, capsys)
     assert code == 0
-    (only,) = json.loads(printed(path, capsys, as_json=True)[1])["links"]
+    (only,) = json.loads(printed(ledger_file, capsys, as_json=True)[1])["links"]
     times = ("mean_ms", "p50_ms", "p90_ms", "p99_ms", "max_ms")
     asked = [f"{only['asked'][name]:.3f}" for name in times]
     delivered = [f"{only['delivered'][name]:.3f}" for name in times]
@@ -93,8 +93,8 @@ def test_tables_and_json_tell_the_same(tmp_path: Path, capsys: Capture) -> None:
     assert cells_under(text, "Duplicates") == ["radar", "1", *of_copies, "-", overtook]
 
 
-def test_json_has_what_the_chart_is_drawn_from(tmp_path: Path, capsys: Capture) -> None:
-    found = json.loads(printed(ledger_file(tmp_path), capsys, as_json=True)[1])
+def test_json_has_what_the_chart_is_drawn_from(ledger_file: Path, capsys: Capture) -> None:
+    found = json.loads(printed(ledger_file, capsys, as_json=True)[1])
     (only,) = found["links"]
     assert (
         len(found["curve"]) == len(only["delivered"]["curve_ms"]) == len(only["asked"]["curve_ms"])
@@ -109,8 +109,8 @@ def test_json_has_what_the_chart_is_drawn_from(tmp_path: Path, capsys: Capture) 
     assert set(found["resolution"]) == {"times", "distance"}
 
 
-def test_columns_stand_under_each_other(tmp_path: Path) -> None:
-    text = list(lines(told(ledger_file(tmp_path))))
+def test_columns_stand_under_each_other(ledger_file: Path) -> None:
+    text = list(lines(told(ledger_file)))
     at = next(i for i, line in enumerate(text) if line.startswith("Detection"))
     header, *rows = text[at + 2 : at + 6]
     right = header.index("looks") + len("looks")
@@ -119,11 +119,12 @@ def test_columns_stand_under_each_other(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
-def test_a_chart_is_drawn_and_the_same_again(suffix: str, tmp_path: Path, capsys: Capture) -> None:
-    path = ledger_file(tmp_path)
+def test_a_chart_is_drawn_and_the_same_again(
+    suffix: str, ledger_file: Path, tmp_path: Path, capsys: Capture
+) -> None:
     charts = [tmp_path / f"{name}.{suffix}" for name in "ab"]
     for chart in charts:
-        assert printed(path, capsys, chart=chart)[0] == 0
+        assert printed(ledger_file, capsys, chart=chart)[0] == 0
     one, other = (chart.read_bytes() for chart in charts)
     assert one == other
     assert len(one) > 10_000

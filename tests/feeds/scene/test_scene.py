@@ -13,7 +13,7 @@ from typing import Any
 
 import jsonschema
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
@@ -178,7 +178,7 @@ def test_every_mistake_is_told_at_once(tmp_path: Path) -> None:
 
 
 def test_of_very_many_mistakes_some_are_told(tmp_path: Path) -> None:
-    text = TEXT.replace("seed = 3", "\n".join(["seed = 3", *(f"k{i} = 1" for i in range(20_000))]))
+    text = TEXT.replace("seed = 3", "\n".join(["seed = 3", *(f"k{i} = 1" for i in range(5000))]))
     assert 10 <= len(problems(tmp_path, text)) <= 50
 
 
@@ -237,7 +237,6 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str, why: str
     assert "\n" not in str(caught.value)
 
 
-@settings(max_examples=100)
 @given(
     st.binary(max_size=200)
     | st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass"))
@@ -247,7 +246,6 @@ def test_arbitrary_octets_are_no_scene(data: bytes) -> None:
         assert problems(Path(folder), data)
 
 
-@settings(max_examples=100)
 @given(st.data())
 def test_a_damaged_scene_loads_or_says_why(data: st.DataObject) -> None:
     octets = bytearray(TEXT.encode())

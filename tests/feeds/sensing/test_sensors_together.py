@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -76,8 +77,12 @@ EVENTS = [
 
 
 def sensors(seed: int) -> list[dict[str, Any]]:
-    """Three of each kind, elsewhere and of other power; radars with effects, jitter, events."""
+    """Three of each kind, elsewhere and of other power; radars with effects, jitter, events.
+
+    Six effects of the eight, by turns: two seeds have all.
+    """
     by_chance = random.Random(seed)  # noqa: S311
+    effects = cycle(EFFECTS[3 * seed % len(EFFECTS) :] + EFFECTS[: 3 * seed % len(EFFECTS)])
     found = []
     for kind, keys in KINDS.items():
         for i in range(3):
@@ -87,7 +92,7 @@ def sensors(seed: int) -> list[dict[str, Any]]:
             }
             if one["type"] == "active_radar":
                 one |= {"power_w": by_chance.uniform(300.0, 900.0)}
-                one |= by_chance.choice(EFFECTS) if i == 1 else {}
+                one |= next(effects) if i < 2 else {}
                 one |= {"event": EVENTS} if i == 2 else {}
                 if by_chance.random() < 0.3:  # by factors of its own, in one pass with others
                     one["degradation"] = {"pd_factor": by_chance.uniform(0.2, 0.9)}
@@ -140,7 +145,7 @@ def in_stretches(sensors: EmulatedSensors, ends_ns: list[int]) -> dict[str, list
 END_NS = START_NS + DURATION_NS
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_no_octet_depends_on_how_time_is_cut_into_ticks(seed: int) -> None:
     made = scene(sensors(seed), drones(seed), seed=seed)
     whole = in_stretches(at_work(made), [END_NS])

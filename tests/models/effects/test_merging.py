@@ -90,7 +90,7 @@ def plain_groups(places: Floats, uniforms: Floats) -> list[int]:
 coordinates = st.tuples(st.floats(0, 60), st.floats(-8, 8), st.floats(0, 20), st.floats(0, 1))
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.lists(coordinates, min_size=1, max_size=NEIGHBOURS + 1))
 def test_groups_are_those_that_all_pairs_link(rows):
     values = np.array(rows)

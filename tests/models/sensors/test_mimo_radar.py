@@ -323,7 +323,7 @@ radars = st.builds(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     model=radars,
     enu_m=st.lists(places, max_size=6),
@@ -352,7 +352,7 @@ def test_nothing_is_undefined_within_the_parameters(model, enu_m, rcs_m2, seed):
     assert np.isfinite(predicted.sigma_range_m).all()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(model=radars, enu_m=places, more_db=st.floats(0, 40), data=st.data())
 def test_no_transmitter_does_harm_by_more_power(model, enu_m, more_db, data):
     which = data.draw(st.integers(0, model.n_signals - 1))
