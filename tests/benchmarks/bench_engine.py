@@ -37,6 +37,7 @@ from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
 from support.mqtt_client import listening  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
+from support.scene_files import toml_of  # noqa: E402
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
@@ -85,15 +86,6 @@ def radars(number: int) -> list[dict[str, Any]]:
     ]
 
 
-def toml(value: Any) -> str:
-    """As TOML, inline."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return json.dumps(value)
-
-
 @contextmanager
 def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
     """Mosquitto where it is installed, else rumqttd."""
@@ -109,7 +101,7 @@ def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
 def scene_text(sensors: list[dict[str, Any]], drones: int, **more: Any) -> str:
     """A scene as a file has it."""
     tree = scene_tree(sensors, drones, **more)
-    return "\n".join(f"{key} = {toml(value)}" for key, value in tree.items())
+    return toml_of(tree)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from support.road import radar, rotating
+from support.scene_files import toml_of
 
 SECTION_4 = Path(__file__).parents[2] / "feeds" / "scene" / "examples" / "section-4.toml"
 KEPT_MESSAGES = 200
@@ -72,15 +73,6 @@ COMMANDS: tuple[bytes, ...] = tuple(
 """In turn; the last four are refused."""
 
 
-def toml(value: Any) -> str:
-    """As TOML, inline."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return json.dumps(value)
-
-
 def scene_text() -> str:
     """Section 4 and three radars of 16 sectors, each sensor with its link."""
     tree = tomllib.loads(SECTION_4.read_text())
@@ -92,7 +84,7 @@ def scene_text() -> str:
     for sensor in tree["sensor"]:
         sensor["link"] = LINKS[sensor["id"]]
     tree["mqtt"] = {"qos": 1, "queue": {"policy": "drop-oldest", "messages": KEPT_MESSAGES}}
-    return "\n".join(f"{key} = {toml(value)}" for key, value in tree.items())
+    return toml_of(tree)
 
 
 def radars_text(number: int) -> str:
@@ -110,7 +102,7 @@ def radars_text(number: int) -> str:
         for i in range(number)
     ]
     tree = {"scene": {"name": "radars", "seed": 1, "site": site}, "sensor": sensors}
-    return "\n".join(f"{key} = {toml(value)}" for key, value in tree.items())
+    return toml_of(tree)
 
 
 def reported(drone: int, t_utc_ns: int) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -55,19 +54,6 @@ def random_tree(seed: int) -> Keys:
         "sensor": sensors,
         "drone": _drones(dice),
     }
-
-
-def toml_of(tree: Keys) -> str:
-    """The text of a scene's file."""
-    return "".join(f"{name} = {_inline(value)}\n" for name, value in tree.items())
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_inline(of)}' for key, of in value.items())} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_inline, value))}]"
-    return json.dumps(value)
 
 
 def _drones(dice: Dice) -> list[Keys]:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 from support.ledgers import changed, record_session, told
-from support.random_scenes import toml_of
 from support.road import SITE
+from support.scene_files import toml_of
 
 from plotfeed.feeds.report.figures import LedgerReport
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 from support.ledgers import record_session
-from support.random_scenes import SECONDS, random_tree, toml_of
+from support.random_scenes import SECONDS, random_tree
+from support.scene_files import toml_of
 from support.significance import FALSE_ALARM_RATE, assert_chance
 
 from plotfeed.feeds.report.figures import judged_of, report
