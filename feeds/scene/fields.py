@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -66,6 +66,21 @@ def split_address(text: str) -> tuple[str, int]:
     if not name or not plain or not number:
         raise ValueError(f"expected HOST:PORT such as 127.0.0.1:5000, not {text!r}")
     return name, number
+
+
+class ForAWhile(SceneTable):
+    """Something that is there from one time to another."""
+
+    from_s: NotNegative = 0.0
+    """When it begins, after the session has."""
+    to_s: Positive | None = None
+    """When it is over; without it, never."""
+
+    @model_validator(mode="after")
+    def _ends_after_it_began(self) -> Self:
+        if self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError("to_s: must be above from_s")
+        return self
 
 
 class Site(SceneTable):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from plotfeed.feeds.scene.fields import (
+    ForAWhile,
     Frequency,
     Location,
     Name,
-    NotNegative,
     Positive,
     SceneTable,
 )
@@ -35,22 +35,7 @@ class WeatherKeys(SceneTable):
     """At microphones, whose noise it adds to."""
 
 
-class _ForAWhile(SceneTable):
-    """Something that is there from one time to another."""
-
-    from_s: NotNegative = 0.0
-    """When it begins, after the session has."""
-    to_s: Positive | None = None
-    """When it is over; without it, never."""
-
-    @model_validator(mode="after")
-    def _ends_after_it_began(self) -> Self:
-        if self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError("to_s: must be above from_s")
-        return self
-
-
-class WeatherSpell(WeatherKeys, _ForAWhile):
+class WeatherSpell(WeatherKeys, ForAWhile):
     """Weather of all sensors for a while; of spells that overlap, the later one counts."""
 
     table: ClassVar[str] = "weather"
@@ -69,7 +54,7 @@ class JammerKeys(Location):
     """By which a radar hears it beside its beam, at least; below the beam's gain."""
 
 
-class JammerSpell(JammerKeys, _ForAWhile):
+class JammerSpell(JammerKeys, ForAWhile):
     """A jammer of all sensors for a while."""
 
     table: ClassVar[str] = "jammer"

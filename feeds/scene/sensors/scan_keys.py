@@ -6,28 +6,20 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.fields import NotNegative, Positive, SceneTable
+from plotfeed.feeds.scene.fields import ForAWhile, NotNegative, SceneTable
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.models.dwell_agenda import Steering
 from plotfeed.proto.utc import NS
 
 
-class Event(SceneTable):
+class Event(ForAWhile):
     """A [[sensor.event]] of the scene: the sensor is otherwise for a while."""
 
     from_s: NotNegative
     """When it begins, after the session has."""
-    to_s: Positive | None = None
-    """When it is over; without it, never."""
     set: Annotated[dict[str, Any], Field(min_length=1)]
     """Keys of the sensor that have other values meanwhile: { enabled = false }, or
     { link = { down = true } }, or { pfa_factor = 10 } for ten times its own pfa."""
-
-    @model_validator(mode="after")
-    def _ends_after_it_began(self) -> Self:
-        if self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError("to_s: must be above from_s")
-        return self
 
 
 class _Periodic(SceneTable):
