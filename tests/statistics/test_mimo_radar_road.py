@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 from support import mimo_equations
-from support.road import SITE, START_NS, Road, Table, fly, held, scene, staring
+from support.road import SITE, START_NS, Road, Table, errors_of, fly, held, scene, staring
 from support.significance import (
     Array,
     assert_chance,
@@ -24,7 +24,7 @@ from support.significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.frames import aer_to_enu
 
 TRANSMITTERS = [
     {"power_w": 2000.0, "east_m": 0.0, "north_m": 800.0, "above_site_m": 15.0},
@@ -132,15 +132,6 @@ def detections() -> tuple[Table, Array, Array]:
     return plots, ring, number
 
 
-def errors(plots: Table) -> dict[str, tuple[Array, Array]]:
-    """Measured less true, and the stated standard deviation, by quantity."""
-    return {
-        "range": (plots.range_m - plots.true_range_m, plots.sigma_range_m),
-        "azimuth": (wrap_180(plots.azimuth_deg - plots.true_azimuth_deg), plots.sigma_azimuth_deg),
-        "elevation": (plots.elevation_deg - plots.true_elevation_deg, plots.sigma_elevation_deg),
-    }
-
-
 def test_odds_in_the_ledger_are_the_closed_form() -> None:
     """The mean ratio is that of equation 18, the Pd that of the ratios one by one."""
     looks = road().looks()
@@ -174,7 +165,7 @@ def test_errors_are_as_large_as_stated_at_five_ratios() -> None:
     plots, ring, _ = detections()
     for chosen in (0, 1, 3, 5, 6):
         part = plots.rows(ring == chosen)
-        for name, (error, sigma) in errors(part).items():
+        for name, (error, sigma) in errors_of(part).items():
             assert_standard_normal(error / sigma, f"{name} at {RANGES_M[chosen]:.0f} m")
 
 
@@ -225,7 +216,7 @@ def test_errors_of_a_ring_have_the_variance_of_the_raw_detector() -> None:
 
 def test_errors_do_not_depend_on_each_other() -> None:
     plots, *_ = detections()
-    columns = {name: error / sigma for name, (error, sigma) in errors(plots).items()}
+    columns = {name: error / sigma for name, (error, sigma) in errors_of(plots).items()}
     for a, b in (("range", "azimuth"), ("range", "elevation"), ("azimuth", "elevation")):
         assert_uncorrelated(columns[a], columns[b], f"{a} and {b}")
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy import integrate
 from support.radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
-from support.road import NS, SITE, START_NS, Table, fly, held, radar, rotating, scene
+from support.road import NS, SITE, START_NS, Table, errors_of, fly, held, radar, rotating, scene
 from support.significance import (
-    Array,
     assert_law,
     assert_mean,
     assert_standard_normal,
@@ -38,15 +37,6 @@ def detections(plots: Table) -> Table:
     return plots.rows(plots.drone != "")
 
 
-def errors(plots: Table) -> dict[str, tuple[Array, Array]]:
-    """Measured less true, and the stated standard deviation, by quantity."""
-    return {
-        "range": (plots.range_m - plots.true_range_m, plots.sigma_range_m),
-        "azimuth": (wrap_180(plots.azimuth_deg - plots.true_azimuth_deg), plots.sigma_azimuth_deg),
-        "elevation": (plots.elevation_deg - plots.true_elevation_deg, plots.sigma_elevation_deg),
-    }
-
-
 @cache
 def rings(kind: str) -> Table:
     """Detections of rings of drones, by a radar that stares and one that turns."""
@@ -63,7 +53,7 @@ def rings(kind: str) -> Table:
 def test_errors_over_their_stated_sigma_are_standard_normal(kind: str) -> None:
     plots = rings(kind)
     assert len(plots) > 15_000
-    normalised = {of: error / sigma for of, (error, sigma) in errors(plots).items()}
+    normalised = {of: error / sigma for of, (error, sigma) in errors_of(plots).items()}
     for of, values in normalised.items():
         assert_standard_normal(values, of)
     assert_uncorrelated(normalised["range"], normalised["azimuth"], "range and azimuth")
@@ -97,7 +87,7 @@ def test_rms_errors_at_a_mean_signal_are_the_predicted_ones(kind: str, range_m: 
     everything = rings(kind)
     plots = everything.rows(np.abs(everything.true_range_m - range_m) < 1)
     for (of, (error, _)), sigma in zip(
-        errors(plots).items(),
+        errors_of(plots).items(),
         (sigma_range_m(RADAR, 1), sigma_angle_deg(2.0, 1), sigma_angle_deg(6.0, 1)),
         strict=True,
     ):
@@ -249,7 +239,7 @@ def test_of_a_scene_that_states_no_floors_a_twentieth_and_a_tenth_remain() -> No
     }
     drones = [held(f"{i}", 18 * i + 0.5, 8.0, 1000.0, rcs_m2=10.0) for i in range(20)]
     plots = detections(fly(scene([sensor], drones, seed=25), 100).plots())
-    for (of, (error, sigma)), floor in zip(errors(plots).items(), (0.5, 0.2, 0.6), strict=True):
+    for (of, (error, sigma)), floor in zip(errors_of(plots).items(), (0.5, 0.2, 0.6), strict=True):
         np.testing.assert_allclose(sigma, floor, rtol=0.05)
         assert_standard_normal(error / sigma, of)
 
@@ -261,7 +251,7 @@ def test_floors_remain_where_the_echo_is_strong_and_add_in_quadrature() -> None:
     plots = detections(fly(scene([RADAR | floors], drones, seed=24), 150).plots())
     power = 10 ** (plots.snr_db / 10)
     for (of, (error, sigma)), noise, floor in zip(
-        errors(plots).items(),
+        errors_of(plots).items(),
         (sigma_range_m(RADAR, power), sigma_angle_deg(2.0, power), sigma_angle_deg(6.0, power)),
         floors.values(),
         strict=True,

@@ -108,3 +108,10 @@ def case_of_ratios(sensor: dict[str, Any], snr: ArrayLike) -> Case:
     targets = plain.seen_targets()
     echoes = unit.signal_snrs(targets.position_enu_m, targets.rcs_m2())[:, 0]
     return case_with(sensor, places, rcs_m2=ratios / echoes)
+
+
+def method(sensor: dict[str, Any], stage: str, name: str) -> dict[str, Any]:
+    """What a chart says of a method of a sensor's stage."""
+    (found,) = (s for s in sensor["stages"] if s["stage"] == stage)
+    (only,) = (m for m in found["methods"] if m["method"] == name)
+    return dict(only)

@@ -20,7 +20,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.frames import LocalFrame, aer_to_enu, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
 
@@ -238,3 +238,12 @@ def _values(message: pb.Plot | pb.PlotTruth, names: Sequence[str]) -> Iterator[A
 def _table(rows: list[tuple[Any, ...]], names: list[str]) -> Table:
     columns = list(zip(*rows, strict=True)) or [()] * len(names)
     return Table({name: np.array(column) for name, column in zip(names, columns, strict=True)})
+
+
+def errors_of(plots: Table) -> dict[str, tuple[Array, Array]]:
+    """Measured less true, and the stated standard deviation, by quantity."""
+    return {
+        "range": (plots.range_m - plots.true_range_m, plots.sigma_range_m),
+        "azimuth": (wrap_180(plots.azimuth_deg - plots.true_azimuth_deg), plots.sigma_azimuth_deg),
+        "elevation": (plots.elevation_deg - plots.true_elevation_deg, plots.sigma_elevation_deg),
+    }

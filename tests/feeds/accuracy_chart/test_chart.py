@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.chart_cases import MIMO, RADAR, scene_of
+from support.chart_cases import MIMO, RADAR, method, scene_of
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.accuracy_chart.chart import charted
@@ -52,12 +52,6 @@ def section_4() -> dict[str, Any]:
 
 def sensors(values: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {sensor["id"]: sensor for sensor in values["sensors"]}
-
-
-def method(sensor: dict[str, Any], stage: str, name: str) -> dict[str, Any]:
-    (found,) = (s for s in sensor["stages"] if s["stage"] == stage)
-    (only,) = (m for m in found["methods"] if m["method"] == name)
-    return dict(only)
 
 
 def test_every_sensor_has_the_stages_that_it_has(section_4: dict[str, Any]) -> None:

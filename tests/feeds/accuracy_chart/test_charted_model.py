@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.chart_cases import RADAR, scene_of
+from support.chart_cases import RADAR, method, scene_of
 
 from plotfeed.feeds.accuracy_chart.chart import charted
 from plotfeed.feeds.accuracy_chart.chart_command import as_values
@@ -32,12 +32,6 @@ WEAK = {
     "id": "d", "speed_m_s": 10.0, "rcs_m2": 3e-4,
     "path": [{"east_m": e, "north_m": 3000.0, "above_site_m": 80.0} for e in (-800.0, 900.0)],
 }  # fmt: skip
-
-
-def method(sensor: dict[str, Any], stage: str, name: str) -> dict[str, Any]:
-    (found,) = (s for s in sensor["stages"] if s["stage"] == stage)
-    (only,) = (m for m in found["methods"] if m["method"] == name)
-    return dict(only)
 
 
 @pytest.mark.parametrize("degradation", [{}, {"degradation": {"pd_factor": 0.7}}])

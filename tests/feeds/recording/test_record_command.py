@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import resource
 import signal
@@ -17,16 +16,10 @@ from mcap.reader import make_reader
 from support.brokers import free_port, rumqttd
 from support.command import Started, plotfeed_here, started
 from support.mqtt_client import Client
+from support.recordings import read_log
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded
-
-
-def read(path: Path) -> tuple[list[Recorded], McapReader]:
-    """The file as it is now, which may be being written."""
-    reader = McapReader(io.BytesIO(path.read_bytes()))
-    return list(reader.messages()), reader
 
 
 @contextlib.contextmanager
@@ -92,12 +85,12 @@ def test_a_signal_ends_it_with_a_whole_file(
     path = tmp_path / "a.mcap"
     with recording(datagrams.url, path) as process:
         datagrams.send(100)
-        wait_until(lambda: len(read(path)[0]) == 100)
+        wait_until(lambda: len(read_log(path.read_bytes())[0]) == 100)
         datagrams.send(100)
         returned, out, err = end(process, how)
     assert (returned, err) == (code, "")
     assert out.splitlines()[-1].startswith("messages 200  topics 1  0.02 MB")
-    found, reader = read(path)
+    found, reader = read_log(path.read_bytes())
     assert numbers(found) == list(range(200))
     assert reader.damage == []
     assert reader.summary().indexed
@@ -115,10 +108,10 @@ def test_a_kill_costs_no_more_than_what_was_not_yet_in_the_file(
     with recording(datagrams.url, path) as process:
         for _ in range(20):
             datagrams.send(400)
-        wait_until(lambda: len(read(path)[0]) > 4000)
+        wait_until(lambda: len(read_log(path.read_bytes())[0]) > 4000)
         process.kill()
         process.wait()
-    found, reader = read(path)
+    found, reader = read_log(path.read_bytes())
     kept = len(found)
     assert numbers(found) == list(range(kept))  # the end is missing, and nothing else
     assert 4000 < kept <= datagrams.sent
@@ -131,10 +124,11 @@ def test_a_kill_a_little_later_costs_nothing(tmp_path: Path, datagrams: Datagram
     path = tmp_path / "a.mcap"
     with recording(datagrams.url, path) as process:
         datagrams.send(500)
-        wait_until(lambda: len(read(path)[0]) == 500)  # by time alone: it is not a chunk's worth
+        # By time alone: it is not a chunk's worth.
+        wait_until(lambda: len(read_log(path.read_bytes())[0]) == 500)
         process.kill()
         process.wait()
-    assert numbers(read(path)[0]) == list(range(500))
+    assert numbers(read_log(path.read_bytes())[0]) == list(range(500))
 
 
 def test_a_full_disk_ends_it_with_what_was_whole(tmp_path: Path, datagrams: Datagrams) -> None:
@@ -148,7 +142,7 @@ def test_a_full_disk_ends_it_with_what_was_whole(tmp_path: Path, datagrams: Data
     assert process.returncode == 1
     assert err == f"plotfeed: {path}: File too large; what came after is not in the file\n"
     assert path.stat().st_size <= room
-    found, reader = read(path)
+    found, reader = read_log(path.read_bytes())
     assert numbers(found) == list(range(len(found)))
     assert 1000 < len(found) < datagrams.sent
     assert reader.damage == [] if reader.summary().indexed else reader.damage
@@ -160,7 +154,7 @@ def test_it_ends_by_itself_after_so_many(tmp_path: Path, datagrams: Datagrams) -
         datagrams.send(100)
         process.wait(PATIENCE_S)
     assert process.returncode == 0
-    assert numbers(read(path)[0]) == list(range(70))
+    assert numbers(read_log(path.read_bytes())[0]) == list(range(70))
 
 
 def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) -> None:
@@ -180,7 +174,7 @@ def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) 
         "dropped": 0,
         "refused": 0,
     }
-    assert read(path)[1].summary().indexed
+    assert read_log(path.read_bytes())[1].summary().indexed
 
 
 def test_a_broker_is_recorded(tmp_path: Path) -> None:
@@ -194,7 +188,7 @@ def test_a_broker_is_recorded(tmp_path: Path) -> None:
             process.wait(PATIENCE_S)
             client.close()
     assert process.returncode == 0
-    found, _ = read(path)
+    found, _ = read_log(path.read_bytes())
     assert [(m.topic, m.payload, m.content_type) for m in found] == [
         ("site/a/plots", b"site/a/plots", "text/plain"),
         ("site/b/plots", b"site/b/plots", "text/plain"),
@@ -212,7 +206,7 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
     )
     assert path.read_text() == "mine"
     assert plotfeed_here(*source, "--duration", 0.1, "--force").returncode == 0
-    assert read(path)[0] == []
+    assert read_log(path.read_bytes())[0] == []
 
 
 def test_without_a_broker_there_is_no_file(tmp_path: Path) -> None:

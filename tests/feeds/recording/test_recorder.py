@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import threading
 from pathlib import Path
 
 import pytest
-from support.recordings import MS, SCENE, START_NS, messages
+from support.recordings import MS, SCENE, START_NS, messages, read_log
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import MAX_WAITING_CHUNKS, Recorder, SessionRecorder
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 MESSAGE = Message(
@@ -26,11 +24,6 @@ MESSAGE = Message(
     retain=True,
     qos=1,
 )
-
-
-def read(path: Path) -> tuple[list[Recorded], McapReader]:
-    reader = McapReader(io.BytesIO(path.read_bytes()))
-    return list(reader.messages()), reader
 
 
 def recorded(t_ns: int, stage: Stage = Stage.RECEIVED) -> Recorded:
@@ -57,7 +50,7 @@ def test_a_message_of_a_session_is_there_before_and_after_its_link(tmp_path: Pat
         session.after_link(MESSAGE, START_NS + 300 * MS)
         session.ledger(MESSAGE)
     assert (recorder.messages, recorder.octets, recorder.failure) == (3, 9, "")
-    found, reader = read(path)
+    found, reader = read_log(path.read_bytes())
     assert reader.damage == []
     assert reader.attachment("scene.toml") == SCENE
     telemetry = Recorded(
@@ -78,7 +71,7 @@ async def test_what_comes_after_the_end_is_no_trouble(tmp_path: Path) -> None:
     recorder.write(recorded(START_NS))
     recorder.close()
     await recorder.stop()
-    assert read(recorder.path)[0] == []
+    assert read_log(recorder.path.read_bytes())[0] == []
 
 
 def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None:
@@ -89,7 +82,7 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
     assert path.read_text() == "mine"
     with Recorder(path, force=True) as recorder:
         recorder.write(recorded(START_NS))
-    assert len(read(path)[0]) == 1
+    assert len(read_log(path.read_bytes())[0]) == 1
 
 
 def test_a_file_that_cannot_be_is_an_error(tmp_path: Path) -> None:
@@ -102,7 +95,7 @@ def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
         recorder.write(recorded(-1))
         recorder.write(recorded(1))
     assert (recorder.refused, recorder.messages) == (1, 1)
-    assert len(read(recorder.path)[0]) == 1
+    assert len(read_log(recorder.path.read_bytes())[0]) == 1
 
 
 @pytest.mark.asyncio
@@ -111,10 +104,10 @@ async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> N
     running = asyncio.create_task(recorder.run())
     for count in range(1, 4):
         recorder.write(recorded(START_NS + count))
-        await until(lambda: len(read(recorder.path)[0]) >= count)  # noqa: B023
+        await until(lambda: len(read_log(recorder.path.read_bytes())[0]) >= count)  # noqa: B023
     await recorder.stop()
     await running  # it ends by itself
-    found, reader = read(tmp_path / "a.mcap")
+    found, reader = read_log((tmp_path / "a.mcap").read_bytes())
     assert len(found) == 3
     assert reader.summary().indexed
 
@@ -131,7 +124,7 @@ def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> 
     assert recorder.octets > MAX_WAITING_CHUNKS * 200_000
     go_on.set()
     recorder.close()
-    found, reader = read(recorder.path)
+    found, reader = read_log(recorder.path.read_bytes())
     assert found == sent[: recorder.messages]
     assert reader.damage == []
 
@@ -148,7 +141,7 @@ def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
     recorder.close()
     timer.join()
     assert recorder.dropped == 0
-    assert read(recorder.path)[1].summary().messages == len(sent)
+    assert read_log(recorder.path.read_bytes())[1].summary().messages == len(sent)
 
 
 @pytest.mark.asyncio
@@ -166,7 +159,7 @@ async def test_a_failure_is_told_once_and_ends_the_recording_alone(tmp_path: Pat
     recorder.write(recorded(START_NS + 2))
     await recorder.stop()
     assert recorder.messages == 2
-    found, reader = read(recorder.path)
+    found, reader = read_log(recorder.path.read_bytes())
     assert [m.log_time_ns for m in found] == [START_NS]
     assert len(reader.damage) == 1
 
