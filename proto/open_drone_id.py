@@ -19,12 +19,42 @@ BASIC_ID, LOCATION, PACK = 0x0, 0x1, 0xF
 ID_OCTETS = 20
 SERIAL_NUMBER = 1
 """Type of an identity that is the same in every flight (ANSI/CTA-2063-A)."""
-HORIZONTAL_M = (
-    *(math.nan, 18520.0, 7408.0, 3704.0, 1852.0, 926.0, 555.6, 185.2, 92.6, 30.0, 10.0, 3.0, 1.0),
+HORIZONTAL_CLASSES_M = {
+    "HAUnknown": math.nan,
+    "HA10NM": 18520.0,
+    "HA4NM": 7408.0,
+    "HA2NM": 3704.0,
+    "HA1NM": 1852.0,
+    "HA05NM": 926.0,
+    "HA03NM": 555.6,
+    "HA01NM": 185.2,
+    "HA005NM": 92.6,
+    "HA30m": 30.0,
+    "HA10m": 10.0,
+    "HA3m": 3.0,
+    "HA1m": 1.0,
+}
+VERTICAL_CLASSES_M = {
+    "VAUnknown": math.nan,
+    "VA150m": 150.0,
+    "VA45m": 45.0,
+    "VA25m": 25.0,
+    "VA10m": 10.0,
+    "VA3m": 3.0,
+    "VA1m": 1.0,
+}
+SPEED_CLASSES_M_S = {
+    "SAUnknown": math.nan,
+    "SA10mps": 10.0,
+    "SA3mps": 3.0,
+    "SA1mps": 1.0,
+    "SA03mps": 0.3,
+}
+"""Bounds of 95 % of errors, by the name of the class, in the order of their numbers."""
+HORIZONTAL_M, VERTICAL_M, SPEED_M_S = (
+    tuple(classes.values())
+    for classes in (HORIZONTAL_CLASSES_M, VERTICAL_CLASSES_M, SPEED_CLASSES_M_S)
 )
-VERTICAL_M = (math.nan, 150.0, 45.0, 25.0, 10.0, 3.0, 1.0)
-SPEED_M_S = (math.nan, 10.0, 3.0, 1.0, 0.3)
-"""Bounds of 95 % of errors, by the number of the class; NaN is unknown."""
 RADIUS_95, EDGE_95 = math.sqrt(-2 * math.log(0.05)), 1.959964
 """Radius, and distance either way, within which 95 % of normal errors are, standard deviations."""
 UNKNOWN_ALTITUDE_M, UNKNOWN_DIRECTION_DEG = -1000.0, 361.0

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 import json
-from bisect import bisect_left
+from collections.abc import Mapping
 from typing import Any
 
+from plotfeed.proto.open_drone_id import (
+    EDGE_95,
+    HORIZONTAL_CLASSES_M,
+    RADIUS_95,
+    SPEED_CLASSES_M_S,
+    UNKNOWN_ALTITUDE_M,
+    UNKNOWN_CLIMB_M_S,
+    UNKNOWN_SPEED_M_S,
+    VERTICAL_CLASSES_M,
+)
 from plotfeed.proto.tracks.told_tracks import Told, ToldTracks, TrackOrigin, one_by_one
 from plotfeed.proto.utc import iso_utc_ms
 
@@ -13,29 +23,8 @@ PRIMARY_RADAR = 5
 """Flight Blender's `traffic_source` of what does not answer."""
 OF_ONE_SOURCE = 0
 """Its `source_type` of what is not fused."""
-HORIZONTAL = {
-    1.0: "HA1m",
-    3.0: "HA3m",
-    10.0: "HA10m",
-    30.0: "HA30m",
-    92.6: "HA005NM",
-    185.2: "HA01NM",
-    555.6: "HA03NM",
-    926.0: "HA05NM",
-    1852.0: "HA1NM",
-    3704.0: "HA2NM",
-    7408.0: "HA4NM",
-    18520.0: "HA10NM",
-}
-VERTICAL = {1.0: "VA1m", 3.0: "VA3m", 10.0: "VA10m", 25.0: "VA25m", 45.0: "VA45m", 150.0: "VA150m"}
-SPEED = {0.3: "SA03mps", 1.0: "SA1mps", 3.0: "SA3mps", 10.0: "SA10mps"}
-"""Bounds of 95 %, as ASTM F3411-22a names them."""
-OF_95_PERCENT_LEVEL, OF_95_PERCENT = 2.4477, 1.9600
-"""Radius, and half an interval, that hold 95 % of a normal error of sigma 1."""
-MOST_SPEED_M_S, UNKNOWN_SPEED_M_S = 254.25, 255.0
-MOST_CLIMB_M_S, UNKNOWN_CLIMB_M_S = 62.0, 63.0
-UNKNOWN_ALTITUDE_M = -1000.0
-"""F3411's words for what is not known."""
+MOST_SPEED_M_S, MOST_CLIMB_M_S = 254.25, 62.0
+"""That F3411 has numbers for."""
 
 
 def air_traffic(tracks: ToldTracks, origin: TrackOrigin) -> bytes:
@@ -92,17 +81,13 @@ def _flight(told: Told, origin: TrackOrigin) -> dict[str, Any]:
                 "lat": round(told["latitude_deg"], 7),
                 "lng": round(told["longitude_deg"], 7),
                 "alt": UNKNOWN_ALTITUDE_M if height_m is None else round(height_m, 1),
-                "accuracy_h": _bound(
-                    HORIZONTAL, OF_95_PERCENT_LEVEL, told["sigma_level_m"], "HAUnknown"
-                ),
-                "accuracy_v": _bound(VERTICAL, OF_95_PERCENT, told["sigma_up_m"], "VAUnknown"),
+                "accuracy_h": _bound(HORIZONTAL_CLASSES_M, RADIUS_95, told["sigma_level_m"]),
+                "accuracy_v": _bound(VERTICAL_CLASSES_M, EDGE_95, told["sigma_up_m"]),
                 "extrapolated": told["coasted"],
             },
             "track": round(told["course_deg"], 1) % 360.0,
             "speed": round(speed_m_s, 2) if speed_m_s <= MOST_SPEED_M_S else UNKNOWN_SPEED_M_S,
-            "speed_accuracy": _bound(
-                SPEED, OF_95_PERCENT_LEVEL, told["sigma_speed_m_s"], "SAUnknown"
-            ),
+            "speed_accuracy": _bound(SPEED_CLASSES_M_S, RADIUS_95, told["sigma_speed_m_s"]),
             "vertical_speed": (
                 UNKNOWN_CLIMB_M_S
                 if climb_m_s is None or abs(climb_m_s) > MOST_CLIMB_M_S
@@ -145,13 +130,15 @@ def _log(told: Told, origin: TrackOrigin) -> bytes:
     return _json({"exchange": {"exchange_type": "flight_logging", "message": message}})
 
 
-def _bound(names: dict[float, str], of_sigma: float, sigma: float | None, unknown: str) -> str:
+def _bound(classes: Mapping[str, float], of_sigma: float, sigma: float | None) -> str:
     """The name of the least bound that holds 95 % of an error; beyond the last one, of that."""
+    unknown, *bounded = classes
     if sigma is None:
         return unknown
-    bounds = list(names)
-    place = bisect_left(bounds, of_sigma * sigma)
-    return names[bounds[place]] if place < len(bounds) else f"{names[bounds[-1]]}Plus"
+    for name in reversed(bounded):
+        if of_sigma * sigma <= classes[name]:
+            return name
+    return f"{bounded[0]}Plus"
 
 
 def _time(t_utc_ns: int) -> dict[str, str]:

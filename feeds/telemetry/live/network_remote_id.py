@@ -10,12 +10,22 @@ from typing import Any
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.open_drone_id import EDGE_95, RADIUS_95
+from plotfeed.proto.open_drone_id import (
+    EDGE_95,
+    HORIZONTAL_CLASSES_M,
+    RADIUS_95,
+    SPEED_CLASSES_M_S,
+    UNKNOWN_ALTITUDE_M,
+    UNKNOWN_CLIMB_M_S,
+    UNKNOWN_DIRECTION_DEG,
+    UNKNOWN_SPEED_M_S,
+    VERTICAL_CLASSES_M,
+)
 from plotfeed.proto.utc import utc_ns
 
 MAX_FLIGHTS = 10_000
-UNKNOWN_TRACK_DEG, UNKNOWN_SPEED_M_S, UNKNOWN_CLIMB_M_S = 361.0, 255.0, 63.0
-UNKNOWN_ALTITUDE_M = -1000.0
+BOUNDS = HORIZONTAL_CLASSES_M | VERTICAL_CLASSES_M | SPEED_CLASSES_M_S
+"""Of 95 % of errors, metres and m/s, by name."""
 
 
 class NetworkRemoteIdReports:
@@ -75,7 +85,7 @@ def report_of_flight(flight: Any) -> PositionReport:
         raise Refused(Reason.ALTITUDE, "position.alt is missing or unknown")
     speed, track = _number(state, "speed"), _number(state, "track")
     climb = _number(state, "vertical_speed")
-    is_known = speed != UNKNOWN_SPEED_M_S and track != UNKNOWN_TRACK_DEG
+    is_known = speed != UNKNOWN_SPEED_M_S and track != UNKNOWN_DIRECTION_DEG
     course = math.radians(track)
     velocity = (
         speed * math.sin(course) if is_known else math.nan,
@@ -116,32 +126,5 @@ def _number(tree: Any, key: str) -> float:
 def _accuracy(tree: Any, key: str, scale: float) -> float | None:
     """One standard deviation of a class such as HA3m, HA05NM, VA10m, SA03mps; None if unknown."""
     value = tree.get(key) if isinstance(tree, dict) else None
-    bound = BOUNDS.get(value) if isinstance(value, str) else None
-    return None if bound is None else bound / scale
-
-
-BOUNDS = {
-    "HA10NM": 18520.0,
-    "HA4NM": 7408.0,
-    "HA2NM": 3704.0,
-    "HA1NM": 1852.0,
-    "HA05NM": 926.0,
-    "HA03NM": 555.6,
-    "HA01NM": 185.2,
-    "HA005NM": 92.6,
-    "HA30m": 30.0,
-    "HA10m": 10.0,
-    "HA3m": 3.0,
-    "HA1m": 1.0,
-    "VA150m": 150.0,
-    "VA45m": 45.0,
-    "VA25m": 25.0,
-    "VA10m": 10.0,
-    "VA3m": 3.0,
-    "VA1m": 1.0,
-    "SA10mps": 10.0,
-    "SA3mps": 3.0,
-    "SA1mps": 1.0,
-    "SA03mps": 0.3,
-}
-"""Of 95 % of errors, metres and m/s, by the names of F3411-22a."""
+    bound = BOUNDS.get(value, math.nan) if isinstance(value, str) else math.nan
+    return None if math.isnan(bound) else bound / scale
