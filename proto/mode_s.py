@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from plotfeed.proto.units import FOOT_M
+
 BEAST_MARK = 0x1A
 BEAST_OCTETS = {0x31: 2, 0x32: 7, 0x33: 14}
 """Of the message behind 6 octets of time and 1 of signal, by type."""
@@ -157,7 +159,7 @@ def _said(field: int) -> Said | None:
 
 def _altitude_ft(code: int, *, is_geometric: bool) -> float:
     if is_geometric:
-        return code / 0.3048 if code else math.nan  # in metres
+        return code / FOOT_M if code else math.nan  # in metres
     if not code & 0x10:
         return math.nan
     return ((code >> 5) << 4 | code & 0xF) * 25.0 - 1000.0

@@ -8,6 +8,8 @@ from plotfeed.models.state import Floats
 
 FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
 NM_M = 1852.0  # m, exact; BIPM, The International System of Units
+MILE_M = 1609.344  # m, exact: 5280 feet
+KNOT_M_S, MILE_H_M_S = NM_M / 3600, MILE_M / 3600
 TIME_LSB_NS = 10**9 // 128  # exact: 1/128 s, in which ASTERIX counts
 
 

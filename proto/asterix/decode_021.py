@@ -12,10 +12,10 @@ from typing import Literal
 
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.units import FOOT_M, NM_M
 
 AIRCRAFT_CATEGORY = 21
 DAY_UNITS = 86_400 * 128
-FOOT_M, MILE_M = 0.3048, 1852.0
 Edition021 = Literal[
     "0.23", "0.24", "0.25", "0.26", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7"
 ]
@@ -231,7 +231,7 @@ def _over_ground(octets: bytes | None) -> tuple[float, float]:
     """East and north, m/s, of ground speed in NM/s and track angle; the first bit is "exceeded"."""
     if octets is None:
         return math.nan, math.nan
-    speed_m_s = (int.from_bytes(octets[:2], "big") & 0x7FFF) * 2**-14 * MILE_M
+    speed_m_s = (int.from_bytes(octets[:2], "big") & 0x7FFF) * 2**-14 * NM_M
     track = math.radians(int.from_bytes(octets[2:], "big") * 360 / 2**16)
     return speed_m_s * math.sin(track), speed_m_s * math.cos(track)
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.units import FOOT_M, KNOT_M_S, MILE_H_M_S
 
-FOOT_M = 0.3048
-MILE_M = 1609.344
 METRES = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
     **dict.fromkeys(("ft", "feet", "foot"), FOOT_M),
@@ -18,9 +17,9 @@ METRES = {
 SPEEDS = {
     **dict.fromkeys(("m_s", "mps", "ms"), 1.0),
     **dict.fromkeys(("km_h", "kmh", "kph"), 1 / 3.6),
-    **dict.fromkeys(("kt", "kts", "knots"), 1852 / 3600),
+    **dict.fromkeys(("kt", "kts", "knots"), KNOT_M_S),
     **dict.fromkeys(("ft_s", "fps"), FOOT_M),
-    "mph": MILE_M / 3600,
+    "mph": MILE_H_M_S,
 }
 SECONDS = {
     **dict.fromkeys(("s", "sec", "second", "seconds"), 10**9),

@@ -17,7 +17,6 @@ from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.decode_021 import (
-    FOOT_M,
     NEWEST,
     AircraftReport,
     Edition021,
@@ -33,9 +32,10 @@ from plotfeed.proto.mode_s import (
     local_position,
     read_squitter,
 )
+from plotfeed.proto.units import FOOT_M, KNOT_M_S
 from plotfeed.proto.utc import NS, nearest_utc_ns
 
-KNOT_M_S, FOOT_MIN_M_S = 1852 / 3600, FOOT_M / 60
+FOOT_MIN_M_S = FOOT_M / 60
 PAIR_NS, KNOWN_NS, VELOCITY_NS = 10 * NS, 30 * NS, 5 * NS
 """For how long halves make a pair, a place helps to find the next, and a velocity holds."""
 OFF_NS = 5 * NS

@@ -10,12 +10,13 @@ from typing import Any
 from plotfeed.feeds.scene.mapping_keys import PLACE, TelemetryMapping
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.proto.units import FOOT_M, KNOT_M_S, MILE_H_M_S
 from plotfeed.proto.utc import utc_ns
 
 MAX_PAYLOAD_OCTETS = 65_536
 ANGLES = {"deg": 1.0, "rad": 180 / math.pi, "1e-7deg": 1e-7}
-LENGTHS = {"m": 1.0, "ft": 0.3048, "mm": 1e-3, "cm": 1e-2}
-SPEEDS_M_S = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704, "cm/s": 1e-2}
+LENGTHS = {"m": 1.0, "ft": FOOT_M, "mm": 1e-3, "cm": 1e-2}
+SPEEDS_M_S = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": KNOT_M_S, "mph": MILE_H_M_S, "cm/s": 1e-2}
 TIMES_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
 
