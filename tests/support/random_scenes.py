@@ -145,7 +145,7 @@ def _degradation(dice: Dice) -> Keys:
 def _scan(dice: Dice, *, rotates: bool) -> Keys:
     if rotates:
         period_s = dice.one_of(0.5, 1.0, 2.0)
-        scan = {"kind": "rotating", "period_s": period_s, "sectors": dice.one_of(4, 8, 16)}
+        scan = {"kind": "rotating", "period_s": period_s, "sectors": dice.one_of(4, 5, 8)}
         return scan | ({"jitter_ms": 5.0} if dice.happens(0.3) else {})
     return {"kind": "staring", "period_s": dice.one_of(0.2, 0.5, 1.0)}
 

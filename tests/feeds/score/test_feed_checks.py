@@ -22,12 +22,13 @@ from plotfeed.models.scoring.residuals import ResidualCheck, judged_wrong
 from plotfeed.proto.errors import PlotfeedError
 
 SEEDS = 20
+SECONDS = 15.0
 
 
 @pytest.fixture(scope="module")
 def of_faults() -> dict[str, list[set[str]]]:
-    """Half a minute of each radar, twenty times."""
-    return called_wrong([n for n in NAMED if n != "clean"], SEEDS, 30.0, seed=11)
+    """A quarter of a minute of each radar, twenty times."""
+    return called_wrong([n for n in NAMED if n != "clean"], SEEDS, SECONDS, seed=11)
 
 
 @pytest.mark.parametrize("fault", [name for name in NAMED if name != "clean"])
@@ -42,13 +43,13 @@ def test_a_fault_is_seen_and_named(fault: str, of_faults: dict[str, list[set[str
 
 
 def test_right_feeds_pass_but_for_as_many_as_is_said() -> None:
-    found = called_wrong(["clean"], 100, 30.0, seed=12)["clean"]
+    found = called_wrong(["clean"], 100, SECONDS, seed=12)["clean"]
     failed = sum(map(bool, found))
     assert_chance(float(stats.binom.sf(failed - 1, 100, 0.01)), f"{failed} of 100: {found}")
 
 
 def test_a_recording_names_each_radar_with_its_fault(tmp_path: Path) -> None:
-    record = record_session(SCENE, tmp_path / "faults.mcap", 60.0)
+    record = record_session(SCENE, tmp_path / "faults.mcap", 30.0)
     verdict = check_feed(record)
     wrong: dict[str, set[str]] = {name: set() for name in NAMED}
     for each in verdict.wrong:

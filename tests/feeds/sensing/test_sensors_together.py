@@ -18,7 +18,7 @@ from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 S = 1_000_000_000
-DURATION_NS = 4 * S
+DURATION_NS = 3 * S
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 POLAR = {
     "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
@@ -154,7 +154,7 @@ def test_no_octet_depends_on_how_time_is_cut_into_ticks(seed: int) -> None:
     assert by_ticks == whole
     assert in_stretches(at_work(made), [*by_chance, END_NS]) == whole
     assert len(whole) == 3 * len(KINDS)
-    assert sum(map(len, whole.values())) > 2000
+    assert sum(map(len, whole.values())) > 1500
 
 
 @pytest.mark.parametrize("seed", [4, 5])
@@ -169,7 +169,7 @@ def test_no_octet_of_a_sensor_depends_on_who_else_is_there(seed: int) -> None:
 
 def test_control_in_mid_run_changes_that_sensor_alone_from_the_next_sector_on() -> None:
     made = scene([radar(id=f"r{i}", scan=rotating(1.0, 32)) for i in range(4)], drones(7), seed=7)
-    middle_ns = START_NS + 2 * S
+    middle_ns = START_NS + S
     plain = in_stretches(at_work(made), [middle_ns, END_NS])
     changed = at_work(made)
     found = in_stretches(changed, [middle_ns])
