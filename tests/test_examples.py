@@ -123,7 +123,7 @@ def test_a_scene_is_sound_and_runs(scene: Path) -> None:
 
 def test_a_flight_comes_through_to_a_utm_system_as_a_track() -> None:
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / "utm_end_to_end.py"), "20"],
+        [sys.executable, str(EXAMPLES / "utm_end_to_end.py"), "40"],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,

@@ -16,8 +16,11 @@ class Proxy:
         self.port = 0
         self.is_closed = False
         """Whether those that connect from now on are cut off at once."""
+        self.most: int | None = None
+        """So many connections there are at a time, and those beyond are hung up on."""
         self.connections = 0
         self._to_port = to_port
+        self._coming = 0
         self._wires: list[_Wire] = []
 
     def hold(self) -> None:
@@ -35,11 +38,18 @@ class Proxy:
         if self.is_closed:
             writer.transport.abort()
             return
+        self._wires = [wire for wire in self._wires if not wire.is_over]
+        if self.most is not None and len(self._wires) + self._coming >= self.most:
+            writer.close()
+            return
+        self._coming += 1
         try:
             there = await asyncio.open_connection(HOST, self._to_port)
         except OSError:
             writer.transport.abort()
             return
+        finally:
+            self._coming -= 1
         self.connections += 1
         self._wires.append(_Wire((reader, writer), there))
 
@@ -56,6 +66,11 @@ class _Wire:
             asyncio.create_task(self._pass(here[0], there[1])),
             asyncio.create_task(self._pass(there[0], here[1])),
         ]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether both sides have ended."""
+        return all(task.done() for task in self.tasks)
 
     async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(OSError):

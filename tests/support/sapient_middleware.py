@@ -11,6 +11,7 @@ from typing import Any
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.road import radar, scene
 from support.sapient_rules import checked
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.delivery.delivery import Delivery
@@ -119,7 +120,7 @@ async def linked(
     running = asyncio.create_task(link.run())
     try:
         if wait:
-            await link.wait_until_up(5.0)
+            await link.wait_until_up(PATIENCE_S)
         yield link
     finally:
         running.cancel()

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-import socket
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,6 +13,7 @@ import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed, plotfeed_here, running
 from support.scored_flights import csv_of
+from support.vehicles import sending_vehicle
 
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
 from plotfeed.feeds.cli.main import cli
@@ -122,22 +119,6 @@ ENDS = {
 VEHICLE_PORT = free_port()
 
 
-@contextmanager
-def vehicle(port: int) -> Iterator[None]:
-    """An autopilot that already sends to that port."""
-    program = ROOT / "tests" / "support" / "mavlink_vehicle.py"
-    words = [sys.executable, str(program), f"udpout:127.0.0.1:{port}"]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hears:
-        hears.bind(("127.0.0.1", port))
-        process = subprocess.Popen(words)
-        hears.recv(1000)
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(timeout=60)
-
-
 @pytest.fixture(scope="module")
 def beside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
     """A folder with what examples name, and a broker at which a session runs."""
@@ -154,7 +135,7 @@ def beside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str
         scene = scene.replace(theirs, ours)
     (folder / "here.toml").write_text(scene)
     (folder / "there.toml").write_text(scene.replace('name = "', 'name = "there-'))
-    with mosquitto(folder, port), vehicle(VEHICLE_PORT):
+    with mosquitto(folder, port), sending_vehicle(VEHICLE_PORT):
         broker = f"mqtt://127.0.0.1:{port}"
         with running("run", folder / "here.toml", "--broker", broker):
             yield folder, broker

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port
 from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
+from support.vehicles import sending_vehicle
 
 pytest.importorskip("pymavlink")
-VEHICLE = Path(__file__).parents[2] / "support" / "mavlink_vehicle.py"
 AIRBORNE = "12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00"
 """Of now, whenever that is."""
 
@@ -23,10 +21,8 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
     scene = scene_file(tmp_path, scene_text(sensors=radar(period_s=0.5), drones=""))
     with running("run", scene, "--duration", "60") as session:
         broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
-        words = [sys.executable, str(VEHICLE), f"udpout:127.0.0.1:{port}"]
-        with subprocess.Popen(words) as vehicle:
+        with sending_vehicle(port):
             done = plotfeed("inject", f"mavlink:udp://:{port}", *broker, "--duration", "4")
-            vehicle.terminate()
         identity = "0212" + b"1581F4XF".ljust(20, b"\0").hex() + "000000"
         lines = f"aa:bb {identity}\naa:bb {AIRBORNE}\nnonsense\ncc:dd {AIRBORNE}\n"
         to_the_end = plotfeed("inject", "remote-id:-", *broker, stdin=lines)

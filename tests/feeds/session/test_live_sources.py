@@ -7,10 +7,7 @@ import contextlib
 import json
 import math
 import socket
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +16,7 @@ from support.brokers import free_port, mosquitto
 from support.command import plotfeed
 from support.scene_files import radar, scene_text
 from support.sessions import AtWork
+from support.vehicles import vehicle
 from support.waiting import until
 
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
@@ -29,23 +27,12 @@ from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.proto.errors import PlotfeedError
 
 pytest.importorskip("pymavlink")
-VEHICLE = Path(__file__).parents[2] / "support" / "mavlink_vehicle.py"
 
 
 def scene(*sources: str) -> Scene:
     tables = "".join(f"[[telemetry.source]]\n{source}\n" for source in sources)
     text = scene_text(sensors=radar(period_s=0.5), drones="", telemetry=tables)
     return parsed(text.encode(), Path("scene.toml"))
-
-
-@contextlib.contextmanager
-def vehicle(*words: object) -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, str(VEHICLE), *map(str, words)])
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(timeout=60)
 
 
 @contextlib.asynccontextmanager

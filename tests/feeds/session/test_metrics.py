@@ -14,7 +14,7 @@ import pytest
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 from support.brokers import free_port, is_listening
-from support.command import plotfeed
+from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
 
@@ -98,10 +98,16 @@ async def held(folder: Path) -> Held:
     assert not working.done()
     begun.session.receive([("plotfeed/telemetry/x", b"garbage", None)], clock.now_ns())
     clock.pause()
-    await asyncio.sleep(0.05)  # what was being done is done
+
+    def counted() -> dict[str, Any]:
+        return {f.name: copy(getattr(known[0], f.name)) for f in fields(SessionCounters)}
+
+    before, families = counted(), await asyncio.to_thread(scrape, port)
+    while known[0].messages != before["messages"]:  # until what was being done is done
+        before, families = counted(), await asyncio.to_thread(scrape, port)
     found = Held(
-        families=await asyncio.to_thread(scrape, port),
-        totals={f.name: copy(getattr(known[0], f.name)) for f in fields(SessionCounters)},
+        families=families,
+        totals=before,
         statuses={name: deepcopy(task.status) for name, task in begun.session.sensor_tasks.items()},
         port=port,
         listeners=sockets(),
@@ -113,7 +119,7 @@ async def held(folder: Path) -> Held:
 
 @pytest.mark.asyncio
 async def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
-    found = await asyncio.wait_for(held(tmp_path), 60)
+    found = await held(tmp_path)
     read = values(found.families)
     for name in COUNTERS:
         assert found.families[f"plotfeed_{name}"].type == "counter"
@@ -144,7 +150,7 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         holder.bind(("127.0.0.1", 0))
         holder.listen()
         port = holder.getsockname()[1]
-        done = plotfeed("run", scene, "--broker", "none", "--duration", 1, "--metrics", port)
+        done = plotfeed_here("run", scene, "--broker", "none", "--duration", 1, "--metrics", port)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr == f"plotfeed: metrics: port {port} on 127.0.0.1: Address already in use\n"
@@ -160,7 +166,7 @@ def test_without_the_library_that_serves_them_is_one_line(monkeypatch: pytest.Mo
 
 @pytest.mark.asyncio
 async def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
-    found = await asyncio.wait_for(held(tmp_path), 60)
+    found = await held(tmp_path)
     heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
     assert {*heard} == {f"0100007F:{found.port:04X}"}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto, password_file
 from support.certificates import Certificates
-from support.command import PLOTFEED, plotfeed, running
+from support.command import Started, plotfeed, plotfeed_here, running
 from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
@@ -152,17 +151,14 @@ def test_qos_0_is_delivered_as_qos_0(broker: Broker, tmp_path: Path) -> None:
         assert ears.wait_for(lambda m: m.topic.endswith("/status")).qos == 1
 
 
-def test_the_environment_opens_the_door_too(broker: Broker) -> None:
-    environment = {**os.environ, "PLOTFEED_MQTT_USERNAME": ME, "PLOTFEED_MQTT_PASSWORD": PASSWORD}
+def test_the_environment_opens_the_door_too(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", ME)
     for password, code in ((PASSWORD, 0), ("open barley", 1)):
-        environment["PLOTFEED_MQTT_PASSWORD"] = password
-        done = subprocess.run(
-            [*PLOTFEED, "show", broker.url, "--duration", "0.2", *broker.keys(credentials=None)],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", password)
+        keys = broker.keys(credentials=None)
+        done = plotfeed_here("show", broker.url, "--duration", "0.2", *keys)
         assert done.returncode == code
         assert password not in done.stderr
 
@@ -182,25 +178,22 @@ def test_every_failure_is_one_line_that_names_the_broker_and_no_secret(
         (broker.keys(**{"ca-file": None}), "certificate is not good"),
         (broker.keys(**{"client-certificate": None, "client-key": None}), ""),
     ]
-    started = [
-        (text, subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+    begun = [
+        (text, Started(*words, *keys))
         for keys, text in cases
-        for words in (
-            [*PLOTFEED, "show", broker.url, *keys],
-            [*PLOTFEED, *map(str, inject), broker.url, *keys],
-        )
+        for words in (("show", broker.url), (*inject, broker.url))
     ]
     scene = scene_with_keys(tmp_path, broker, "refused")
     scene.write_text(scene.read_text().replace("credentials.toml", "absent.toml"))
-    done = plotfeed("run", scene)
+    done = plotfeed_here("run", scene)
     assert done.returncode == 2
     assert done.stderr.endswith("absent.toml: No such file or directory\n")
     scene = scene_with_keys(tmp_path, broker, "refused")
     scene.write_text(scene.read_text().replace("mqtts", "mqtt"))
-    assert "need mqtts://" in plotfeed("run", scene).stderr
-    for text, process in started:
-        _, err = process.communicate(timeout=3 * PATIENCE_S)
-        assert process.returncode == 1
+    assert "need mqtts://" in plotfeed_here("run", scene).stderr
+    for text, process in begun:
+        _, err = process.communicate(PATIENCE_S)
+        assert process.wait() == 1
         assert len(err.splitlines()) == 1
         assert err.startswith(f"plotfeed: MQTT broker {broker.url}: ")
         assert text in err

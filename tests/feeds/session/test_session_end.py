@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import signal
 import subprocess
 import threading
@@ -14,12 +15,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 from support import command
 from support.brokers import deaf_server, free_port, rumqttd
 from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
@@ -76,19 +79,21 @@ def end_two(broker: str, folder: Path, found: dict[tuple[signal.Signals, str], E
     port = free_port()
     with ExitStack() as stack:
         process = stack.enter_context(rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")}))
-        sessions = {}
+        sessions, metrics = {}, {}
         for how in SIGNALS:
             sensors, prefix = SLOW + QUICK, f'prefix = "{how.name}"\nqos = 1'
             scene = folder / f"{how.name}.toml"
             scene.write_text(scene_text(sensors=sensors, mqtt=prefix))
-            options = ("--record", scene.with_suffix(".mcap"), "--broker")
+            metrics[how] = free_port()
+            options = ("--record", scene.with_suffix(".mcap"), "--metrics", metrics[how])
             sessions[how] = stack.enter_context(
-                command.running("run", scene, *options, f"mqtt://127.0.0.1:{port}")
+                command.running("run", scene, *options, "--broker", f"mqtt://127.0.0.1:{port}")
             )
         for how in SIGNALS:
             wait_for_work(port, how.name)
         harm(process, broker, stack)
-        time.sleep(0.5)  # sessions work on
+        for how in SIGNALS:
+            wait_for_scans(metrics[how], 2)
         for how, session in sessions.items():
             begun_s = time.monotonic()
             code, out, err = session.end(how)
@@ -103,6 +108,19 @@ def wait_for_work(port: int, prefix: str) -> None:
     with listening(port, 5, f"{prefix}/quick/plots") as ears:
         for _ in range(3):
             ears.wait_for(lambda _: True, len(ears.heard))
+
+
+def wait_for_scans(metrics: int, more: int) -> None:
+    """A session works on, whether or not anybody hears of it."""
+    wanted = scan_of_quick(metrics) + more
+    wait_until(lambda: scan_of_quick(metrics) >= wanted)
+
+
+def scan_of_quick(metrics: int) -> float:
+    with urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=PATIENCE_S) as answer:
+        text = answer.read().decode()
+    (scan,) = re.findall(r'^plotfeed_sensor_scan\{sensor="quick"\} (\S+)$', text, re.MULTILINE)
+    return float(scan)
 
 
 def harm(process: subprocess.Popen[bytes], broker: str, stack: ExitStack) -> None:

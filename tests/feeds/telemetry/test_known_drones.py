@@ -158,17 +158,17 @@ def test_names_beyond_the_rate_get_in_as_they_come_again(tmp_path: Path) -> None
     assert 100 * 5 - 100 < door.receiver.refusals[Reason.TOO_MANY_NEW_DRONES] < 600 * 45
 
 
-def test_a_week_of_a_thousand_new_names_an_hour_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_two_days_of_a_thousand_new_names_an_hour_leaves_nothing_behind(tmp_path: Path) -> None:
     """Whatever the intake holds: names, courses, samples, queues, refusals."""
     door, sizes = Door(scene_of(tmp_path)), []
-    for hour in range(7 * 24):
+    for hour in range(2 * 24):
         for first in range(0, 1000, 250):
             names = [f"{hour}-{i}" for i in range(first, first + 250)]
             for _ in range(2 if hour % 2 else 1):
                 door.tick(*names, "stays")
             door.wait(899.0)
         sizes.append(held(door.receiver, door.trajectories, door.queue))
-    assert door.receiver.taken > 168_000
+    assert door.receiver.taken > 48_000
     assert len(door.known) == 0
     assert max(sizes[2:]) <= 1.05 * np.median(sizes[:4])
-    assert door.receiver.forgotten == 168 * (1000 + 4)
+    assert door.receiver.forgotten == 48 * (1000 + 4)

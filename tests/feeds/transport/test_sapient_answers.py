@@ -37,7 +37,7 @@ ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] *
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", PATIENCE_S)
     monkeypatch.setattr(patience, "BACKOFF_S", (0.01, 0.05))
     caplog.set_level(logging.INFO)
 
@@ -51,8 +51,10 @@ def told(caplog: pytest.LogCaptureFixture) -> list[str]:
 @pytest.mark.parametrize("says", [b"", b"\xff" * 40])
 @pytest.mark.asyncio
 async def test_a_node_reports_whatever_else_is_said_to_its_registration(
-    says: bytes, caplog: pytest.LogCaptureFixture
+    says: bytes, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
+
     async def rude(peer: Peer) -> None:
         await peer.next()
         peer.send(says)

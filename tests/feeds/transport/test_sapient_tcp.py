@@ -29,7 +29,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport import patience, sapient_tcp, sapient_wire
+from plotfeed.feeds.transport import patience, sapient_wire
 from plotfeed.feeds.transport.sapient_tcp import SapientError
 from plotfeed.feeds.transport.sapient_wire import (
     MAX_MESSAGE_OCTETS,
@@ -42,7 +42,6 @@ from plotfeed.proto.errors import DecodeError
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
     monkeypatch.setattr(patience, "BACKOFF_S", (0.01, 0.05))
 
 
@@ -106,7 +105,7 @@ async def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -
         linked(middleware.address, wait=False) as link,
     ):
         await until(lambda: len(middleware.peers) == 3)
-        await link.wait_until_up(5.0)
+        await link.wait_until_up(PATIENCE_S)
         last = middleware.peers[2]
         await until(lambda: taken(link, status_report()))
         await until(lambda: len(last.heard) >= 3)
@@ -134,7 +133,7 @@ async def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
         await peer.next()
         peer.acknowledge()
         peer.writer.transport.pause_reading()  # type: ignore[attr-defined]
-        await asyncio.sleep(5)
+        await asyncio.sleep(PATIENCE_S)
 
     async with listening(deaf, polite) as middleware, linked(middleware.address) as link:
         message = status_report(100_000)

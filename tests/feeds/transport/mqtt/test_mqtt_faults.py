@@ -267,6 +267,8 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
             if not silently:
                 proxy.cut()
             await until(lambda: not link.is_up)
+            monkeypatch.setattr(gmqtt_client, "KEEP_ALIVE_S", 60)
+            monkeypatch.setattr(send_queue, "GIVE_UP_S", PATIENCE_S)
             await publish(deliveries, link, 100)
             assert link.waiting <= 300
             proxy.is_closed = False

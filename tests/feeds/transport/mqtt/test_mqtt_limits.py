@@ -126,6 +126,8 @@ async def test_a_socket_that_takes_nothing_for_long_is_given_up(
         assert (in_buffer := len(deliveries.unsettled)) > 0
         deliveries.publish(link, 20, qos=1, octets=1 << 20)
         deliveries.publish(link, 20, qos=0, octets=1 << 20)
+        await until(lambda: "it takes nothing any more" in caplog.text)
+        monkeypatch.setattr(send_queue, "GIVE_UP_S", PATIENCE_S)
         await until(lambda: broker.received == 40)
         await link.drain(PATIENCE_S)
         assert link.connections == 2
