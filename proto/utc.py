@@ -8,6 +8,7 @@ from functools import lru_cache
 
 NS = 1_000_000_000
 """Nanoseconds in a second; as in `models.state`, which would bring NumPy along."""
+NS_IN_MS = 1_000_000
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 

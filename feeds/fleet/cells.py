@@ -19,6 +19,7 @@ from plotfeed.feeds.session.session_part import CELL
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.fast_decode import fast_decode
 from plotfeed.feeds.telemetry.position_report import Refused
+from plotfeed.feeds.telemetry.receiver import TRAVEL
 from plotfeed.models.frames import distance_m
 
 NOWHERE = "nowhere"
@@ -28,8 +29,6 @@ USUAL_RESOLUTION = 6
 MARGIN_M = 2000.0
 """Further than its sensors reach a worker listens: so far a drone flies between two reports, and
 before what it sends is heard."""
-TRAVEL = 1.5
-"""Sound may come from so many times as far as where its drone is within reach."""
 UNEVEN = 1.5
 """By which an edge may be longer or shorter than the average; edges differ by a third."""
 

@@ -15,6 +15,7 @@ import numpy as np
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from plotfeed.feeds.page.updates import TrackFlag
+from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Columns, Floats, Ints
 from plotfeed.proto.asterix.codec.decode import Record, decode
@@ -25,7 +26,6 @@ MAX_OCTETS = 1 << 20
 MAX_TRACKS = 5_000
 """In a message."""
 CATEGORY = 62
-LATEST_UTC_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, kw_only=True)

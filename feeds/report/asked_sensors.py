@@ -15,7 +15,7 @@ from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
@@ -24,7 +24,7 @@ from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, NS_IN_MS
 
 
 @dataclass(frozen=True)

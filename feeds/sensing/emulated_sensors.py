@@ -35,9 +35,8 @@ from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
 from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, NS_IN_MS
 
-NS_IN_MS = 1_000_000
 AHEAD_NS = 10_000_000
 """A sector is worked out this long before its messages are due, so that only sending is left.
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from plotfeed.models.beam import Sector, Sectors, Timetable
-from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.chance import NO_SCAN, Chance, Purpose
 from plotfeed.models.clutter import ClutterMap
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel
@@ -18,7 +18,6 @@ from plotfeed.models.state import Plots
 
 OfSensor = tuple[int, Plots]
 NONE_DUE_NS = np.iinfo(np.int64).max
-NO_SCAN = np.iinfo(np.int64).min
 
 
 class FalseAlarmsDue:

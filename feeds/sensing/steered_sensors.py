@@ -35,9 +35,8 @@ from plotfeed.models.pointing import Aim, at_rest, from_mount, to_mount
 from plotfeed.models.sensors.camera import Camera
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, NS_IN_MS
 
-NS_IN_MS = 1_000_000
 TOPIC, LOOK_AT = "cue", "look_at"
 """What a mount says that it is cued by, if not by a sensor."""
 

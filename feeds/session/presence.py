@@ -16,9 +16,9 @@ from uuid import uuid4
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, NS_IN_MS
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.timing.clock import Clock, InstantClock
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS_IN_MS, iso_utc
 
 log = logging.getLogger(__name__)
 

@@ -48,7 +48,7 @@ def look_back_s(scene: Scene) -> float:
 
 
 TRAVEL = 1.5
-"""Sound of a drone that comes from beyond the range, or through colder air, is older."""
+"""So many times the range sound may come from: its drone may have been beyond, the air colder."""
 Waited = Sequence[tuple[str, Sequence[tuple[bytes, str | None]]]]
 """Topics, and of each the payloads and content types that waited, in the order of coming."""
 MAX_REFUSALS_PER_S = 50

@@ -6,10 +6,11 @@ from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import NS_IN_MS, EmulatedSensors
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.models.beam import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS_IN_MS
 
 
 class Station:
