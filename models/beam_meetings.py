@@ -10,7 +10,7 @@ import numpy as np
 from plotfeed.models.beam import Sector, Sectors, time_after_share_ns
 from plotfeed.models.frames import Axes, wrap_180
 from plotfeed.models.known_rows import trimmed
-from plotfeed.models.local_frames import frames_at
+from plotfeed.models.local_frames import frames_at, rows_about
 from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState
 from plotfeed.models.truth import Trajectories
 
@@ -57,11 +57,19 @@ class Borders:
         self.azimuth_deg[:, known] = np.nan
         self.azimuth_deg = trimmed(self.azimuth_deg.T, n).T
 
-    def take(self, sectors: Sectors, azimuth_deg: Floats) -> None:
-        """Note where drones are when the last sectors of sensors end; (m, drones)."""
-        self.t_utc_ns[sectors.sensor] = sectors.end_ns
-        self.azimuth_deg[sectors.sensor, : azimuth_deg.shape[1]] = azimuth_deg
-        self.azimuth_deg[sectors.sensor, azimuth_deg.shape[1] :] = np.nan
+    def take(self, sectors: Sectors, drones: Ints, azimuth_deg: Floats) -> None:
+        """Note where drones are when the last sectors of sensors end, (m, drones); others nowhere.
+
+        `drones` are in order.
+        """
+        sensor, n = sectors.sensor, len(drones)
+        self.t_utc_ns[sensor] = sectors.end_ns
+        if n and drones[-1] == n - 1:  # the first n, which is quicker
+            self.azimuth_deg[sensor, :n] = azimuth_deg
+            self.azimuth_deg[sensor, n:] = np.nan
+            return
+        self.azimuth_deg[sensor] = np.nan
+        self.azimuth_deg[sensor[:, None], drones] = azimuth_deg
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,19 +96,22 @@ def meetings(
     """
     first = sectors.first_of_sensors()
     borders = borders or Borders(int(sectors.sensor[-1]) + 1)
-    start_deg, end_deg = _edges(sectors, first, frames, trajectories, borders, np.asarray(reach_m))
+    about, start_deg, end_deg = _edges(
+        sectors, first, frames, trajectories, borders, np.asarray(reach_m)
+    )
     if first.all():
-        borders.take(sectors, end_deg)
+        borders.take(sectors, about, end_deg)
     else:
         last = np.append(first[1:], True)
-        borders.take(sectors.rows(last), end_deg[last])
+        borders.take(sectors.rows(last), about, end_deg[last])
     passed, share = passes_between(
         ahead_of_beam_deg(start_deg, sectors.start_deg[:, None]),
         ahead_of_beam_deg(end_deg, (sectors.end_deg % 360.0)[:, None]),
     )
-    row, drones = np.nonzero(passed)
-    if not len(drones):
+    row, of_about = np.nonzero(passed)
+    if not len(row):
         return Meetings(NOBODY, row)
+    drones = about[of_about]
     of_each = sectors.rows(row)
     frame_of_each = frames_at(frames, of_each.sensor)
 
@@ -124,42 +135,49 @@ def _edges(  # noqa: PLR0917
     trajectories: Trajectories,
     borders: Borders,
     reach_m: Floats,
-) -> tuple[Floats, Floats]:
-    """Azimuths of all drones at the beginnings and ends of sectors; each (m, drones)."""
+) -> tuple[Ints, Floats, Floats]:
+    """Drones that are near any end of a sector, and their azimuths at beginnings and ends.
+
+    Each (m, drones). Nobody is passed who is near none of them, so that what is worked out does not
+    grow with drones that are elsewhere.
+    """
     positions_ecef_m, at_end = _positions_at(sectors.end_ns, trajectories)
-    drones, sensor = positions_ecef_m.shape[1], sectors.sensor
-    if drones < CULLED_FROM:
+    everybody, sensor = positions_ecef_m.shape[1], sectors.sensor
+    about = np.arange(everybody)
+    if everybody < CULLED_FROM:
         of_all = frames_at(frames, sensor[:, None])
         end_deg = of_all.azimuths_deg(positions_ecef_m[at_end])
     else:
         between_s = (sectors.end_ns - sectors.start_ns) / NS
-        reach_m = reach_m[sensor] if reach_m.ndim else reach_m
+        within_m = (reach_m[sensor] if reach_m.ndim else reach_m) + FASTEST_M_S * between_s
+        about = rows_about(frames_at(frames, sensor), positions_ecef_m, within_m)
+        positions_ecef_m = positions_ecef_m[:, about]
         near = frames_at(frames, sensor[:, None]).has_within(
-            positions_ecef_m[at_end], (reach_m + FASTEST_M_S * between_s)[:, None]
+            positions_ecef_m[at_end], within_m[:, None]
         )
-        row, drone = np.nonzero(near)
-        end_deg = np.full((len(sectors), drones), np.nan)
-        end_deg[row, drone] = frames_at(frames, sensor[row]).azimuths_deg(
-            positions_ecef_m[at_end[row], drone]
+        row, column = np.nonzero(near)
+        end_deg = np.full((len(sectors), len(about)), np.nan)
+        end_deg[row, column] = frames_at(frames, sensor[row]).azimuths_deg(
+            positions_ecef_m[at_end[row], column]
         )
-    borders.make_room(drones)
+    borders.make_room(everybody)
     starts_ns, of_first = sectors.start_ns[first], sensor[first]
-    taken = borders.azimuth_deg[of_first, :drones]
+    taken = borders.azimuth_deg[of_first][:, about]
     taken[borders.t_utc_ns[of_first] != starts_ns] = np.nan
     unknown = np.isnan(taken)
     if unknown.any():
-        row, drone = np.nonzero(unknown & ~np.isnan(end_deg[first]))
+        row, column = np.nonzero(unknown & ~np.isnan(end_deg[first]))
         if len(row):
             positions_ecef_m, at_start = _positions_at(starts_ns, trajectories)
-            taken[row, drone] = frames_at(frames, of_first[row]).azimuths_deg(
-                positions_ecef_m[at_start[row], drone]
+            taken[row, column] = frames_at(frames, of_first[row]).azimuths_deg(
+                positions_ecef_m[at_start[row], about[column]]
             )
     if len(sectors) == 1:
-        return taken, end_deg
+        return about, taken, end_deg
     start_deg = np.empty_like(end_deg)
     start_deg[1:] = end_deg[:-1]
     start_deg[first] = taken
-    return start_deg, end_deg
+    return about, start_deg, end_deg
 
 
 def _positions_at(t_utc_ns: Ints, trajectories: Trajectories) -> tuple[Floats, Ints]:

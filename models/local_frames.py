@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models.frames import Axes, Meridian
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Ints
+
+A_HAIR_M = 1.0
+"""More than all that is rounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +52,17 @@ class LocalFrames(Axes):
 def frames_at(frames: Axes, which: NDArray[Any]) -> Axes:
     """The frames of those rows; of a single one, itself."""
     return frames.rows(which) if isinstance(frames, LocalFrames) else frames
+
+
+def rows_about(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> Ints:
+    """Columns of positions (k, n, 3) that may be within distances (m,) of their frames, in order.
+
+    By one sphere about all frames, which is quick; whoever is out of it, or NaN, is near none.
+    """
+    origins_m = np.atleast_2d(frames.origin_ecef_m)
+    centre_m = origins_m.mean(axis=0)
+    from_centre_m = np.sqrt(((origins_m - centre_m) ** 2).sum(axis=1)).max()
+    radius_m = from_centre_m + np.max(within_m) + A_HAIR_M
+    x, y, z = np.moveaxis(positions_ecef_m - centre_m, -1, 0)
+    within = x * x + y * y + z * z <= radius_m * radius_m
+    return np.flatnonzero(within.any(axis=0))

@@ -26,7 +26,7 @@ from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, Sc
 from plotfeed.models.dwell_agenda import Agenda
 from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
 from plotfeed.models.frames import Axes
-from plotfeed.models.local_frames import frames_at
+from plotfeed.models.local_frames import frames_at, rows_about
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 from plotfeed.models.sensors.joint_sensor import JointSensor
@@ -221,9 +221,11 @@ class SensorGroup:
         ends_ns, at = np.unique(sectors.end_ns, return_inverse=True)
         positions_ecef_m = trajectories.positions_at(ends_ns)
         frames = frames_at(self._frames, sectors.sensor[:, None])
-        reach_m = self._reach(sectors.sensor)[:, None]
-        near = frames.has_within(positions_ecef_m[at], reach_m)
-        row, drone = np.nonzero(near)
+        reach_m = self._reach(sectors.sensor)
+        about = rows_about(frames_at(self._frames, sectors.sensor), positions_ecef_m, reach_m)
+        near = frames.has_within(positions_ecef_m[:, about][at], reach_m[:, None])
+        row, column = np.nonzero(near)
+        drone = about[column]
         t_utc_ns = sectors.end_ns[row]
         if self._needs_velocities:
             return row, trajectories.state_at(t_utc_ns, drone)

@@ -56,6 +56,20 @@ def drones(n: int = 12, seed: int = 1) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def wanderers(n: int = 24, seed: int = 2) -> list[dict[str, Any]]:
+    """Drones that are out of reach for most of their way: with those above, enough to be culled."""
+    by_chance = random.Random(seed)  # noqa: S311
+
+    def place() -> dict[str, float]:
+        return waypoint(by_chance.uniform(0, 360), 4.0, by_chance.uniform(10_000, 60_000))
+
+    return [
+        {"id": f"w{i}", "speed_m_s": by_chance.uniform(5, 60), "repeat": True, "rcs_m2": 0.5,
+         "path": [place() for _ in range(3)]}
+        for i in range(n)
+    ]  # fmt: skip
+
+
 def mixed(folder: Path = Path(), **more: Any) -> Scene:
     """A scene of all of them."""
     return scene(sensors(), drones(), seed=11, folder=folder, **more)

@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from support.fleet_scenes import by_topic, mixed
+from support.fleet_scenes import by_topic, drones, mixed, wanderers
 from support.road import START_NS, fly, radar, rotating, scene, staring
 
 from plotfeed.feeds.fleet.partition import load_of, partition, together
@@ -18,6 +18,7 @@ from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.beam_meetings import CULLED_FROM
 
 DURATION_S = 6.0
 
@@ -34,8 +35,12 @@ def flown_in_part(scene: Scene, part: SessionPart) -> list[Message]:
 
 
 def test_any_partition_sends_the_bytes_of_one_process() -> None:
-    """A tracker, a steered beam, a cued camera, drifts, events and jitter among them."""
-    made = mixed(cooperative={"period_s": 0.5})
+    """A tracker, a steered beam, a cued camera, drifts, events and jitter among them.
+
+    Of the drones, so many are out of reach of some sensors or of all that they are looked for.
+    """
+    made = mixed(cooperative={"period_s": 0.5}, drone=[*drones(), *wanderers()])
+    assert len(made.drone) >= CULLED_FROM
     whole = by_topic(fly(made, DURATION_S).messages)
     assert len(whole) > 15
     for n in (1, 2, 3, 7):
