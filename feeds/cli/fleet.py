@@ -95,6 +95,12 @@ CELLS = ("4", "5", "6", "7", "8", "9")
     metavar="PORT",
     help="Serve Prometheus metrics of the fleet on this port of loopback.",
 )
+@click.option(
+    "--page",
+    metavar="[HOST:]PORT",
+    help="Serve a page there that shows the scene and how its workers do: to this machine alone, "
+    "or where HOST says, with a token.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as one JSON object.")
 def fleet(words: tuple[str, ...], **options: Any) -> int:
     """Run SCENE, a TOML file, over many processes or hosts, or look after such a fleet.

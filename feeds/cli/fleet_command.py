@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
 from collections.abc import Iterator
 from typing import Any
 
 from plotfeed.feeds.console import INTERRUPTED
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
@@ -18,8 +20,10 @@ from plotfeed.feeds.fleet.cells import USUAL_RESOLUTION
 from plotfeed.feeds.fleet.coordinator import Coordinator
 from plotfeed.feeds.fleet.fleet_link import CONTROL, FleetLink, asked_workers, health
 from plotfeed.feeds.fleet.fleet_parts import FleetSettings
+from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
 from plotfeed.feeds.fleet.ray_workers import starter
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
 from plotfeed.feeds.session.session_part import FLEET
@@ -33,6 +37,8 @@ CONNECT_S = 15.0
 HEARD_S = 10.0
 """By then a broker has passed on what it retains."""
 FASTEST = "max"
+PAGE_LIBRARIES = ("starlette", "uvicorn", "websockets")
+COUNTS = ("plots", "missed_scans")
 
 
 class NoFleetError(PlotfeedError):
@@ -41,11 +47,15 @@ class NoFleetError(PlotfeedError):
     exit_code = 1
 
 
-def run_fleet(scene: Scene, ray_address: str | None, metrics: int | None, **asked: Any) -> int:
+def run_fleet(
+    scene: Scene, ray_address: str | None, metrics: int | None, page: str | None, **asked: Any
+) -> int:
     """Run a scene over many workers until it ends or is stopped; the exit code."""
     as_json, speed, cells = asked.pop("as_json"), asked.pop("speed"), asked.pop("cells")
     broker = asked.pop("broker") or scene.outgoing.broker
     check_fleet(scene, broker, speed)
+    if page is not None:
+        check_page(page, broker)
     settings = FleetSettings(
         broker=broker,
         is_simulated=speed == FASTEST,
@@ -62,7 +72,7 @@ def run_fleet(scene: Scene, ray_address: str | None, metrics: int | None, **aske
             from plotfeed.feeds.metrics import served as serve
 
             served.enter_context(serve(metrics, FleetCollector(fleet)))
-        code = asyncio.run(_run(fleet, quiet=as_json))
+        code = asyncio.run(_run(fleet, page, quiet=as_json))
     if as_json:
         say(json.dumps({**health(fleet, "ENDED"), "counts": fleet.counts}))
     else:
@@ -87,7 +97,16 @@ def check_fleet(scene: Scene, broker: str | None, speed: str) -> None:
         raise PlotfeedError("--speed max goes to no broker: --broker none --record DIR")
 
 
-async def _run(fleet: Coordinator, *, quiet: bool) -> int:
+def check_page(page: str, broker: str | None) -> None:
+    """Raise `PlotfeedError` where there is nothing to see, nothing to show it by, or no place."""
+    PageAddress.parse(page)
+    if broker == NO_BROKER:
+        raise PlotfeedError("--page: a fleet without a broker tells nothing to show")
+    for library in PAGE_LIBRARIES:
+        need_extra(library, "the page", "page")
+
+
+async def _run(fleet: Coordinator, page: str | None, *, quiet: bool) -> int:
     stop = asyncio.Event()
     async with contextlib.AsyncExitStack() as beside:
         signals = beside.enter_context(stopped_by_signals(stop.set))
@@ -97,6 +116,13 @@ async def _run(fleet: Coordinator, *, quiet: bool) -> int:
             await beside.enter_async_context(link.link.connected(CONNECT_S))
             saying = asyncio.create_task(link.run())
             beside.push_async_callback(_ended, saying)
+            if page is not None:
+                from plotfeed.feeds.page.fleet_page import shown_on_page
+
+                address, tokens = PageAddress.parse(page), fixed_tokens(os.environ)
+                urls = await beside.enter_async_context(shown_on_page(address, link, tokens))
+                for name, url in urls.items():
+                    say(f"{name}: {url}", err=quiet)
         if not quiet:
             where = "nowhere" if broker == NO_BROKER else f"to {broker}"
             say(f"scene {fleet.scene.scene.name}: {fleet.settings.workers} workers send {where}")
@@ -171,26 +197,13 @@ def _status_lines(told: dict[str, Any], parts: dict[str, Any]) -> Iterator[str]:
     )
     head = ["part", "sensors", "state", "worker", "epoch", "plots", "missed", "late p99", ""]
     rows = [head]
-    for each in told["parts"]:
-        status = parts.get(each["part"], {})
-        rows.append(
-            [
-                each["part"],
-                str(len(each["sensors"])),
-                str(status.get("state", "unknown")) if each["sends"] else "joining",
-                each["worker"],
-                str(each["epoch"]),
-                str(status.get("plots", "")),
-                str(status.get("missed_scans", "")),
-                f"{status.get('lateness_p99_us', 0.0) / 1e3:.2f} ms",
-                f"sent until {each['sent_until_utc']}",
-            ]
-        )
+    for row in part_rows(told, parts):
+        plots, missed = ("" if row[key] is None else str(row[key]) for key in COUNTS)
+        late, until = f"{row['lateness_p99_ms']:.2f} ms", f"sent until {row['sent_until_utc']}"
+        who = [row["part"], str(len(row["sensors"])), row["state"], row["worker"]]
+        rows.append([*who, str(row["epoch"]), plots, missed, late, until])
     yield from aligned(rows, "<><<>>>>")
-    for gap in told["gaps"]:
-        to = gap["to_utc_ns"]
-        length = "still open" if to is None else f"{(to - gap['from_utc_ns']) / 1e9:.2f} s"
-        yield f"nothing of part {gap['part']}: {length}, since {gap['why']}"
+    yield from map(gap_words, told["gaps"])
 
 
 def ask_to_scale(scene: Scene, broker: str | None, workers: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 from collections.abc import Mapping
@@ -37,13 +38,16 @@ class FleetLink:
     def __init__(self, fleet: Coordinator, address: BrokerAddress) -> None:
         self.relayed = 0
         """Telemetry messages passed on."""
-        self._fleet, self._prefix = fleet, fleet.scene.mqtt.prefix
+        self.fleet = fleet
+        self.statuses: dict[str, dict[str, Any]] = {}
+        """What workers said last of their parts, by part."""
+        self._prefix = fleet.scene.mqtt.prefix
         self._clock = WallClock()
         self._totals = SessionCounters()
         self._presence = SessionPresence(fleet.scene, self._clock, self._totals, self._publish)
         self._scaling: asyncio.Task[None] | None = None
         self._cells = fleet.settings.cells
-        topics = [f"{self._prefix}/{CONTROL}", self._presence.topic]
+        topics = [f"{self._prefix}/{FLEET}/+", self._presence.topic]
         if self._cells is not None:
             topics.append(f"{self._prefix}/telemetry/+")
         self.link = MqttTransport(
@@ -53,7 +57,7 @@ class FleetLink:
 
     async def run(self) -> None:
         """Say how the fleet does, every now and then, until cancelled; then that it has ended."""
-        self._presence.begin(self._fleet.began_utc_ns or self._clock.now_ns())
+        self._presence.begin(self.fleet.began_utc_ns or self._clock.now_ns())
         try:
             while True:
                 self.say()
@@ -67,7 +71,7 @@ class FleetLink:
 
     def say(self, state: str = RUNNING) -> None:
         """Publish what there is to know of the fleet."""
-        payload = json.dumps(health(self._fleet, state)).encode()
+        payload = json.dumps(health(self.fleet, state)).encode()
         self._publish(retained_message(self._prefix, FLEET, payload, self._clock.now_ns()))
 
     def _publish(self, message: Message) -> None:
@@ -78,6 +82,8 @@ class FleetLink:
             self._presence.hear(payload)
         elif topic == f"{self._prefix}/{CONTROL}":
             self._obey(payload)
+        elif topic.startswith(f"{self._prefix}/{FLEET}/"):
+            self._note(topic.rpartition("/")[2], payload)
         elif self._cells is not None:
             now_ns = self._clock.now_ns()
             cell = cell_of(payload, content_type, now_ns, self._cells)
@@ -85,6 +91,16 @@ class FleetLink:
             to = f"{self._prefix}/{CELL}/{cell}/{drone}"
             self.relayed += 1
             self._publish(Message(to, payload, content_type or "", now_ns))
+
+    def _note(self, name: str, payload: bytes) -> None:
+        """Keep what a worker says of one of the parts that there are."""
+        names = {part.name for part in self.fleet.parts}
+        with contextlib.suppress(ValueError, RecursionError):
+            told = json.loads(payload)
+            if name in names and isinstance(told, dict):
+                self.statuses[name] = told
+        for gone in self.statuses.keys() - names:
+            del self.statuses[gone]
 
     def _obey(self, payload: bytes) -> None:
         """Do what is asked of the fleet; what cannot be done is told in a line."""
@@ -99,11 +115,11 @@ class FleetLink:
 
     async def _scale(self, workers: int) -> None:
         try:
-            await self._fleet.scale(workers)
+            await self.fleet.scale(workers)
         except PlotfeedError as error:
             log.warning("%s/%s: %s", self._prefix, CONTROL, error)
         else:
-            log.warning("the fleet has %d parts now", len(self._fleet.parts))
+            log.warning("the fleet has %d parts now", len(self.fleet.parts))
 
 
 def asked_workers(payload: bytes) -> int:
@@ -135,6 +151,7 @@ def health(fleet: Coordinator, state: str = RUNNING) -> dict[str, Any]:
                 "epoch": part.epoch,
                 "sends": part.joined_utc_ns > 0,
                 "sent_until_utc": iso_utc(part.sent_until_utc_ns),
+                "sent_until_utc_ns": part.sent_until_utc_ns,
                 "sensors": list(part.sensors),
             }
             for part in fleet.parts

@@ -38,6 +38,7 @@ from plotfeed.models.state import Looks, Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 MAX_REASON = 300
+LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
 
 
@@ -76,7 +77,7 @@ class View:
         self.generation = 0
         """Of the scene: goes up with each."""
         self._number = 0
-        self._news: dict[str, Any] = {"layouts": _layouts(), "session": {}, "totals": {}}
+        self._news: dict[str, Any] = {"layouts": LAYOUTS_BY_KIND, "session": {}, "totals": {}}
         self._changed: set[str] = set()
         self._watched: frozenset[str] = frozenset()
         self._details_are_due = False
@@ -224,6 +225,10 @@ class View:
         """Where and how to receive what the session sends."""
         self._tell("connect", told)
 
+    def fleet(self, told: Mapping[str, Any]) -> None:
+        """How the workers of a fleet do, whose page this is."""
+        self._tell("fleet", told)
+
     def audience(self, given: Mapping[str, bool], actions: Sequence[Mapping[str, Any]]) -> None:
         """What the audience may see and do, and who did what."""
         self._tell("audience", dict(given))
@@ -326,10 +331,6 @@ class View:
                 for sensor, number in numbers.items()
             },
         )
-
-
-def _layouts() -> dict[str, Sequence[Sequence[str]]]:
-    return {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 
 
 def _audience(head: bytes, told: Mapping[str, Any], marks: bytes) -> bytes | None:

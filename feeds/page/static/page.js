@@ -8,6 +8,7 @@ import { setTheme, startTheme } from "./colours.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
+import { FleetCard } from "./fleet.js";
 import { FrameReader } from "./frames.js";
 import { showAbout, showKeys } from "./help.js";
 import { hearKeys } from "./keys.js";
@@ -41,6 +42,7 @@ const strips = new Strips();
 const roles = new Roles(picture, { ask, onName: look, onTruth: (may) => { if (!may && display.truth) setTruth(false); }, address: () => feed.hello.audience_url });
 const cards = new Cards(showCards);
 const score = new Score(() => cards.offer("score"));
+const fleet = new FleetCard(() => cards.offer("fleet"));
 const tour = new Tour();
 const past = new Past(reader);
 const timeline = new Timeline(picture, past, display);
@@ -82,6 +84,7 @@ function takeFrame(buffer) {
   if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
+  if (all || changed.has("fleet")) fleet.take(picture.news.fleet);
   if (all || changed.has("score")) score.take(display.truth ? picture.score : null);
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); showClosely(); }

@@ -1,0 +1,71 @@
+"""The page of a fleet: its scene, and how its workers do. No plot comes by here."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+from plotfeed.feeds.fleet.fleet_link import FleetLink, health
+from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
+from plotfeed.feeds.page.connections import connections
+from plotfeed.feeds.page.page_access import PageAddress, Tokens
+from plotfeed.feeds.page.run_with_page import CLOCK_CONTROLS, REAL_TIME, alongside
+from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.shown_settings import tell_settings
+from plotfeed.feeds.page.updates import NoControls
+from plotfeed.feeds.page.view import View
+from plotfeed.proto.utc import NS
+
+EVERY_S = 1.0
+LAST_GAPS = 5
+NO_COMMANDS = "A fleet takes no commands from its page."
+REFUSES = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) | dict.fromkeys(
+    ("restart", "record", "scene", "replay", "sensor", "story"), NO_COMMANDS
+)
+
+
+@contextlib.asynccontextmanager
+async def shown_on_page(
+    address: PageAddress, link: FleetLink, tokens: Tokens
+) -> AsyncIterator[dict[str, str]]:
+    """The page of that link's fleet meanwhile; its addresses. Raises `PlotfeedError`."""
+    view, fleet = View(), link.fleet
+    server = PageServer(address, view, NoControls(), lambda: fleet.now_utc_ns, tokens=tokens)
+    try:
+        view.scene(fleet.scene)
+        for sensor in fleet.scene.sensor:
+            tell_settings(view, sensor, fleet.now_utc_ns, new_model=True)
+        clock = {"kind": "wall", "paused": False, "speed": 1.0}
+        view.session({"clock": clock, "refuses": REFUSES})
+        view.connections(connections(fleet.scene, {"MQTT": str(link.link.address)}))
+        async with serving(server), alongside(_tell(view, link), "page-fleet"):
+            yield server.urls
+    finally:
+        server.close()
+
+
+async def _tell(view: View, link: FleetLink) -> None:
+    while True:
+        told, now_utc_ns = health(link.fleet), link.fleet.now_utc_ns
+        view.fleet(fleet_news(told, link.statuses, now_utc_ns))
+        await asyncio.sleep(EVERY_S)
+
+
+def fleet_news(
+    told: Mapping[str, Any], statuses: Mapping[str, Mapping[str, Any]], now_utc_ns: int
+) -> dict[str, Any]:
+    """What the page is told of a fleet: its parts, how old the news of each are, the last gaps."""
+    parts = []
+    for row, part in zip(part_rows(told, statuses), told["parts"], strict=True):
+        until_ns = part["sent_until_utc_ns"]
+        parts.append({**row, "age_s": (now_utc_ns - until_ns) / NS if until_ns else None})
+    gaps = told["gaps"]
+    return {
+        "state": told["state"],
+        "takeovers": told["takeovers"],
+        "parts": parts,
+        "gaps": len(gaps),
+        "last_gaps": [gap_words(gap) for gap in gaps[-LAST_GAPS:]][::-1],
+    }

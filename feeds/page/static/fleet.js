@@ -1,0 +1,34 @@
+// How the workers of a fleet do, where the page is a fleet's.
+
+const byId = (id) => document.getElementById(id);
+
+export class FleetCard {
+  #told = null;
+
+  /** onFirst() is told of the first news that come. */
+  constructor(onFirst) {
+    this.onFirst = onFirst;
+  }
+
+  /** Take what is told of a fleet; nothing where the page is a session's. */
+  take(told) {
+    if (!told) return;
+    if (!this.#told) this.onFirst();
+    this.#told = told;
+    byId("fleet-text").textContent = `Parts ${told.parts.length}, take-overs ${told.takeovers}, gaps ${told.gaps}`;
+    byId("fleet-rows").replaceChildren(...told.parts.map(row));
+    byId("fleet-gaps").replaceChildren(...told.last_gaps.map((words) => cell("li", words)));
+  }
+}
+
+function row({ part, epoch, sensors, state, worker, age_s: age, lateness_p99_ms: late }) {
+  const of = sensors.length > 3 ? `${sensors.slice(0, 2).join(", ")} and ${sensors.length - 2} more` : sensors.join(", ");
+  const made = document.createElement("li"), news = age === null ? "no news yet" : `sent until ${age.toFixed(1)} s ago, late by ${late.toFixed(2)} ms (p99)`;
+  made.append(cell("strong", `${part}.${epoch} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
+  made.title = sensors.join(", ");
+  return made;
+}
+
+function cell(tag, words) {
+  return Object.assign(document.createElement(tag), { textContent: words });
+}
