@@ -275,8 +275,8 @@ def recorded(run: Live, folder: Path) -> Told:
     since = run.broker.count
     run.wait(lambda: len(run.broker.batches(since=since)) > 400)
     run.page.get_by_role("button", name=STOP).click()
-    until(run.page, "plotfeed.picture.news.session.recordings.length === 1")
     (path,) = folder.glob("*.mcap")
+    until(run.page, "(name) => plotfeed.picture.news.session.recordings.join() === name", path.name)
     with McapReader(path) as log:
         start_ns = log.summary().start_ns
         messages = list(log.messages())
