@@ -34,7 +34,7 @@ MANOEUVRES: dict[str, Callable[[FlightPlan], object]] = {
 }
 
 
-def sampled(knots: FlightKnots, step_s: float = 0.01) -> tuple[Floats, Floats, Floats]:
+def sampled(knots: FlightKnots, step_s: float = 0.02) -> tuple[Floats, Floats, Floats]:
     """Positions, velocities and accelerations by differences along the cubics."""
     track = KnownTrack.smooth(
         [round(t * NS) for t in knots.t_s.tolist()], knots.position_m, knots.velocity_m_s

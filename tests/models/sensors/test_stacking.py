@@ -228,7 +228,7 @@ def assert_same(together: Columns, alone: Columns) -> None:
 
 
 @pytest.mark.parametrize("kind", MODELS)
-@pytest.mark.parametrize("n", [1, 3, 40, 700])
+@pytest.mark.parametrize("n", [1, 3, 700])
 def test_each_row_has_what_its_sensor_gives_it_alone(kind: str, n: int) -> None:
     plots_seen = 0
     for seed in range(8):
