@@ -3,8 +3,9 @@
     python tests/benchmarks/bench_effects.py
 
 The active radar of section-4 stares at drones between 2 and 7 km; one effect at a time is named.
-Times are of a whole sector without its messages: truth, geometry, physics, plots. Instructions are
-the interpreter's own, counted one by one in a sector of three drones that names nothing.
+Times are of a whole sector: truth, geometry, physics, plots, and messages of category 015.
+Instructions are the interpreter's own, counted one by one in a sector of three drones that names
+nothing.
 """
 
 from __future__ import annotations
@@ -153,11 +154,10 @@ def station_of(n: int, named: dict[str, Any]) -> Station:
 
 
 def _at_work(scene: Scene) -> Station:
-    """At work for two scans already, and without formats."""
+    """At work for two scans already."""
     trajectories = Trajectories(stale_after_s=3.0)
     launch(scene, trajectories, START_NS)
     station = Station(scene, scene.sensor[0], trajectories)
-    station._reporters = []
     sector = station.sector_at(START_NS)
     for _ in range(2):
         sector = station.next_sector(sector)
