@@ -187,7 +187,8 @@ def missed_scans(at_work: Fleet) -> int:
     for message in list(at_work.client.heard):
         if message.topic.startswith("plotfeed/fleet/") and "control" not in message.topic:
             told = json.loads(message.payload)
-            found[told["part"], told["epoch"]] = told["missed_scans"]
+            of = told["part"], told["epoch"]  # a last will knows of none
+            found[of] = max(found.get(of, 0), told["missed_scans"])
     return sum(found.values())
 
 
