@@ -184,6 +184,8 @@ def plots_of_the_ledger(
 
         batches = {(x.scan, x.sector): x.plots for x in run.broker.batches(sensor.id)}
         for entry in run.broker.ledger(sensor.id):
+            if end_ns(entry) <= since_ns:
+                continue
             came = entry.messages[0].delivered
             measured = batches[entry.scan, entry.sector] if came else entry.plots
             for plot, truth in zip(measured, entry.plots, strict=True):
