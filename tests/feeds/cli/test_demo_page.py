@@ -19,12 +19,6 @@ from websockets.sync.client import connect
 pytest.importorskip("uvicorn")
 
 USUAL_PORT = 8590
-WITHOUT_THE_EXTRA = [
-    sys.executable,
-    "-c",
-    "import sys; sys.modules['uvicorn'] = None; from plotfeed.feeds.cli.main import main; main()",
-]
-"""The command where one of the page's libraries is not installed."""
 QUICK = ("--speed", "20", "--duration", "5", "--broker", "none")
 
 
@@ -92,14 +86,15 @@ def test_a_page_and_no_page_are_a_contradiction() -> None:
     assert "--no-page contradicts --page" in done.stderr
 
 
-def without_the_extra(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*WITHOUT_THE_EXTRA, *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
+@pytest.fixture
+def without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of the page's libraries is not installed."""
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
 
 
+@pytest.mark.usefixtures("without_the_extra")
 def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
-    done = without_the_extra("demo", *QUICK)
+    done = plotfeed_here("demo", *QUICK)
     assert done.returncode == 0
     assert done.stderr == ""
     hints = [line for line in done.stdout.splitlines() if "page" in line]
@@ -107,8 +102,9 @@ def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
     assert done.stdout.splitlines()[-1].startswith("drones 21 ")
 
 
+@pytest.mark.usefixtures("without_the_extra")
 def test_without_the_extra_a_page_that_was_asked_for_is_an_error_in_a_line() -> None:
-    done = without_the_extra("demo", *QUICK, "--page", "0")
+    done = plotfeed_here("demo", *QUICK, "--page", "0")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
