@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from support.waiting import PATIENCE_S
+
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.control import ReplayControl
@@ -136,7 +138,7 @@ async def simulated(
 
     clock = InstantClock(begin_utc_ns)
     ears = Ears(clock, on_message=on_message)
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(PATIENCE_S):
         totals = await replay(
             Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
         )

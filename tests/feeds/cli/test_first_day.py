@@ -12,6 +12,7 @@ import pytest
 from support.command import PLOTFEED, plotfeed_here
 from support.recordings import plots, written
 from support.scene_files import radar, scene_file, scene_text
+from support.waiting import PATIENCE_S
 
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 
@@ -50,7 +51,7 @@ def test_ctrl_c_while_it_is_imported_is_no_traceback(import_of: str, tmp_path: P
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "")
@@ -83,7 +84,7 @@ def test_a_disk_that_fills_up_is_told_with_the_name_and_leaves_nothing(tmp_path:
     )
     done = subprocess.run(
         [sys.executable, "-c", code, "convert", source, target],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr == f"plotfeed: {target}: File too large\n"
@@ -236,7 +237,7 @@ def test_shells_complete_commands(shell: str) -> None:
             env={**os.environ, **words, "_PLOTFEED_COMPLETE": f"{shell}_{how}"},
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=PATIENCE_S,
             check=False,
         )
         assert said in done.stdout

@@ -19,6 +19,7 @@ from support.replays import (
     simulated,
     since,
 )
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.control import SEEK_NS, ReplayControl
@@ -162,7 +163,7 @@ async def test_it_stops_when_it_is_asked_to() -> None:
 
 @pytest.mark.asyncio
 async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE_S):
         clock, control = RushClock(REPLAYED), ReplayControl()
         ears = Ears(clock)
 

@@ -21,6 +21,7 @@ from support.replays import (
     simulated,
     since,
 )
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.read_ahead import AHEAD, BATCH
@@ -166,7 +167,7 @@ class Endless:
 
 @pytest.mark.asyncio
 async def test_no_more_is_read_ahead_than_there_is_room_for() -> None:
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE_S):
         source, control = Endless(), ReplayControl()
         ears = Ears(InstantClock(REPLAYED))
         ears.on_message = lambda _: control.stop() if len(ears.heard) == 10 else None

@@ -12,6 +12,7 @@ from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import plots
 from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.delivery import Transport
 from plotfeed.feeds.messages.message import Message
@@ -35,7 +36,7 @@ async def sent_over(
     settings: ReplaySettings | None = None,
 ) -> ReplayCounters:
     running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
-    return await asyncio.wait_for(running, 30)
+    return await asyncio.wait_for(running, PATIENCE_S)
 
 
 def opened(to: str, **keys: object) -> ReplayUdp:
@@ -150,7 +151,7 @@ def test_whoever_comes_after_a_refusal_misses_nothing() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
         ears.bind(("127.0.0.1", port))
         assert link.send(b"somebody")
-        ears.settimeout(5)
+        ears.settimeout(PATIENCE_S)
         assert ears.recv(100) == b"somebody"
     link.close()
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import pytest
-from support.waiting import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
@@ -245,7 +245,7 @@ async def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
     await asyncio.sleep(0.02)
     assert case.done == []
     clock.resume()
-    await asyncio.wait_for(working, 10)
+    await asyncio.wait_for(working, PATIENCE_S)
     clock.close()
     assert [name for name, _ in case.done] == ["due"]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.sessions import StallingClock
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
@@ -170,7 +171,7 @@ async def test_a_session_ends_when_it_is_asked_to(tmp_path: Path) -> None:
 
     stop = asyncio.Event()
     asyncio.get_running_loop().call_later(0.2, stop.set)
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         _, sent = await session(what, WallClock(), 3600.0, stop)
     assert states(sent)[-1] == "OFFLINE"
 

@@ -202,7 +202,7 @@ async def test_a_session_outlives_its_broker(
     port = free_port()
     scene = load(scene_file(tmp_path, scene_text(sensors=FAST, drones="")))
 
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(PATIENCE_S):
         stop, ready = asyncio.Event(), asyncio.Event()
         mosquitto_runs = ExitStack()
         await asyncio.to_thread(mosquitto_runs.enter_context, mosquitto(tmp_path, port))

@@ -8,6 +8,7 @@ from contextlib import closing
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
@@ -55,7 +56,7 @@ def test_starting_a_clock_that_runs_changes_nothing() -> None:
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
 @pytest.mark.asyncio
 async def test_nobody_wakes_before_the_time(speed: float) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         clock = WallClock(START, speed=speed)
         try:
             clock.start()
@@ -69,7 +70,7 @@ async def test_nobody_wakes_before_the_time(speed: float) -> None:
 
 @pytest.mark.asyncio
 async def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         clock, ran = WallClock(START), 0
 
         async def other() -> None:
@@ -97,7 +98,7 @@ async def test_a_simulated_clock_jumps_and_never_goes_back() -> None:
 @pytest.mark.parametrize("make", [LoopTimer, TimerFd])
 @pytest.mark.asyncio
 async def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | TimerFd]) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         timer = make()
         begun = time.monotonic_ns()
         for after in (3 * MS, 1 * MS, 5 * MS, 5 * MS + 1, 20 * MS):
@@ -112,7 +113,7 @@ async def test_a_timer_keeps_its_order_of_waits(make: Callable[[], LoopTimer | T
 async def test_a_wait_can_be_cancelled_and_the_timer_used_again(
     make: Callable[[], LoopTimer | TimerFd],
 ) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         timer = make()
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(timer.wait_until(time.monotonic_ns() + 3600 * S), 0.01)
@@ -124,7 +125,7 @@ async def test_a_wait_can_be_cancelled_and_the_timer_used_again(
 
 @pytest.mark.asyncio
 async def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         timer = TimerFd()
         for _ in range(20):
             near = asyncio.ensure_future(timer.wait_until(time.monotonic_ns() + MS))
@@ -139,7 +140,7 @@ async def test_a_cancelled_wait_does_not_end_the_next_one_early() -> None:
 
 @pytest.mark.asyncio
 async def test_the_best_timer_of_the_system_waits() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         with closing(precise_timer()) as timer:
             until = time.monotonic_ns() + 2 * MS
             await timer.wait_until(until)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.timers import MAX_EARLY_NS, SAVED_NS, SHARE, EarlyWaking, TimerFd
@@ -20,7 +21,7 @@ S = 1_000_000_000
 
 @pytest.mark.asyncio
 async def test_nobody_who_wakes_early_goes_on_before_the_time() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         with closing(TimerFd()) as timer:
             for gap_ns in (0, -S, 1000, 20_000, 50_000, 300_000, MS, 5 * MS, 20 * MS) * 3:
                 until_ns = time.monotonic_ns() + gap_ns
@@ -31,7 +32,7 @@ async def test_nobody_who_wakes_early_goes_on_before_the_time() -> None:
 @pytest.mark.parametrize("after_ns", [10_000, 3600 * S])
 @pytest.mark.asyncio
 async def test_who_is_woken_returns_at_once_however_near_the_time(after_ns: int) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         with closing(TimerFd()) as timer:
             looked = list[int]()
             timer._look_until = looked.append  # type: ignore[method-assign]
@@ -42,7 +43,7 @@ async def test_who_is_woken_returns_at_once_however_near_the_time(after_ns: int)
 
 @pytest.mark.asyncio
 async def test_a_timer_that_expires_long_after_it_was_set_wakes_nobody() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         with closing(TimerFd()) as timer:
             asyncio.get_running_loop().call_soon(timer.wake)
             await timer.wait_until(time.monotonic_ns() + 2 * MS)
@@ -56,7 +57,7 @@ async def test_a_timer_that_expires_long_after_it_was_set_wakes_nobody() -> None
 
 @pytest.mark.asyncio
 async def test_who_need_not_be_exact_is_not_awake_for_it() -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         with closing(TimerFd()) as timer:
             looked = list[int]()
             timer._look_until = looked.append  # type: ignore[method-assign]

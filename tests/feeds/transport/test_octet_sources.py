@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, has_ipv6
 from support.udp_receiver import interface_of
-from support.waiting import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.source_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
@@ -73,7 +73,7 @@ async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
             assert set(taker.came.values()) == {b"one", b"other"}
             (peer,) = (peer for peer, data in taker.came.items() if data == b"one")
             source.send(peer, b"answer")
-            one.settimeout(10)
+            one.settimeout(PATIENCE_S)
             assert one.recv(100) == b"answer"
 
 
