@@ -70,6 +70,8 @@ def test_a_packet_is_what_an_independent_client_makes_of_the_same_will(
 
 
 SENSORS = [f"s{i}" for i in range(25)]
+LEAVE_S = 2.0
+"""For what a broker that was killed may have taken with it."""
 
 
 def status(sensor: str, state: str) -> Message:
@@ -109,7 +111,7 @@ async def placed(
         try:
             yield there, back
         finally:
-            await link.drain(PATIENCE_S)
+            await link.drain(LEAVE_S)
             if says_goodbye:
                 there.forget()
             running.cancel()
