@@ -38,6 +38,7 @@ class Census(Observer):
 
     def __init__(self) -> None:
         self.blocks: list[int] = []
+        """The least of each minute: a chunk of a recording is kept until it is written."""
         self.objects: list[Counter[type]] = []
         self.entries = 0
 
@@ -45,6 +46,7 @@ class Census(Observer):
         self._session = session
         self._telemetry_ns = self._begin_ns = session.clock.now_ns()
         self._count_ns = self._begin_ns + 60 * NS
+        self._least = sys.maxsize
         self._reports = 0
 
     def settled(self, *_: object) -> None:
@@ -55,11 +57,13 @@ class Census(Observer):
             inputs = [self._report(drone) for drone in range(DRONES)]
             self._session.receive(inputs, self._telemetry_ns)
             self._telemetry_ns += NS // TELEMETRY_HZ
+            self._least = min(self._least, sys.getallocatedblocks())
         if due_utc_ns >= self._count_ns:
             self._count_ns += 60 * NS
             gc.collect()
             self.objects.append(Counter(type(each) for each in gc.get_objects()))
-            self.blocks.append(sys.getallocatedblocks())
+            self.blocks.append(self._least)
+            self._least = sys.maxsize
 
     def _report(self, drone: int) -> tuple[str, bytes, None]:
         self._reports += 1
@@ -97,8 +101,9 @@ def test_minutes_leave_nothing_behind(tmp_path: Path) -> None:
     assert totals.telemetry > 0.9 * 60 * MINUTES * DRONES * TELEMETRY_HZ
     assert totals.refused > 50
     assert len(census.blocks) == MINUTES
-    # What is kept up to a bound still grows, by the scan; nothing does by the sector or message.
+    # What is kept up to a bound grows by the scan: 1,400 to 3,300 blocks, in four runs. By the
+    # sector or message nothing does, which would add a block for each at the least.
     grown = census.objects[-1] - census.objects[WARM_MINUTES - 1]
     sectors = census.entries * (MINUTES - WARM_MINUTES) // MINUTES
-    assert census.blocks[-1] - census.blocks[WARM_MINUTES - 1] < 0.7 * sectors
+    assert census.blocks[-1] - census.blocks[WARM_MINUTES - 1] < 0.9 * sectors
     assert max(grown.values(), default=0) < 0.1 * sectors, grown.most_common(8)
