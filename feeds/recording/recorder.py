@@ -184,8 +184,12 @@ class SessionRecorder(Observer):
         )
 
     def tracked(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Tracks of the tracker under test, when they came in."""
-        self.received(topic, payload, content_type, t_utc_ns)
+        """Tracks of a foreign tracker; those of a sensor are recorded as they leave."""
+        if self._session is None:
+            return
+        scene = self._session.scene
+        if not topic.startswith(tuple(f"{scene.mqtt.prefix}/{s.id}/" for s in scene.sensor)):
+            self.received(topic, payload, content_type, t_utc_ns)
 
     def before_link(self, message: Message) -> None:
         """A message is handed to the link when it is due there."""

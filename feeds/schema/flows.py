@@ -210,6 +210,7 @@ def _of_session() -> Iterator[Flow]:
         needs="page.tracks_topic says where a tracker publishes, and mqtt.truth is not false",
         schema=_object(
             time_utc="string",
+            tracks_topic="string",
             cutoff_m="number",
             drones="integer",
             tracks="integer",

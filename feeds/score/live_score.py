@@ -167,12 +167,13 @@ class LiveScore(Observer):
         found: dict[str, Any] = finite(
             {
                 "time_utc": iso_utc(now_utc_ns),
+                "tracks_topic": session.scene.page.tracks_topic,
                 "cutoff_m": self._settings.cutoff_m,
                 "drones": drones,
                 "tracks": tracks,
                 "reports": self._reports,
                 "unreadable": self._unreadable,
-                "problem": self._problem,
+                "problem": self._problem or ("" if self._reports else "no tracks have come"),
                 "now": now,
                 "window_s": len(self._window),
                 "window": _means(self._window),
@@ -211,6 +212,8 @@ class LiveScore(Observer):
             "latency_s": float(np.median(late_s)) if len(late_s) else np.nan,
             "latency_p95_s": float(np.quantile(late_s, 0.95)) if len(late_s) else np.nan,
         }
+        if not self._reports:  # of a tracker that nobody has heard there is no figure
+            figures = dict.fromkeys(figures, np.nan)
         return figures, m, n
 
     def _check_feeds(self, session: RunningSession, now_ns: int) -> None:

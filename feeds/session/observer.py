@@ -185,8 +185,7 @@ class SessionContext:
 
     @property
     def tracker_topics(self) -> Sequence[str]:
-        """The topic of the tracker under test, if any observer follows it, and no sensor is it."""
+        """The topic of the tracker under test, a sensor's or a foreign one, if it is followed."""
         topic = self.scene.page.tracks_topic
-        own = tuple(f"{self.scene.mqtt.prefix}/{sensor.id}/" for sensor in self.scene.sensor)
         is_followed = any(cares(observer, "tracked") for observer in self.observers)
-        return (topic,) if topic and is_followed and not topic.startswith(own) else ()
+        return (topic,) if topic and is_followed else ()

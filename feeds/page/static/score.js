@@ -36,20 +36,21 @@ export class Score {
     if (!score) this.#past = [];
     else if (score.time_utc !== this.#latest?.time_utc) {
       if (!this.#latest) this.onFirst();
-      this.#past = [...this.#past, score.now.gospa_m].slice(-HISTORY_S);
+      if (score.reports) this.#past = [...this.#past, score.now.gospa_m].slice(-HISTORY_S);
     }
     this.#latest = score;
     byId("score-body").hidden = !score;
-    byId("score-text").textContent = score ? `${score.tracks} tracks, ${score.drones} drones; means of ${score.window_s} s, tracks within ${short(score.cutoff_m)} m` : NONE;
+    byId("score-text").textContent = !score ? NONE : score.reports ? `${score.tracks} tracks, ${score.drones} drones; means of ${score.window_s} s, tracks within ${short(score.cutoff_m)} m` : `No tracks have come on ${score.tracks_topic}: there is no tracker to score.`;
+    byId("score-values").hidden = byId("score-strip").hidden = !score?.reports;
     if (score) this.#show(score);
   }
 
   #show(score) {
     byId("score-values").replaceChildren(...ROWS.flatMap(([name, told]) => [cell("dt", name), cell("dd", told(score.window))]));
-    this.#draw(score.cutoff_m);
+    if (score.reports) this.#draw(score.cutoff_m);
     const wrong = score.feed.filter((check) => check.wrong), judged = score.feed.filter((check) => check.z != null);
     const named = wrong.map(({ sensor, check, found, unit }) => `${sensor}: ${check} ${short(found)} ${unit}`.trim()).join("; ");
-    byId("score-feed").textContent = wrong.length ? `Feed NOT as claimed: ${named}` : judged.length ? `Feed: ${judged.length} checks, all as claimed` : "Feed: nothing to judge yet";
+    byId("score-feed").textContent = wrong.length ? `Feed differs from its claims: ${named}` : judged.length ? `Feed agrees with its claims: ${judged.length} checks` : "Feed: nothing to judge yet";
     byId("score-problem").textContent = score.unreadable ? `${score.unreadable} reports of tracks left out: ${score.problem}` : "";
   }
 

@@ -36,7 +36,8 @@ AZIMUTH = {
 
 def score(second: int, *feed: dict[str, Any]) -> dict[str, Any]:
     return {
-        "time_utc": f"2026-01-01T12:00:{second:02}Z", "cutoff_m": 50.0, "drones": 4, "tracks": 4,
+        "time_utc": f"2026-01-01T12:00:{second:02}Z", "tracks_topic": "tracker/tracks",
+        "cutoff_m": 50.0, "drones": 4, "tracks": 4,
         "reports": 100, "unreadable": 3, "problem": "a track of the future", "now": FIGURES,
         "window_s": second, "window": FIGURES, "feed_false_rate": 0.01, "feed": list(feed),
     }  # fmt: skip
@@ -144,9 +145,16 @@ def test_the_score_is_shown_with_the_truth_alone(
         assert told in words
     assert "nothing to judge yet" in words
     served.call(lambda: stage.view.score(score(2, AZIMUTH)))
-    until(
-        page, "document.getElementById('score-feed').textContent.includes('radar-3: azimuth 2.01')"
-    )
+    told = "Feed differs from its claims: radar-3: azimuth 2.01 deg"
+    until(page, f"document.getElementById('score-feed').textContent === '{told}'")
+    unheard = dict.fromkeys(FIGURES)
+    silent = {"reports": 0, "tracks": 0, "unreadable": 0, "now": unheard, "window": unheard}
+    served.call(lambda: stage.view.score(score(3) | silent))
+    until(page, "document.getElementById('score-values').hidden")
+    words = card.inner_text()
+    assert "No tracks have come on tracker/tracks" in words
+    assert "GOSPA" not in words
+    assert not page.locator("#score-strip").is_visible()
     page.get_by_role("button", name="Truth").click()
     until(page, "document.getElementById('score-body').hidden")
     assert "Shown with the truth" in card.inner_text()

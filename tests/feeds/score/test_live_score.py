@@ -111,6 +111,21 @@ def test_a_track_goes_on_by_its_velocity_and_is_stale_after_a_while() -> None:
     assert errors[12] is None
 
 
+def test_of_a_tracker_that_nobody_hears_there_is_no_figure() -> None:
+    scores = scored(two(), 8.0, lambda _: [])
+    assert {s["reports"] for s in scores} == {0}
+    assert {s["problem"] for s in scores} == {"no tracks have come"}
+    assert all(value is None for s in scores for k in ("now", "window") for value in s[k].values())
+
+    def late(now_ns: int) -> list[dict[str, Any]]:
+        far_m = 2000.0 * np.cos(np.radians(5.0))
+        return [track(1, 0.0, far_m, now_ns)] if now_ns >= START_NS + 10 * NS else []
+
+    last = scored(two(), 20.0, late)[-1]
+    assert last["problem"] == ""
+    assert last["window"]["completeness"] == 0.5  # of the seconds since it is heard
+
+
 def test_what_is_no_track_is_counted_and_harms_nothing() -> None:
     def tracker(now_ns: int) -> list[dict[str, Any]]:
         return [

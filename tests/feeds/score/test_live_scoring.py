@@ -8,9 +8,11 @@ from pathlib import Path
 import jsonschema
 from support.command import running
 from support.mqtt_client import Heard, listening
-from support.scene_files import scene_file, scene_text
+from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.schema.asyncapi import document
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.recorded import Stage
 
 TRACK = {"track": 7, "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 700.0}
 TRACKER = '[page]\ntracks_topic = "tracker/tracks"\n'
@@ -41,6 +43,24 @@ def test_a_score_is_published_as_it_is_described(tmp_path: Path) -> None:
     assert found.content_type == "application/json"
     assert told["tracks"] == 1
     assert told["reports"] >= 1
+
+
+def test_a_sensors_own_tracker_is_scored_and_recorded_once(tmp_path: Path) -> None:
+    topic = "plotfeed/radar/asterix/062"
+    own = radar(more='report = ["plots", "asterix-062"]\ntracks = { kind = "plain" }')
+    path = scene_file(tmp_path, scene_text(sensors=own) + f'[page]\ntracks_topic = "{topic}"\n')
+    record = tmp_path / "own.mcap"
+    with (
+        running("run", path, "--record", record) as session,
+        listening(session.port("MQTT 5"), 5, "plotfeed/score") as client,
+    ):
+        found = client.wait_for(lambda message: bool(json.loads(message.payload)["tracks"]))
+    told = json.loads(found.payload)
+    assert told["tracks_topic"] == topic
+    assert told["now"]["completeness"] == 1.0, told  # one drone, one track
+    with McapReader(record) as log:
+        stages = {message.stage for message in log.messages(topics={topic})}
+    assert stages == {Stage.BEFORE, Stage.AFTER}  # as the sensor sent it, not as telemetry
 
 
 def test_where_the_truth_is_not_published_the_score_is_not(tmp_path: Path) -> None:

@@ -82,8 +82,9 @@ async def test_tracks_are_in_the_record_and_are_no_telemetry(tmp_path: Path) -> 
     assert (totals.telemetry, totals.refused) == (0, 0)
 
 
-def test_what_no_observer_follows_is_not_asked_for(tmp_path: Path) -> None:
-    """Nor what a sensor of the scene reports itself."""
+def test_a_tracker_is_asked_for_where_an_observer_follows_it_a_sensors_own_too(
+    tmp_path: Path,
+) -> None:
     from plotfeed.feeds.session.observer import SessionContext
 
     def topics(topic: str, *observers: Observer) -> list[str]:
@@ -97,4 +98,4 @@ def test_what_no_observer_follows_is_not_asked_for(tmp_path: Path) -> None:
 
     assert topics(TOPIC) == topics(TOPIC, Observer()) == []
     assert topics(TOPIC, Followed()) == [TOPIC]
-    assert topics("plotfeed/radar/asterix/062", Followed()) == []
+    assert topics("plotfeed/radar/asterix/062", Followed()) == ["plotfeed/radar/asterix/062"]
