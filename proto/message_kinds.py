@@ -1,16 +1,21 @@
-"""What a message holds, as far as its content type and topic tell.
+"""What a message holds, by its content type, its topic and its first octets.
 
 MQTT 3.1.1 has no content types, and neither have datagrams: then the last levels of the topic
-tell it, which are the same in every session (docs/topics.md). Nobody looks into the payload here.
+tell it, which are the same in every session (docs/topics.md). Where trackers and drones publish in
+the format of their choice, the payload's first octets tell JSON and ASTERIX from protobuf.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import lru_cache
 from typing import Any
 
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.content_types import (
     ASTERIX,
     COT,
@@ -40,6 +45,10 @@ OUR_MESSAGES: Mapping[str, Any] = {
 """Classes of the messages of ours that are sent by themselves, by their full names."""
 MEDIA_TYPES = (ASTERIX, JSON, GEOJSON, COT)
 """Those that tell what a message is without naming a message of protobuf."""
+OPEN_TO: Mapping[str, Container[int]] = {TRACK_BATCH: {62}, TELEMETRY: {129}, "": CATEGORIES}
+"""Kinds that a topic tells where senders choose the format: categories that they may publish in.
+
+No first octet of a TrackBatch is 62, nor of either message of protobuf a bracket."""
 LAST_LEVELS = {
     **dict.fromkeys(("errors", "status", "settings", "description", "session"), JSON),
     "plots": PLOT_BATCH,
@@ -50,13 +59,37 @@ LAST_LEVELS = {
 }
 
 
-@lru_cache(maxsize=1024)
-def kind_of(topic: str, content_type: str) -> str:
+def kind_of(topic: str, content_type: str, payload: bytes) -> str:
     """One of `MEDIA_TYPES`, the full name of a message of protobuf, or "" where nothing tells.
 
     A content type that says none of these, or is empty, leaves it to the topic.
     """
-    return _told_by_type(content_type) or _told_by_topic(topic)
+    kind, is_open = _told(topic, content_type)
+    if not is_open:
+        return kind
+    if payload.lstrip(b" \t\r\n").startswith((b"{", b"[")):
+        return JSON
+    is_block = len(payload) >= int.from_bytes(payload[1:HEADER_OCTETS], "big") > HEADER_OCTETS
+    if is_block and payload[0] in OPEN_TO[kind]:
+        return ASTERIX
+    return SAPIENT_MESSAGE if kind == TRACK_BATCH and not _is_batch(payload) else kind
+
+
+def _is_batch(payload: bytes) -> bool:
+    """Whether octets are a TrackBatch; a time stands where SAPIENT would have the sensor's name."""
+    try:
+        return pb.TrackBatch.FromString(payload).sensor.isprintable()
+    except ProtobufDecodeError:
+        return False
+
+
+@lru_cache(maxsize=1024)
+def _told(topic: str, content_type: str) -> tuple[str, bool]:
+    """What content type and topic tell, and whether the payload may still say otherwise."""
+    if by_type := _told_by_type(content_type):
+        return by_type, False
+    by_topic = _told_by_topic(topic)
+    return by_topic, by_topic in OPEN_TO
 
 
 def _told_by_type(content_type: str) -> str:
@@ -71,7 +104,7 @@ def _told_by_type(content_type: str) -> str:
 
 def _told_by_topic(topic: str) -> str:
     levels = topic.split("/")
-    if levels[-2:-1] == ["telemetry"]:
+    if levels[-2:-1] in (["telemetry"], ["claimed"]):
         return TELEMETRY
     if is_asterix_topic(topic):
         return ASTERIX

@@ -102,7 +102,7 @@ def plots_in(message: Recorded) -> MeasuredPlots | None:
     """The plots in a message; None if it cannot hold any or cannot be read."""
     if is_asterix(message.content_type, message.payload):
         return plots_and_tracks_in(message.payload, message.log_time_ns)
-    if kind_of(message.topic, message.content_type) == PLOT_BATCH:
+    if kind_of(message.topic, message.content_type, message.payload) == PLOT_BATCH:
         try:
             return plots_in_batch(message.payload)
         except DecodeError:

@@ -92,7 +92,7 @@ def message_lines(
     def line(told: Any) -> str:
         return json.dumps({"topic": topic, "message": told}) if as_json else f"{topic}  {told}"
 
-    kind = kind_of(topic, content_type or "")
+    kind = kind_of(topic, content_type or "", payload)
     try:
         if verbose and kind == ASTERIX:
             told = _asterix_trees(payload, categories)

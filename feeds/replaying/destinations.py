@@ -34,7 +34,7 @@ def is_datagram(message: Message) -> bool:
     """Whether it is ASTERIX, or was a datagram when it was recorded."""
     if message.topic.startswith(UDP_TOPIC):
         return True
-    return kind_of(message.topic, message.content_type) == ASTERIX
+    return kind_of(message.topic, message.content_type, message.payload) == ASTERIX
 
 
 class ReplayUdp(UdpTransport):

@@ -9,10 +9,8 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
-from plotfeed.proto.asterix.decode_129 import is_block_129
-from plotfeed.proto.content_types import ASTERIX, JSON, SAPIENT_MESSAGE, TELEMETRY, message_type
+from plotfeed.proto.content_types import ASTERIX, JSON, SAPIENT_MESSAGE
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
@@ -35,17 +33,20 @@ class Restamper:
         """`left` counts the messages, or parts of them, that are left alone, by what they are."""
         self._left = left
         self._asterix = Retimer()
-        self._movers: dict[tuple[str, str], Mover | None] = {}
+        self._movers: dict[str, Mover | None] = {}
+        """By the kind of message."""
 
     def payload(self, recorded: Recorded, shift_ns: int) -> bytes:
         """The message's payload, its times later by that."""
-        key = (recorded.topic, recorded.content_type)
-        if key not in self._movers:
-            self._movers[key] = self._mover(*key)
-        mover = self._movers[key]
+        kind = kind_of(recorded.topic, recorded.content_type, recorded.payload)
+        if not kind and recorded.topic.startswith(UDP_TOPIC):
+            kind = ASTERIX
+        if kind not in self._movers:
+            self._movers[kind] = self._mover(kind)
+        mover = self._movers[kind]
         if mover is None:
-            kind = recorded.content_type or "octets that nothing is said of"
-            self._leave(f"{kind} on {recorded.topic}")
+            what = recorded.content_type or "octets that nothing is said of"
+            self._leave(f"{what} on {recorded.topic}")
             return recorded.payload
         try:
             return mover(recorded.payload, shift_ns)
@@ -75,17 +76,14 @@ class Restamper:
         else:
             self._left["others"] += 1
 
-    def _mover(self, topic: str, content_type: str) -> Mover | None:
+    def _mover(self, kind: str) -> Mover | None:
         """What moves such messages; None where nothing does."""
-        kind = kind_of(topic, content_type)
-        if kind == ASTERIX or (not kind and topic.startswith(UDP_TOPIC)):
+        if kind == ASTERIX:
             return self._move_asterix
         if kind == JSON:
             return retime_json
         if kind == SAPIENT_MESSAGE:
             return _sapient_mover()
-        if kind == TELEMETRY and not message_type(content_type):
-            return self._move_telemetry
         ours = OUR_MESSAGES.get(kind)
         if ours is None:
             return None
@@ -96,14 +94,6 @@ class Restamper:
         for what in done.left:
             self._leave(what)
         return done.octets
-
-    def _move_telemetry(self, data: bytes, shift_ns: int) -> bytes:
-        """Move telemetry of the kind that it looks like, as a session that takes it sees it."""
-        if data.lstrip(b" \t\r\n").startswith(b"{"):
-            return retime_json(data, shift_ns)
-        if is_block_129(data):
-            return self._move_asterix(data, shift_ns)
-        return retime_protobuf(data, pb.Telemetry, shift_ns)
 
 
 def _sapient_mover() -> Mover | None:

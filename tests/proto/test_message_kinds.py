@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import (
     ASTERIX,
     COT,
@@ -21,6 +22,8 @@ from plotfeed.proto.content_types import (
 )
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 
+UNTOLD = b"\n\x05radar\x10\x07"
+"""What begins as a message of protobuf does."""
 TOLD_BY_TYPE = {
     asterix_content_type(48): ASTERIX,
     ASTERIX: ASTERIX,
@@ -43,6 +46,7 @@ TOLD_BY_TOPIC = {
     "p/errors": JSON,
     "p/radar/description": JSON,
     "p/session": JSON,
+    "p/claimed/alpha": TELEMETRY,
     "p/telemetry/plots": TELEMETRY,
     "p/telemetry/asterix": TELEMETRY,
     "asterix/truth/more/plots": PLOT_BATCH,
@@ -57,7 +61,7 @@ TOLD_BY_TOPIC = {
 def test_a_content_type_says_what_a_message_is_on_any_topic(
     topic: str, content_type: str, kind: str
 ) -> None:
-    assert kind_of(topic, content_type) == kind
+    assert kind_of(topic, content_type, UNTOLD) == kind
 
 
 @pytest.mark.parametrize(("topic", "kind"), TOLD_BY_TOPIC.items())
@@ -67,4 +71,33 @@ def test_a_content_type_says_what_a_message_is_on_any_topic(
 def test_a_content_type_that_says_nothing_leaves_it_to_the_topic(
     topic: str, content_type: str, kind: str
 ) -> None:
-    assert kind_of(topic, content_type) == kind
+    assert kind_of(topic, content_type, UNTOLD) == kind
+
+
+BLOCK = bytes([62, 0, 4, 0])
+TOLD_BY_CONTENT = [
+    ("tracker/tracks", pb.TrackBatch(sensor="radar", scan=7).SerializeToString(), TRACK_BATCH),
+    ("tracker/tracks", BLOCK, ASTERIX),
+    ("tracker/tracks", BLOCK + BLOCK, ASTERIX),
+    ("tracker/tracks", b"[]", JSON),
+    ("tracker/tracks", b' \r\n{"track": 1}', JSON),
+    ("tracker/tracks", b"\n\x0c\x08\x80\xe1\x83\xd2\x06\x10\x80\x94\xeb\xdc\x03", SAPIENT_MESSAGE),
+    ("tracker/tracks", b"\xff\xff", SAPIENT_MESSAGE),
+    ("tracker/out", BLOCK, ASTERIX),
+    ("tracker/out", b"[]", JSON),
+    ("tracker/out", bytes([0, 0, 4, 0]), ""),
+    ("tracker/out", b"", ""),
+    ("p/telemetry/alpha", b"{}", JSON),
+    ("p/claimed/alpha", b"{}", JSON),
+    ("p/telemetry/alpha", bytes([129, 0, 4, 0]), ASTERIX),
+    ("p/telemetry/alpha", BLOCK, TELEMETRY),
+    ("p/radar/plots", b"{}", PLOT_BATCH),
+]
+
+
+@pytest.mark.parametrize(("topic", "payload", "kind"), TOLD_BY_CONTENT)
+def test_first_octets_tell_the_format_where_the_sender_chooses_it(
+    topic: str, payload: bytes, kind: str
+) -> None:
+    assert kind_of(topic, "", payload) == kind
+    assert kind_of(topic, asterix_content_type(48), payload) == ASTERIX

@@ -5,9 +5,14 @@ from __future__ import annotations
 import json
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from support.road import Road, flown, fly, radar, rotating, scene, waypoint
+from support.brokers import free_port, mosquitto
+from support.command import plotfeed_here
+from support.mqtt_client import listening
+from support.road import START_NS, Road, flown, fly, radar, rotating, scene, waypoint
+from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.decoded_text import message_lines
@@ -81,6 +86,44 @@ def test_show_reads_every_one_of_them(road: Road) -> None:
                 )
                 assert lines, topic
                 assert "octets that are not" not in lines[0]
+
+
+@pytest.mark.parametrize("version", [4, 5])
+def test_show_reads_tracks_of_every_format_from_a_broker_on_any_topic_of_tracks(
+    version: int, road: Road, tmp_path: Path
+) -> None:
+    """On the topics of sensors, and as a tracker under test would publish them."""
+    pytest.importorskip("sapient_msg")
+    last = {m.topic: m for m in road.messages if m.topic.startswith("plotfeed/first/")}
+    messages = [m for m in last.values() if m.topic.endswith(("062", *TRACK_FORMATS))]
+    assert len(messages) == len(TRACK_FORMATS)
+    tracker = json.dumps([{"track": 1, "latitude_deg": 1.0, "longitude_deg": 2.0}]).encode()
+    payloads = [*(m.payload for m in messages if "cot" not in m.topic), tracker, sapient_track()]
+    port = free_port()
+    with mosquitto(tmp_path, port), listening(port, version) as client:
+        for message in messages:
+            client.publish(message.topic, message.payload, message.content_type, retain=True)
+        for number, payload in enumerate(payloads):
+            client.publish(f"tracker-{number}/tracks", payload, retain=True)
+        sent = len(messages) + len(payloads)
+        with listening(port, version, "#") as whoever:
+            wait_until(lambda: len(whoever.heard) == sent)
+        payloads += [m.payload for m in messages]
+        count = sum(len(decode(p)) if p[:1] == b">" else 1 for p in payloads)
+        done = plotfeed_here("show", f"mqtt://127.0.0.1:{port}/#", "--json", "--count", count)
+    shown = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len({each["topic"] for each in shown}) == sent
+    wrong = [each for each in shown if "error" in each or "error" in each["message"]]
+    assert not wrong
+
+
+def sapient_track() -> bytes:
+    from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+
+    message = SapientMessage(node_id="0d1b2c3d-0000-4000-8000-000000000000")
+    message.timestamp.FromNanoseconds(START_NS)
+    message.detection_report.report_id = "01HV3Z0000000000000000000A"
+    return bytes(message.SerializeToString())
 
 
 def test_kinds_of_tracks_are_told(road: Road) -> None:
