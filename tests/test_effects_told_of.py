@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ast
+import json
 from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
+from support.command import plotfeed_here
+from support.hills import write_ridge
+from support.scene_files import radar, scene_file, scene_text, toml_of
 
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.sensors.effect_keys import EFFECTS
 
 ROOT = Path(__file__).parents[1]
 NO_EFFECTS = {"link", "tracks", "mount", "cooperative", "page", "telemetry", "classifier", "layout"}
@@ -36,15 +41,19 @@ def keys() -> list[str]:
 
 
 @cache
-def measured() -> set[str]:
-    """Keys that the benchmark of effects names."""
+def rows() -> dict[str, dict[str, Any]]:
+    """Effects by what the benchmark calls them, each with its keys."""
     tree = ast.parse((ROOT / "tests" / "benchmarks" / "bench_effects.py").read_text())
     for node in tree.body:
         if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "EFFECTS":
             assert node.value is not None
-            rows: dict[str, dict[str, Any]] = ast.literal_eval(node.value)
-            return {key for row in rows.values() for key in row}
+            found: dict[str, dict[str, Any]] = ast.literal_eval(node.value)
+            return found
     raise AssertionError("no EFFECTS")
+
+
+def measured() -> set[str]:
+    return {key for row in rows().values() for key in row}
 
 
 def text(name: str) -> str:
@@ -60,3 +69,33 @@ def test_an_effect_is_in_the_limits_the_equations_and_the_benchmark(key: str) ->
 
 def test_there_are_effects() -> None:
     assert {"bias", "doppler", "terrain", "weather"} <= set(keys())
+
+
+def test_check_tells_of_scenes_that_name_every_effect(tmp_path: Path) -> None:
+    """A radar for each effect of a sensor, with all that a scene names and spells of weather."""
+    write_ridge(tmp_path, height_m=700)
+    place = "east_m = 3000.0\nnorth_m = 0.0\nabove_site_m = 50.0\n"
+    path = [{"east_m": e, "north_m": 0.0, "above_site_m": 80.0} for e in (2000.0, 4000.0)]
+    of_scene: dict[str, Any] = {"birds": [{"id": "gulls", "count": 3, "path": path}]}
+    sensors = ""
+    for n, named in enumerate(rows().values()):
+        scenes_own = {key: table for key, table in named.items() if key in Scene.model_fields}
+        of_scene |= {k: t for k, t in scenes_own.items() if k not in {"birds", "weather"}}
+        own = {key: table for key, table in named.items() if key in {*keys(), "decorrelation_s"}}
+        own = {
+            key: table for key, table in own.items() if key not in scenes_own or key == "weather"
+        }
+        sensors += radar(f"radar-{n}", more=toml_of(own))
+    weather = "[[weather]]\nfrom_s = 10.0\nto_s = 20.0\nrain_mm_h = 25.0\n"
+    jammer = f"[[jammer]]\nid = 'far'\nfrom_s = 5.0\neirp_w = 1.0\n{place}"
+    jammer += "frequency_hz = 10e9\nbandwidth_hz = 1e8\n"
+    text = toml_of(of_scene) + scene_text(sensors=sensors) + weather + jammer
+    scene = scene_file(tmp_path, text)
+    found = json.loads(plotfeed_here("check", scene, "--json").stdout)
+    told = set().union(*(sensor["effects"] for sensor in found["sensors"]))
+    assert told >= EFFECTS & measured()
+    for sensor in found["sensors"]:
+        assert [event["set"].keys() for event in sensor["events"]] == [{"weather"}, {"jamming"}]
+    lines = plotfeed_here("check", scene).stdout
+    assert "  from 10 s to 20 s, not in this table: weather (rain_mm_h 25)" in lines
+    assert "  from 5 s on, not in this table: jamming (far (" in lines

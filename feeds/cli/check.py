@@ -150,6 +150,7 @@ def sensor_report(
         "range_at_pd_80_percent_m": _range_of_pd(sensor, model, target, 0.8),
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "effects": effects_named(sensor),
+        "events": [event.model_dump(exclude_none=True) for event in sensor.event],
         "table": _rows(ranges_m, predicted),
         "warnings": [
             *sensor.warnings(site),
@@ -253,7 +254,13 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
     named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]
+    named += map(_event_line, sensor["events"])
     return ["", heading, *named, *row_lines(sensor, sensor["id"])]
+
+
+def _event_line(event: dict[str, Any]) -> str:
+    until = f" to {event['to_s']:g} s" if "to_s" in event else " on"
+    return f"  from {event['from_s']:g} s{until}, not in this table: {_keys_in_words(event['set'])}"
 
 
 def _effect_line(name: str, keys: dict[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -210,12 +210,11 @@ EFFECTS = frozenset(
 
 
 def effects_named(keys: SceneTable) -> dict[str, dict[str, Any]]:
-    """Effects that a sensor or a scene names, with the keys that are given."""
-    parts = {name: getattr(keys, name) for name in type(keys).model_fields if name in EFFECTS}
-    return {name: _dumped(part) for name, part in parts.items() if part}
+    """Effects that a sensor or a scene names for all the time, with the keys that are given.
 
-
-def _dumped(part: SceneTable | Mapping[str, SceneTable]) -> dict[str, Any]:
-    if isinstance(part, SceneTable):
-        return part.model_dump(exclude_none=True)
-    return {name: table.model_dump(exclude_none=True) for name, table in part.items()}
+    A scene's spells of weather are events of its sensors.
+    """
+    told = keys.model_dump(include=set(EFFECTS), exclude_none=True)
+    return {
+        name: part for name, part in told.items() if isinstance(part, dict) and getattr(keys, name)
+    }
