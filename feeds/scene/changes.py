@@ -19,7 +19,10 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 FIXED = frozenset(
-    {"id", "type", "preset", "report", "scan", "sac", "sic", "position_enu_m", "event"}
+    {
+        *("id", "type", "preset", "report", "scan", "sac", "sic", "position_enu_m"),
+        *("height_msl_m", "event"),
+    }
 )
 """Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats."""
 PFA_FACTOR = "pfa_factor"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -83,15 +83,26 @@ class ForAWhile(SceneTable):
         return self
 
 
+def _one_height(schema: dict[str, Any]) -> None:
+    """Let the JSON schema pass a site with either height."""
+    schema["required"].remove("height_m")
+    schema["oneOf"] = [{"required": ["height_m"]}, {"required": ["height_msl_m"]}]
+
+
 class Site(SceneTable):
     """The point from which positions in the scene are counted."""
+
+    model_config = ConfigDict(json_schema_extra=_one_height)
 
     latitude_deg: Latitude
     """WGS-84, north."""
     longitude_deg: Longitude
     """WGS-84, east."""
     height_m: Height
-    """Above the WGS-84 ellipsoid."""
+    """Above the WGS-84 ellipsoid; needed, unless height_msl_m is given."""
+    height_msl_m: Height | None = None
+    """Above mean sea level, in place of height_m: by telemetry.geoid_undulation_m, or by the geoid
+    EGM96."""
 
 
 class Location(SceneTable):
@@ -109,6 +120,8 @@ class Location(SceneTable):
     """WGS-84, east."""
     height_m: Height | None = None
     """Above the ellipsoid."""
+    height_msl_m: Height | None = None
+    """Above mean sea level, in place of height_m, in a scene's file."""
 
     @model_validator(mode="after")
     def _one_way_or_the_other(self) -> Location:
@@ -116,10 +129,11 @@ class Location(SceneTable):
         geodetic = (self.latitude_deg, self.longitude_deg, self.height_m)
         given = [None not in way for way in (local, geodetic)]
         void = [way == (None, None, None) for way in (local, geodetic)]
-        if not ((given[0] and void[1]) or (given[1] and void[0])):
+        alone = (given[0] and void[1]) or (given[1] and void[0])
+        if not alone or self.height_msl_m is not None:
             raise ValueError(
-                "a place has east_m, north_m and above_site_m, "
-                "or latitude_deg, longitude_deg and height_m"
+                "a place has east_m, north_m and above_site_m, or latitude_deg, longitude_deg and "
+                "height_m or, in a scene's file, height_msl_m"
             )
         return self
 

@@ -33,6 +33,7 @@ from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_systems
 from plotfeed.feeds.scene.problem_places import located
 from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.sea_heights import with_ellipsoidal_heights
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import check_cues
 from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
@@ -163,7 +164,7 @@ class Scene(DestinationTables, WorldKeys):
     def _sensors_are_numbered(cls, tree: Any) -> Any:
         if not isinstance(tree, dict) or not isinstance(tree.get("sensor"), list | tuple):
             return tree
-        tree = with_spells(tree)
+        tree = with_spells(with_ellipsoidal_heights(tree))
         return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
 
     @model_validator(mode="after")

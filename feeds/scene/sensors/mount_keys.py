@@ -51,6 +51,8 @@ class LookAt(SceneTable):
     """WGS-84, east, of the place."""
     height_m: Height | None = None
     """Above the WGS-84 ellipsoid, of the place."""
+    height_msl_m: Height | None = None
+    """Above mean sea level, in place of height_m, in a scene's file."""
     horizontal_fov_deg: Annotated[float, Field(ge=0.01, le=360)] | None = None
     """Of a camera; without it, that of its keys."""
 
@@ -59,8 +61,11 @@ class LookAt(SceneTable):
         place = (self.latitude_deg, self.longitude_deg, self.height_m)
         if (self.azimuth_deg is None) == (place == (None, None, None)):
             raise ValueError("expected azimuth_deg, or latitude_deg, longitude_deg and height_m")
-        if self.azimuth_deg is None and None in place:
-            raise ValueError("a place has latitude_deg, longitude_deg and height_m")
+        if (self.azimuth_deg is None and None in place) or self.height_msl_m is not None:
+            raise ValueError(
+                "a place has latitude_deg, longitude_deg and height_m or, in a scene's file, "
+                "height_msl_m"
+            )
         return self
 
     def aim(self, site: Site, position_enu_m: Enu, field_deg: float) -> Aim:

@@ -21,6 +21,7 @@ from plotfeed.feeds.scene.fields import (
     Azimuth,
     Elevation,
     Enu,
+    Height,
     Name,
     NotNegative,
     SceneTable,
@@ -82,6 +83,9 @@ class SensorKeys(SceneTable):
     first from 1 on that no other sensor of that `sac` has."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
     """Of the antenna or microphone: east, north and up of the site."""
+    height_msl_m: Height | None = None
+    """Of the antenna or microphone above mean sea level, in place of the third of position_enu_m,
+    which is 0 then."""
     enabled: bool = True
     """Whether it is at work; a sensor that is not reports nothing but its status."""
     link: LinkSettings | None = None

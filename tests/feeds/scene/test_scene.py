@@ -135,7 +135,7 @@ MISTAKES = {
     "half a place": (
         ("{ east_m = 1500.0, north_m", "{ north_m"),
         "drone[0].path[0]: a place has east_m, north_m and above_site_m, "
-        "or latitude_deg, longitude_deg and height_m",
+        "or latitude_deg, longitude_deg and height_m or, in a scene's file, height_msl_m",
     ),
     "no speed": (
         ("speed_m_s = 15.0", ""),

@@ -1,0 +1,123 @@
+"""Heights above mean sea level in a scene's file stand above the ellipsoid by the geoid."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from support.scene_files import scene_file, scene_text
+
+from plotfeed.feeds.scene.fields import frame_at, geodetic
+from plotfeed.feeds.scene.scene import Scene, SceneError, load
+from plotfeed.feeds.schema import text_of
+from plotfeed.models.frames import geodetic_to_ecef
+
+NODES = {  # of EGM96, every 15', by the US National Geospatial-Intelligence Agency
+    "Canberra": (-35.5, 149.0, 19.167),
+    "Madrid": (40.5, -3.5, 51.804),
+    "Denver": (39.5, -105.0, -16.449),
+    "Tokyo": (35.5, 139.5, 36.993),
+    "Delhi": (28.5, 77.0, -52.176),
+    "Reykjavik": (64.0, -22.0, 66.312),
+}
+ROUNDED_M = 0.0501
+"""Of a node of the package's grid, in whole decimetres."""
+SITE = "latitude_deg = 40.45\nlongitude_deg = -3.73\nheight_m = 650.0\n"
+NOISE = "id = 'far'\neirp_w = 1.0\nfrequency_hz = 9e9\nbandwidth_hz = 1e6\n"
+
+
+def written(folder: Path, site: str = SITE, *, sensor: str = "", **others: Any) -> Scene:
+    text = scene_text(port=1883, **{"telemetry": "", **others}).replace(SITE, site)
+    return load(scene_file(folder, text.replace('id = "radar"', f'id = "radar"\n{sensor}')))
+
+
+def site_at(latitude_deg: float, longitude_deg: float, height: str) -> str:
+    return f"latitude_deg = {latitude_deg}\nlongitude_deg = {longitude_deg}\n{height}\n"
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_site_stands_above_the_sea_by_the_geoid_of_its_place(name: str, tmp_path: Path) -> None:
+    latitude_deg, longitude_deg, undulation_m = NODES[name]
+    scene = written(tmp_path, site_at(latitude_deg, longitude_deg, "height_msl_m = 577.0"))
+    assert scene.scene.site.height_m == pytest.approx(577.0 + undulation_m, abs=ROUNDED_M)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_a_sensor_and_a_waypoint_stand_above_the_sea_where_they_are(
+    name: str, tmp_path: Path
+) -> None:
+    """The sensor 70 km off its site, whose horizontal is 400 m above it there."""
+    latitude_deg, longitude_deg, undulation_m = NODES[name]
+    place = f"latitude_deg = {latitude_deg}, longitude_deg = {longitude_deg}, height_msl_m"
+    path = f"[{{ {place} = 700 }}, {{ {place} = 800.5 }}]"
+    drone = f"[[drone]]\nid = 'visitor'\nspeed_m_s = 5.0\npath = {path}\n"
+    site = site_at(latitude_deg - 0.5, longitude_deg - 0.5, "height_m = 100.0")
+    there = written(tmp_path, site, drones=drone)
+    ends = [geodetic(there.scene.site, waypoint)[2] for waypoint in there.drone[0].path]
+    assert ends == pytest.approx([700 + undulation_m, 800.5 + undulation_m], abs=ROUNDED_M)
+    first = geodetic(there.scene.site, there.drone[0].path[0])
+    frame = frame_at(there.scene.site, (0.0, 0.0, 0.0))
+    east_m, north_m, _ = frame.from_ecef(geodetic_to_ecef(*first)).tolist()
+    off = f"position_enu_m = [{east_m}, {north_m}, 0.0]\nheight_msl_m = 612.0"
+    scene = written(tmp_path, site, drones=drone, sensor=off)
+    stands = frame_at(scene.scene.site, scene.sensor[0].position_enu_m)
+    assert stands.latitude_deg == pytest.approx(latitude_deg, abs=0.001)
+    assert stands.height_m == pytest.approx(612.0 + undulation_m, abs=ROUNDED_M + 0.02)
+
+
+def test_sea_level_is_where_the_scene_states_it(tmp_path: Path) -> None:
+    site = site_at(-35.3, 149.1, "height_msl_m = 577.0")
+    scene = written(tmp_path, site, telemetry="geoid_undulation_m = 27.0")
+    assert scene.scene.site.height_m == 604.0
+
+
+def test_above_the_ellipsoid_nothing_has_changed(tmp_path: Path) -> None:
+    assert written(tmp_path).scene.site.height_m == 650.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"site": f"{SITE}height_msl_m = 600.0\n"},
+            "scene.site.height_msl_m: either it or height_m",
+        ),
+        ({"site": SITE.replace("height_m = 650.0", "")}, "scene.site.height_m: missing"),
+        (
+            {"sensor": "height_msl_m = 600.0\nposition_enu_m = [0.0, 0.0, 5.0]"},
+            "sensor[0].height_msl_m of 'radar': gives the third of position_enu_m",
+        ),
+        (
+            {
+                "site": SITE.replace("height_m", "height_msl_m"),
+                "telemetry": 'geoid_grid = "here.gtx"',
+            },
+            "scene.site.height_msl_m: counts from the package's geoid",
+        ),
+        ({"site": SITE.replace("height_m = 650.0", 'height_msl_m = "650"')}, "valid number"),
+        ({"site": SITE.replace("height_m = 650.0", "height_msl_m = 1e5")}, "less than or equal"),
+        ({"site": SITE.replace("height_m = 650.0", "height_msl_m = nan")}, "finite number"),
+        (
+            {"drones": "[[jammer]]\neast_m = 0.0\nnorth_m = 0.0\nheight_msl_m = 5.0\n" + NOISE},
+            "jammer[0]: a place has east_m, north_m and above_site_m, or",
+        ),
+    ],
+)
+def test_what_is_not_one_height_is_refused_by_its_key(
+    changes: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SceneError) as refused:
+        written(tmp_path, **changes)
+    assert told in str(refused.value)
+
+
+def test_editors_take_either_height_and_not_both() -> None:
+    of_site = {"$defs": json.loads(text_of("scene"))["$defs"], "$ref": "#/$defs/Site"}
+    place = {"latitude_deg": 1.0, "longitude_deg": 2.0}
+    valid = jsonschema.Draft202012Validator(of_site).is_valid
+    one, other = {"height_m": 1.0}, {"height_msl_m": 1.0}
+    told = [valid(place | heights) for heights in (one, other, {}, one | other)]
+    assert told == [True, True, False, False]
