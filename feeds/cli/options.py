@@ -124,8 +124,8 @@ session_options = together(
         default="1",
         metavar="FACTOR",
         show_default=True,
-        help="Run so many times as fast as real time (0.001 to 10000), or with 'max' as fast as "
-        "possible.",
+        help="Run so many times as fast as real time (0.001 to 10000), slower where this machine "
+        "would else miss scans; or with 'max' as fast as possible.",
     ),
     click.option(
         "--write",

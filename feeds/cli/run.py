@@ -120,7 +120,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
                     settings.record,
                     attachments=attachments_of(scene, clock.now_ns()),
                     force=settings.force,
-                    waits=isinstance(clock, InstantClock),
+                    waits=clock.can_wait,
                 )
             )
         observers: list[Observer] = [raw] if raw else []
@@ -248,8 +248,9 @@ async def _run(
 def _line(totals: SessionCounters) -> str:
     p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
     text = (
-        f"drones {totals.drones}  plots {totals.plots} (false {totals.false_alarms})  "
-        f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
+        f"{_speed(totals)}drones {totals.drones}  plots {totals.plots} "
+        f"(false {totals.false_alarms})  messages {totals.messages}  "
+        f"late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
     )
     more = {
         f"forgotten {totals.forgotten}": totals.forgotten,
@@ -265,6 +266,14 @@ def _line(totals: SessionCounters) -> str:
         f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }
     return "  ".join([text, *(told for told, count in more.items() if count)])
+
+
+def _speed(totals: SessionCounters) -> str:
+    """The speed that the clock reached, and the one asked for if it is higher; empty for x1."""
+    asked, reached = totals.speed, totals.speed_reached
+    if asked is None or reached is None or asked == 1:
+        return ""
+    return f"speed x{reached:.3g}{f' of x{asked:g}' if reached < 0.98 * asked else ''}  "
 
 
 def _refused(totals: SessionCounters) -> str:

@@ -73,6 +73,10 @@ class SessionCounters:
     sapient_rejected: int = 0
     """Tasks that were not."""
     lateness_ns: LastLateness = field(default_factory=LastLateness)
+    speed: float | None = None
+    """Times real time at which its clock is to run; None for as fast as it can."""
+    speed_reached: float | None = None
+    """And at which it ran since that was set: a machine that cannot hold it slows the clock."""
 
     def add(self, counts: SectorCounts) -> None:
         """Count what one sector brought."""

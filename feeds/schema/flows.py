@@ -170,8 +170,8 @@ def _of_session() -> Iterator[Flow]:
         name="session",
         address="{prefix}/session",
         content_type=JSON,
-        summary="Which scene runs, or has run: at the start, at the end, as a last will, and when "
-        "another session is heard.",
+        summary="Which scene runs, or has run: at the start, at the end, as a last will, when "
+        "another session is heard, and when a clock faster than the world's reaches another speed.",
         kind="plotfeed.session",
         qos=1,
         retain=True,
@@ -187,6 +187,8 @@ def _of_session() -> Iterator[Flow]:
             sensors="array",
             site="object",
             plotfeed="string",
+            speed="number?",
+            speed_reached="number?",
         ),
     )
     yield Flow(
@@ -259,9 +261,10 @@ def _of_session() -> Iterator[Flow]:
 
 
 def _object(**types: str) -> dict[str, Any]:
-    """The schema of an object that has all of those keys."""
-    properties = {name: {"type": kind} for name, kind in types.items()}
-    return {"type": "object", "properties": properties, "required": list(properties)}
+    """The schema of an object that has all of those keys but those whose type ends with "?"."""
+    properties = {name: {"type": kind.removesuffix("?")} for name, kind in types.items()}
+    required = [name for name, kind in types.items() if not kind.endswith("?")]
+    return {"type": "object", "properties": properties, "required": required}
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:

@@ -126,7 +126,7 @@ class SessionLoop:
                 continue
             await self._wait_until(due_ns)
             await self._do_what_is_due(end_ns)
-            if isinstance(self._clock, InstantClock) and due_ns >= drain_ns:
+            if self._clock.can_wait and due_ns >= drain_ns:
                 drained = self._drain()
                 if asyncio.iscoroutine(drained):
                     await drained

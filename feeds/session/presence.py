@@ -45,6 +45,7 @@ class SessionPresence:
         self.hands_over = False
         """Others have its sensors from now on: not so where it has all of the scene's."""
         self._start_ns: int | None = None
+        self._speed_told = 1.0
         self._echoed = False
         """It has heard itself."""
         self._heard: dict[str, bool] = {}
@@ -63,6 +64,13 @@ class SessionPresence:
     def will(self, start_utc_ns: int) -> Message:
         """What a broker shall say if this session dies."""
         return self._message(DIED, start_utc_ns, start_utc_ns)
+
+    def tell_speed(self) -> None:
+        """Say at which speed the clock runs, where that is other than was said by a tenth."""
+        reached = self._totals.speed_reached
+        if reached is not None and abs(reached - self._speed_told) > 0.1 * self._speed_told:
+            self._speed_told = reached
+            self._say(RUNNING)
 
     def complain_if_unheard(self) -> None:
         """Tell of a broker that grants subscriptions, and lets nothing through."""
@@ -120,7 +128,9 @@ class SessionPresence:
             self._publish(self._message(state, self._start_ns, self._clock.now_ns()))
 
     def _message(self, state: str, start_utc_ns: int, now_utc_ns: int) -> Message:
-        of = {"session": self.id, "state": state, "heard": [*self._heard]}
+        of: dict[str, Any] = {"session": self.id, "state": state, "heard": [*self._heard]}
+        if self._speed_told != 1 and state == RUNNING:
+            of |= {"speed": self._totals.speed, "speed_reached": round(self._speed_told, 2)}
         return session_message(self._scene, of, start_utc_ns, now_utc_ns)
 
 

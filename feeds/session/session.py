@@ -345,4 +345,6 @@ class Session:
         await self._outbox.drain(FAREWELL_S / 2)
 
     async def _drain(self) -> None:
+        if isinstance(self._presence, SessionPresence):
+            self._presence.tell_speed()
         await self._outputs.drain(FAREWELL_S)

@@ -22,7 +22,7 @@ from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
 from plotfeed.feeds.session.session_part import SessionPart
-from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.proto.utc import NS
 
@@ -35,6 +35,8 @@ INTAKE_NS = TICK_NS // 2
 """Real time that a tick spends on what has come in; the rest waits for the next."""
 MOST_SECTORS, MOST_TICKS = 512, 1000
 """Worked out by one tick where time is simulated: beyond, a sector hardly costs less any more."""
+TICKS_BEHIND = 5
+"""Of real time, 50 ms: at most so much is worked out by one tick where the clock is held back."""
 
 
 class Ticks:
@@ -66,7 +68,9 @@ class Ticks:
         self._earliest_ns = 0
         """When it may be at the earliest: what is worked out already was for those before."""
         self._at_once = 1
-        """Ticks in one, where time is simulated."""
+        """Ticks in one, where time is simulated or held back."""
+        clock = self._clock
+        self._most_at_once = MOST_TICKS if isinstance(clock, InstantClock) and clock.leaps else 1
         self.joined_ns = 0
         """What ends by then is not this session's to send: when it begins, if it has no others."""
 
@@ -126,6 +130,12 @@ class Ticks:
         if due_ns != self._due_ns:
             return  # an earlier one was planned instead
         self._due_ns = None
+        if isinstance(self._clock, WallClock):
+            totals, speed = self._context.totals, self._clock.speed
+            totals.speed, totals.speed_reached = speed, self._clock.reached
+            is_behind = speed > 1 and self._clock.now_ns() - due_ns > TICK_NS
+            self._most_at_once = min(int(TICKS_BEHIND * speed), MOST_TICKS) if is_behind else 1
+            self._at_once = min(self._at_once, self._most_at_once)
         self._inputs.keep_up(due_ns - 1)
         if self._inputs:
             self._at_once = 1
@@ -155,15 +165,16 @@ class Ticks:
             for together in due.values():
                 together.reports.sort(key=lambda report: self._order[report.sensor])
         if self._cooperative is not None:
-            for due_ns, departure in self._cooperative.said_before(before_ns, now_ns):
+            for due_ns, departure in self._cooperative.said_before(
+                before_ns, 0 if self._clock.can_wait else now_ns
+            ):
                 due[due_ns].others.append(departure)
                 ready.append(departure)
         prepare_all(ready)
         for due_ns, together in due.items():
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
-        clock = self._clock
-        if isinstance(clock, InstantClock) and clock.leaps and sectors < MOST_SECTORS:
-            self._at_once = min(2 * ticks, MOST_TICKS)
+        if sectors < MOST_SECTORS:
+            self._at_once = min(2 * ticks, self._most_at_once)
         self._earliest_ns = (k + ticks) * TICK_NS
         self._plan(max(self._next_work_ns(k + ticks - 1), self._earliest_ns))
         if self._inputs:
@@ -175,7 +186,7 @@ class Ticks:
         Of the latter sensors, by name, up to when what is due is not sent.
         """
         too_late_ns = {}
-        for i in self._sensors.late(now_ns):
+        for i in () if self._clock.can_wait else self._sensors.late(now_ns):
             if self._shares and self._sensors.remembers(i):
                 sensor = self._sensors.sensors[i]
                 too_late_ns[sensor.id] = now_ns - sensor.scan.period_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from typing import Protocol
 
@@ -10,10 +11,16 @@ from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
 
 AS_LONG_AS_IT_TAKES_NS = 1 << 62
 """What is left where time stands still: nothing comes too late."""
+MOST_BEHIND_NS, MOST_BEHIND_REAL_NS = 100_000_000, 10_000_000
+"""A clock faster than real time waits while due work is so late, by its own time or real time."""
 
 
 class Clock(Protocol):
     """Tells the session's time, and waits for it. One waiter at a time."""
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether time waits for what is slow, where the world's time would go on."""
 
     def start(self) -> int:
         """The session begins: the time at which it does so."""
@@ -46,6 +53,10 @@ class WallClock:
     It runs on the monotonic clock: a step of the system's UTC moves no deadline. A given start
     stands still until the session begins, so that all sessions begin at exactly that time. One that
     `can_be_held` shows the world's time until somebody holds or hurries it.
+
+    At a `speed` above 1 whoever calls `sleep_until` has done all that was due before: the clock
+    runs `MOST_BEHIND_NS` beyond that time at most, and waits there for the next call. So a machine
+    that cannot hold the speed slows the session's time, and nothing is left out.
     """
 
     def __init__(
@@ -57,6 +68,9 @@ class WallClock:
         self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
         self._begun = start_utc_ns is None
         self._timer: LoopTimer | TimerFd | None = None
+        self._limit_ns: int | None = None
+        """Beyond which it does not run by itself, at a speed above 1."""
+        self._since = self._zero_monotonic_ns, self._zero_utc_ns
         self.is_real = start_utc_ns is None and speed == 1 and not can_be_held
         """Whether it shows the world's time, which cannot be held or hurried."""
 
@@ -66,9 +80,23 @@ class WallClock:
         return self._speed
 
     @property
+    def can_wait(self) -> bool:
+        """Whether it runs faster than the world's time, and so can be held back."""
+        return self._speed > 1
+
+    @property
     def is_paused(self) -> bool:
         """Whether it stands still."""
         return self._stands_from_ns is not None and self.now_ns() >= self._stands_from_ns
+
+    @property
+    def reached(self) -> float:
+        """Times real time at which it ran since its speed was set, or it went on after a pause."""
+        monotonic_ns, utc_ns = self._since
+        passed_ns = time.monotonic_ns() - monotonic_ns
+        if self._speed <= 1 or self.is_paused or passed_ns <= 0:
+            return self._speed
+        return min((self.now_ns() - utc_ns) / passed_ns, self._speed)
 
     def start(self) -> int:
         """Let a given start be now."""
@@ -76,6 +104,7 @@ class WallClock:
             self._begun = True
             self.resume()
             return self._zero_utc_ns
+        self._go_on(stands_from_ns=self._stands_from_ns)
         return self.now_ns()
 
     def now_ns(self) -> int:
@@ -86,6 +115,8 @@ class WallClock:
         now_ns = self._zero_utc_ns + passed_ns
         if self._stands_from_ns is not None and now_ns > self._stands_from_ns:
             return self._stands_from_ns
+        if self._speed > 1 and self._limit_ns is not None and now_ns > self._limit_ns:
+            return self._limit_ns
         return now_ns
 
     def pause(self) -> None:
@@ -102,9 +133,7 @@ class WallClock:
 
     def set_speed(self, speed: float) -> None:
         """Run at another pace from now on."""
-        self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
-        self._speed = speed
-        self.wake()
+        self._go_on(stands_from_ns=self._stands_from_ns, speed=speed)
 
     def stands_before(self, t_utc_ns: int) -> bool:
         """Whether a pause, or the end of a step, comes first."""
@@ -114,6 +143,8 @@ class WallClock:
         """Real nanoseconds until then."""
         if self.stands_before(t_utc_ns):
             return AS_LONG_AS_IT_TAKES_NS
+        if self._speed > 1:  # it may be held back
+            return math.ceil((t_utc_ns - self.now_ns()) / self._speed)
         return self._monotonic_ns(t_utc_ns) - time.monotonic_ns()
 
     async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
@@ -122,6 +153,7 @@ class WallClock:
             self.start()
         if self._timer is None:
             self._timer = precise_timer()
+        self._let_run_to(t_utc_ns)
         if self.stands_before(t_utc_ns):
             await self._timer.wait_for_wake()
             return
@@ -145,9 +177,21 @@ class WallClock:
             until_ns = -round(-until_ns / self._speed // 1)
         return self._zero_monotonic_ns + until_ns
 
-    def _go_on(self, *, stands_from_ns: int | None) -> None:
-        self._zero_utc_ns, self._zero_monotonic_ns = self.now_ns(), time.monotonic_ns()
+    def _let_run_to(self, t_utc_ns: int) -> None:
+        """Let it run on to that time and a little longer, from where it was held back if it was."""
+        now_ns = self.now_ns()
+        if now_ns == self._limit_ns:
+            self._zero_utc_ns, self._zero_monotonic_ns = now_ns, time.monotonic_ns()
+        most_ns = min(MOST_BEHIND_NS, round(MOST_BEHIND_REAL_NS * self._speed))
+        self._limit_ns = max(t_utc_ns + most_ns, now_ns)
+
+    def _go_on(self, *, stands_from_ns: int | None, speed: float | None = None) -> None:
+        now_ns, monotonic_ns = self.now_ns(), time.monotonic_ns()
+        self._zero_utc_ns, self._zero_monotonic_ns = now_ns, monotonic_ns
         self._stands_from_ns = stands_from_ns
+        self._speed = speed or self._speed
+        self._let_run_to(now_ns)
+        self._since = monotonic_ns, now_ns
         self.wake()
 
 
@@ -159,6 +203,11 @@ class InstantClock:
 
     def __init__(self, start_utc_ns: int | None = None) -> None:
         self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether time stands still while anything is done."""
+        return self.leaps
 
     def start(self) -> int:
         """The time at which it stands."""

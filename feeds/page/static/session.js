@@ -131,6 +131,7 @@ export class Session {
 
   showTotals() {
     const told = this.picture.news.totals ?? {}, none = Object.keys(told).length ? {} : Object.fromEntries(TOTALS.map(([key]) => [key, 0])), totals = { ...none, ...told };
+    byId("reached").textContent = told.speed_reached < 0.98 * told.speed ? `reaches × ${Number(told.speed_reached.toPrecision(2))}` : "";
     for (const [key] of TOTALS) byId(`total-${key}`).textContent = totals[key] == null ? "–" : whole.format(totals[key]);
   }
 

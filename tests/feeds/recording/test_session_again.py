@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import tempfile
 from dataclasses import replace
@@ -10,15 +11,17 @@ from pathlib import Path
 import pytest
 from support.command import plotfeed_here, started
 from support.scene_files import radar, scene_file, scene_text
+from support.sessions import AtWork
 from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.proto.utc import NS
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.proto.content_types import JSON
+from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.mcap.mcap_reader import McapReader
 
 START_NS = 1_767_268_800 * NS
@@ -68,6 +71,58 @@ def test_a_record_from_before_there_were_ticks_is_run_and_told_of(
     assert again.returncode == 0
     assert again.stderr.startswith(f"plotfeed: {old} was made before sessions went by ticks")
     assert json.loads(again.stdout)["messages"] > 0
+
+
+@pytest.mark.asyncio
+async def test_what_came_in_while_a_fast_clock_was_held_back_counts_again_as_it_did(
+    tmp_path: Path,
+) -> None:
+    """Reports and changes from outside, at a speed that no machine holds: the same octets."""
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(), port=1883)
+    scene = load(scene_file(tmp_path, text))
+    path, first, again = tmp_path / "x.mcap", list[Message](), list[Message]()
+    clock, watch = WallClock(START_NS, speed=10_000.0), AtWork(InstantClock(START_NS))
+
+    async def asking() -> None:
+        await watch.begins.wait()
+        for number in range(10**9):
+            report = {
+                "time_utc": iso_utc(clock.now_ns()),
+                "latitude_deg": 40.455 + 0.0001 * (number % 5),
+                "longitude_deg": -3.72,
+                "altitude_m": 900.0,
+                "altitude_reference": "ELLIPSOID",
+            }
+            watch.session._hear("plotfeed/telemetry/other", json.dumps(report).encode(), JSON)
+            change = {"sensor": "radar", "set": {"pfa_factor": 1 + number % 7}}
+            watch.session._hear("plotfeed/control", json.dumps(change).encode(), JSON)
+            await asyncio.sleep(0.002)
+
+    with Recorder(path, attachments=attachments_of(scene, START_NS), waits=True) as recorder:
+        beside = asyncio.create_task(asking())
+        totals = await run(
+            scene,
+            clock=clock,
+            broker="none",
+            duration_s=60.0,
+            observers=[watch, SessionRecorder(recorder, ledger_is_sent=True)],
+            tap=lambda message, _t: first.append(message),
+        )
+        beside.cancel()
+    assert (totals.missed_scans, totals.speed) == (0, 10_000.0)
+    assert 1 < (totals.speed_reached or 0) < 5_000
+    assert min(totals.controls, totals.telemetry) > 5
+    await run(
+        scene,
+        clock=InstantClock(START_NS),
+        broker="none",
+        duration_s=60.0,
+        observers=[RecordedTelemetry(path)],
+        tap=lambda message, _t: again.append(message),
+    )
+    sectors = [(m.topic, m.payload) for m in first if "/asterix/" in m.topic]
+    assert len(sectors) > 960
+    assert sectors == [(m.topic, m.payload) for m in again if "/asterix/" in m.topic]
 
 
 class SlowToConnect(InstantClock):

@@ -15,7 +15,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 
 S = 1_000_000_000
@@ -108,7 +108,8 @@ def ledger(sent: Sent) -> dict[str, list[pb.Ledger]]:
 
 
 def counts(totals: SessionCounters) -> dict[str, object]:
-    return {name: getattr(totals, name) for name in totals.__slots__ if name != "lateness_ns"}
+    of_time = {"lateness_ns", "speed", "speed_reached"}
+    return {name: getattr(totals, name) for name in totals.__slots__ if name not in of_time}
 
 
 @pytest.mark.asyncio
@@ -130,6 +131,28 @@ async def test_links_and_events_are_the_same_at_every_pace(tmp_path: Path) -> No
         assert reported(other) == reported(sent)
         assert ledger(other) == ledger(sent)
         assert counts(other_totals) == counts(totals)
+
+
+@pytest.mark.parametrize("speed", [50.0, 10_000.0])
+@pytest.mark.asyncio
+async def test_a_speed_that_the_machine_cannot_hold_leaves_nothing_out(
+    tmp_path: Path, speed: float
+) -> None:
+    """Beams that turn 20 times a second: their scans are shorter than the clock may be behind."""
+    links = {"lossy": LOSSY, "narrow": NARROW, "stalled": STALLED}
+    sensors = "".join(impaired(n, link, period_s=0.05, sectors=4) for n, link in links.items())
+    what = scene(tmp_path, sensors)
+    totals, sent = await simulated(what, 10.0)
+    clock = WallClock(what.scene.start_utc_ns, speed=speed)
+    other_totals, other = await session(what, clock, 10.0)
+    assert reported(other) == reported(sent)
+    assert ledger(other) == ledger(sent)
+    assert counts(other_totals) == counts(totals)
+    assert 0 <= min(other_totals.lateness_ns) <= max(other_totals.lateness_ns) <= MOST_BEHIND_NS
+    assert other_totals.speed == speed
+    assert 0 < (other_totals.speed_reached or 0) <= speed
+    if speed == 10_000.0:  # 10 s in a thousandth of a second
+        assert (other_totals.speed_reached or 0) < speed / 2
 
 
 class LateClock(InstantClock):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
 from plotfeed.proto.utc import iso_utc
@@ -82,6 +82,25 @@ async def test_a_time_that_is_past_is_no_wait_and_lets_others_run() -> None:
         await task
         clock.close()
     assert ran == 1
+
+
+@pytest.mark.asyncio
+async def test_a_fast_clock_waits_for_who_is_behind_and_tells_the_speed_it_reached() -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        clock, before = WallClock(START, speed=1000.0), START
+        clock.start()
+        for until in range(START + S, START + 6 * S, S):
+            await clock.sleep_until(until)
+            time.sleep(0.01)  # noqa: ASYNC251 - ten seconds of its time
+            assert before <= until <= clock.now_ns() <= until + MOST_BEHIND_NS
+            assert clock.left_ns(until + S) > 0
+            before = clock.now_ns()
+        assert clock.reached < 500
+        clock.set_speed(1.0)
+        assert (clock.can_wait, clock.reached) == (False, 1.0)
+        time.sleep(0.2)  # noqa: ASYNC251 - longer than a fast clock would run by itself
+        assert clock.now_ns() >= before + 200 * MS
+        clock.close()
 
 
 @pytest.mark.asyncio
