@@ -36,7 +36,7 @@ def errors_by_duckdb(plots: str, truths: str) -> list[tuple[str, int, float]]:
         SELECT drone, count(*), stddev_samp(plots.range_m - truths.range_m)
         FROM read_parquet(?) AS plots JOIN read_parquet(?) AS truths
           ON plots.sensor = truths.sensor AND plots.time_utc = truths.time_utc
-        WHERE plots.category IS NULL AND drone IS NOT NULL GROUP BY drone ORDER BY drone
+        WHERE drone IS NOT NULL GROUP BY drone ORDER BY drone
     """
     return duckdb.execute(query, [plots, truths]).fetchall()
 

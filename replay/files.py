@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
 from plotfeed.proto.errors import DecodeError, PlotfeedError
@@ -25,6 +25,9 @@ from plotfeed.replay.recorded import (
     RecordingWriter,
     TableName,
 )
+
+if TYPE_CHECKING:
+    from plotfeed.replay.plots_csv import Selection
 
 MCAP_MAGIC = b"\x89MCAP"
 PACKED_MCAP = "an MCAP file is read by its index, not from gzip: gunzip it first"
@@ -100,20 +103,22 @@ def _mcap_writer(file: BinaryIO) -> RecordingWriter:
     return McapWriter(file)
 
 
-def _csv_writer(file: BinaryIO) -> RecordingWriter:
+def _csv_writer(file: BinaryIO, select: Selection | None = None) -> RecordingWriter:
     from plotfeed.replay.plots_csv import PlotsCsvWriter
 
-    return PlotsCsvWriter(file)
+    return PlotsCsvWriter(file, select)
 
 
-def _parquet_writer(file: BinaryIO, table: TableName) -> RecordingWriter:
+def _parquet_writer(
+    file: BinaryIO, table: TableName, select: Selection | None = None
+) -> RecordingWriter:
     try:
         from plotfeed.replay.parquet_tables import ParquetWriter
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] != "pyarrow":
             raise
         raise PlotfeedError("Parquet needs pyarrow: pip install 'plotfeed[parquet]'") from None
-    return ParquetWriter(file, table)
+    return ParquetWriter(file, table, select)
 
 
 FORMATS: Mapping[FileFormat, FormatFacts] = {
@@ -216,14 +221,19 @@ def format_of_suffix(path: Path) -> FileFormat:
 
 
 def writer_to(
-    file: BinaryIO, form: FileFormat, table: TableName = TableName.PLOTS
+    file: BinaryIO,
+    form: FileFormat,
+    table: TableName = TableName.PLOTS,
+    select: Selection | None = None,
 ) -> RecordingWriter:
     """Writes that format to a file; raises `PlotfeedError` for one that is only read.
 
-    `table` is for Parquet, which holds one.
+    `table` is for Parquet, which holds one; `select` takes plots for a table of them.
     """
     if form is FileFormat.PARQUET:
-        return _parquet_writer(file, table)
+        return _parquet_writer(file, table, select)
+    if form is FileFormat.CSV:
+        return _csv_writer(file, select)
     writer = FORMATS[form].writer
     if writer is None:
         raise PlotfeedError(f"{form} is only read; pcap holds the same")

@@ -7,6 +7,7 @@ null is what was not told. Text is as it came: no spreadsheet opens such a file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
@@ -15,9 +16,9 @@ import pyarrow.parquet as pq
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import message_type
-from plotfeed.proto.measured_plots import NOT_TOLD
-from plotfeed.replay.plots_csv import COLUMNS, plots_in, sensor_of_asterix
-from plotfeed.replay.recorded import Recorded, RecordingWriter, TableName
+from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.replay.plots_csv import COLUMNS, Selection, plots_in, sensor_of_asterix
+from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 GROUP_ROWS = 1 << 16
 GROUP_OCTETS = 32 << 20
@@ -49,11 +50,12 @@ def _kind_of(column: str) -> pa.DataType:
     return TEXT if column in _TEXT_PLOT_COLUMNS else REAL
 
 
+_PLOT_FIELDS = {
+    **{name: TIME if name == "time_utc" else _kind_of(name) for name in COLUMNS},
+    "log_time_utc": TIME,
+}
 FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
-    TableName.PLOTS: {
-        **{name: TIME if name == "time_utc" else _kind_of(name) for name in COLUMNS},
-        "log_time_utc": TIME,
-    },
+    **dict.fromkeys(PLOT_TABLES, _PLOT_FIELDS),
     TableName.TRUTHS: {
         **_OF_SECTOR,
         "plot": WHOLE,
@@ -115,10 +117,11 @@ FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
 class ParquetWriter(RecordingWriter):
     """Rows of one table; a message that has none for it is left out."""
 
-    def __init__(self, file: BinaryIO, table: TableName) -> None:
+    def __init__(self, file: BinaryIO, table: TableName, select: Selection | None = None) -> None:
+        """`select` says which plots of a message a table of them takes; without it, all."""
         self._schema = pa.schema(list(FIELDS[table].items()))
         self._table = table
-        self._rows_of = _ROWS_OF[table]
+        self._rows_of = _ROWS_OF.get(table) or partial(_plot_rows, select or plots_in)
         self._columns: dict[str, list[Any]] = {name: [] for name in FIELDS[table]}
         self._octets = 0
         self._file = pq.ParquetWriter(file, self._schema, compression="zstd")
@@ -126,8 +129,8 @@ class ParquetWriter(RecordingWriter):
     def write(self, message: Recorded) -> str | None:
         """Write the rows of a message, if any; why it cannot have any, or None."""
         rows = self._rows_of(message)
-        if rows is None:
-            return f"no {self._table}"
+        if rows is None or isinstance(rows, str):
+            return rows or f"no {self._table}"
         for row in rows:
             for name, column in self._columns.items():
                 column.append(row.get(name))
@@ -154,10 +157,10 @@ class ParquetWriter(RecordingWriter):
         self._octets = 0
 
 
-def _plot_rows(message: Recorded) -> Iterable[Row] | None:
-    found = plots_in(message)
-    if found is None:
-        return None
+def _plot_rows(select: Selection, message: Recorded) -> Iterable[Row] | str | None:
+    found = select(message)
+    if not isinstance(found, MeasuredPlots):
+        return found
     sensor = sensor_of_asterix(message.topic)
     held = vars(found) | {"doppler_m_s": found.range_rate_m_s}
     columns = {name: _told(held[name]) for name in COLUMNS if name in held}
@@ -276,7 +279,6 @@ def _message_rows(message: Recorded) -> Iterable[Row]:
 
 
 _ROWS_OF: Mapping[TableName, Callable[[Recorded], Iterable[Row] | None]] = {
-    TableName.PLOTS: _plot_rows,
     TableName.TRUTHS: _rows_in(pb.Ledger, "/truth", _truth_rows),
     TableName.LOOKS: _rows_in(pb.Ledger, "/truth", _look_rows),
     TableName.TRACKS: _track_rows,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -65,6 +65,8 @@ COLUMNS = (
 )
 
 
+Selection = Callable[[Recorded], MeasuredPlots | str | None]
+"""The plots of a message that a table takes, or why it takes none; None of what holds none."""
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 """What spreadsheets run begins with one of these."""
 
@@ -72,8 +74,10 @@ FORMULAS = ("=", "+", "-", "@", "\t", "\r")
 class PlotsCsvWriter(RecordingWriter):
     """Rows of the plots in messages; a message that cannot hold plots is left out."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, select: Selection | None = None) -> None:
+        """`select` says which plots of a message it takes; without it, it takes all."""
         self._file = file
+        self._select = select or plots_in
         self._text = io.StringIO(newline="")
         self._rows = csv.writer(self._text, lineterminator="\n")
         self._rows.writerow(COLUMNS)
@@ -81,9 +85,9 @@ class PlotsCsvWriter(RecordingWriter):
 
     def write(self, message: Recorded) -> str | None:
         """Write the plots of a message, if any; why it cannot have any, or None."""
-        found = plots_in(message)
-        if found is None:
-            return "no plots"
+        found = self._select(message)
+        if not isinstance(found, MeasuredPlots):
+            return found or "no plots"
         self._rows.writerows(zip(*_cells(found, message.topic), strict=True))
         self._flush()
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import BinaryIO
@@ -145,6 +145,20 @@ class TableName(StrEnum):
     TRACKS = "tracks"
     MESSAGES = "messages"
     FATES = "fates"
+    ASTERIX_015 = "asterix-015"
+    ASTERIX_048 = "asterix-048"
+    ASTERIX_062 = "asterix-062"
+    ASTERIX_205 = "asterix-205"
+
+
+PLOT_TABLES: Mapping[TableName, int | None] = {
+    TableName.PLOTS: None,
+    TableName.ASTERIX_015: 15,
+    TableName.ASTERIX_048: 48,
+    TableName.ASTERIX_062: 62,
+    TableName.ASTERIX_205: 205,
+}
+"""Tables of plots, and the category that is in each; None: each plot once, whatever its format."""
 
 
 class RecordingWriter(ABC):

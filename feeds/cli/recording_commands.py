@@ -24,6 +24,10 @@ from plotfeed.feeds.cli.options import (
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
+TABLES = [
+    *("plots", "truths", "looks", "tracks", "messages", "fates"),
+    *("asterix-015", "asterix-048", "asterix-062", "asterix-205"),
+]
 FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv", "parquet"]
 replay_options = together(
     click.option(
@@ -220,8 +224,10 @@ def replay(recording: Path, **options: Any) -> int:
 )
 @click.option(
     "--table",
-    type=click.Choice(["plots", "truths", "looks", "tracks", "messages", "fates"]),
-    help="Write this table of Parquet; without it that in which the name of OUT ends, else plots.",
+    metavar="TABLE",
+    type=click.Choice(TABLES),
+    help=f"Write this table of Parquet or CSV: {', '.join(TABLES)}. Without it the end of OUT's "
+    "name says which, else it is plots, which has each plot once.",
 )
 @topic_option
 @stage_option(

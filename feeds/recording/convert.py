@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import made_of
@@ -25,8 +28,16 @@ from plotfeed.replay.files import (
     open_recording,
     writer_to,
 )
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded, RecordingWriter, Stage, TableName
+from plotfeed.replay.recorded import (
+    PLOT_TABLES,
+    WHAT_LEFT,
+    Recorded,
+    RecordingWriter,
+    Stage,
+    TableName,
+)
 
+TABLES = (FileFormat.CSV, FileFormat.PARQUET)
 MAX_REASONS = 100
 MAX_NOTES = 20
 MAX_RETAINED = 100_000
@@ -54,7 +65,7 @@ class ConvertSettings:
     date: datetime | None = None
     """The day on which a file without dates begins."""
     table: str | None = None
-    """Of Parquet; without it the one that the file's name ends in, else plots."""
+    """Of Parquet or CSV; without it the one that the file's name ends in, else plots."""
     force: bool = False
     as_json: bool = False
 
@@ -68,6 +79,8 @@ class ConversionCounts:
     octets: int = 0
     """Of their payload."""
     read: int = 0
+    asked: int = 0
+    """Of these, by topic, stage and time."""
     first_ns: int | None = None
     last_ns: int | None = None
     left_out: Counter[str] = field(default_factory=Counter)
@@ -80,25 +93,19 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
 
     Raises `PlotfeedError`, and `OSError`.
     """
-    start, end = (
-        None if text is None else Moment.parse(text) for text in (settings.start, settings.end)
-    )
     from_format = FileFormat(settings.from_format) if settings.from_format else None
     form = FileFormat(settings.to_format) if settings.to_format else format_of_suffix(target)
-    table = TableName(settings.table) if settings.table else _table_of(target)
-    if settings.table and form is not FileFormat.PARQUET:
-        raise PlotfeedError(f"--table: only of Parquet, and {target} is to be {form}")
+    table = _table_of(settings.table, target, form)
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
+    opened = partial(open_recording, source, from_format, date_utc_ns=date or 0)
     counts = ConversionCounts()
-    with (
-        open_recording(source, from_format, date_utc_ns=date or 0) as recording,
-        made_of([source], target, force=settings.force) as (file, keep),
-    ):
+    with opened() as recording, made_of([source], target, force=settings.force) as (file, keep):
         if not recording.has_dates and date is None:
             counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
-        writer, reader = writer_to(file, form, table), recording.reader
+        writer = _writer(file, form, table, partial(_asked_of, opened, settings, form))
+        reader = recording.reader
         for name in dict.fromkeys(entry.name for entry in reader.attachments()):
             attachment = reader.attachment(name)
             if attachment is not None and not writer.attach(attachment):
@@ -106,27 +113,62 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         messages = with_progress(
             reader.messages(), target.name, lambda: reader.at, recording.octets
         )
-        part = _between(messages, start, end, counts, keeps=FORMATS[form].holds_stages)
-        for message in _chosen(part, settings, form, counts):
+        for message in _chosen(messages, settings, form, counts):
             _write(writer, message, counts)
         writer.close()
         counts.notes += [f"{form}: {note}" for note in writer.notes()]
         if reader.skipped:
             counts.notes.append(f"{reader.skipped} packets of {recording.format} hold no UDP")
-        if not counts.messages:
-            counts.notes.append(f"nothing of {counts.read} messages is in it")
-        keep(counts.read > 0 or not reader.damage)
+        is_made = min(counts.messages, counts.asked) > 0 or not (counts.read or reader.damage)
+        keep(is_made)
     say_damage(source, reader.damage, all_in="; --json has all")
     if reader.damage and not counts.read:
         raise PlotfeedError(f"{source}: nothing in it is whole; {target} is not written")
+    if not is_made:
+        reasons = [f"{count} left out: {reason}" for reason, count in counts.left_out.items()]
+        why = ", ".join(reasons[:MAX_NOTES]) or "none is of the topics, stages and times asked for"
+        raise PlotfeedError(
+            f"{target} is not written: nothing of {counts.read} messages would be in it: {why}"
+        )
     (_print_json if settings.as_json else _print)(source, target, recording, form, counts)
     return 0
 
 
-def _table_of(target: Path) -> TableName:
-    """The table in which a file's name ends, such as looks.parquet or site-looks.parquet."""
-    last = re.split(r"[-_. ]", target.stem)[-1].lower()
-    return TableName(last) if last in list(TableName) else TableName.PLOTS
+def _table_of(named: str | None, target: Path, form: FileFormat) -> TableName:
+    """The table that is named, else that in which the file's name ends, as in site-looks.parquet.
+
+    Raises `PlotfeedError` if no such file holds it.
+    """
+    if named is None:
+        ends = (t for t in TableName if re.search(rf"(^|[-_. ]){t}$", target.stem.lower()))
+        table = next(ends, TableName.PLOTS)
+        return table if form is FileFormat.PARQUET or table in PLOT_TABLES else TableName.PLOTS
+    if form not in TABLES:
+        raise PlotfeedError(f"--table: only of Parquet and CSV, and {target} is to be {form}")
+    if form is FileFormat.CSV and named not in PLOT_TABLES:
+        raise PlotfeedError(f"--table: CSV holds plots; for {named} write Parquet")
+    return TableName(named)
+
+
+def _asked_of(
+    opened: Callable[[], AbstractContextManager[Recording]],
+    settings: ConvertSettings,
+    form: FileFormat,
+) -> Iterator[Recorded]:
+    """What is asked of a recording, read for this alone."""
+    with opened() as recording:
+        yield from _chosen(recording.reader.messages(), settings, form, ConversionCounts())
+
+
+def _writer(
+    file: BinaryIO, form: FileFormat, table: TableName, asked: Callable[[], Iterator[Recorded]]
+) -> RecordingWriter:
+    """Writes a format; `asked` is read ahead where the plots of a table depend on all of it."""
+    if form not in TABLES or table not in PLOT_TABLES:
+        return writer_to(file, form, table)
+    from plotfeed.replay.plots_once import selection_of
+
+    return writer_to(file, form, table, selection_of(table, asked()))
 
 
 def _between(
@@ -172,15 +214,20 @@ def _chosen(
     The others are counted where nobody asked for fewer.
     """
     stages = settings.stages or (Stage if FORMATS[form].holds_stages else WHAT_LEFT)
-    for message in messages:
-        if form is FileFormat.MCAP and message.retain and message.topic.endswith(SESSION):
-            yield message  # with the scene, whatever else is chosen
-            continue
-        if not is_chosen(message.topic, settings.topics):
-            continue
-        if message.stage in stages:
+    start, end = (
+        None if text is None else Moment.parse(text) for text in (settings.start, settings.end)
+    )
+    keeps = FORMATS[form].holds_stages
+    for message in _between(messages, start, end, counts, keeps=keeps):
+        of_topic = is_chosen(message.topic, settings.topics)
+        is_asked = of_topic and message.stage in stages
+        counts.asked += is_asked
+        if is_asked or (
+            # With the scene, whatever else is chosen.
+            form is FileFormat.MCAP and message.retain and message.topic.endswith(SESSION)
+        ):
             yield message
-        elif not settings.stages:
+        elif of_topic and not settings.stages:
             counts.left_out[f"of stage {message.stage}; --stage takes them"] += 1
 
 

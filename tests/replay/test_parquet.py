@@ -139,14 +139,19 @@ def test_a_name_says_which_table_and_table_says_otherwise(tmp_path: Path) -> Non
     for name, options, expected in (
         ("any.parquet", (), TableName.PLOTS),
         ("here-messages.parquet", (), TableName.MESSAGES),
-        ("other.parquet", ("--table", "fates"), TableName.FATES),
+        ("other.parquet", ("--table", "asterix-048"), TableName.ASTERIX_048),
     ):
         done = plotfeed_here("convert", source, tmp_path / name, *options)
         assert done.returncode == 0, done.stderr
         assert pq.read_schema(tmp_path / name).names == list(FIELDS[expected])
-    wrong = plotfeed_here("convert", source, tmp_path / "x.csv", "--table", "plots")
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-    assert "only of Parquet" in wrong.stderr
+    for name, option, why in (
+        ("x.pcap", "plots", "only of Parquet and CSV"),
+        ("x.csv", "looks", "write Parquet"),
+        ("x.parquet", "fates", "40 left out: no fates"),
+    ):
+        wrong = plotfeed_here("convert", source, tmp_path / name, "--table", option)
+        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+        assert why in wrong.stderr
     read = plotfeed_here("convert", tmp_path / "any.parquet", tmp_path / "back.mcap")
     assert read.returncode == 2
     assert "parquet" in read.stderr

@@ -4,19 +4,26 @@ import csv
 import json
 import os
 import subprocess
+from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
+from support.asterix_input import plots as plots_of
 from support.command import PLOTFEED, plotfeed_here
 from support.given_recordings import CAPTURES, EVERY_CAPTURE, EVERY_RECORDING, RadarCapture
-from support.recordings import MS, START_NS, block_048, message, plots, written
+from support.recordings import MS, START_NS, block, block_048, message, plots, written
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
 from plotfeed.feeds.recording.convert import ConvertSettings, convert_recording
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.cat015 import PlotEncoder015
+from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, open_recording, writer_to
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -170,10 +177,97 @@ def test_a_table_of_plots_has_those_of_asterix_and_of_batches(tmp_path: Path) ->
     assert [row["sensor"] for row in rows] == ["radar"]
 
 
-def test_a_conversion_of_nothing_says_so(tmp_path: Path, capsys: Capture) -> None:
-    source = stored(tmp_path / "in.mcap", session())
-    assert convert(source, tmp_path / "out.csv", topics=["no/such"]) == 0
-    assert "  nothing of 4 messages is in it\n" in capsys.readouterr().out
+BATCH = protobuf_content_type(PLOT_BATCH)
+
+
+def several_formats() -> list[Recorded]:
+    """Two plots of one radar, each in 015, 048 and a batch, a track in 062, and 048 by UDP.
+
+    Another radar reports in 048 alone, by MQTT and by UDP; a third one by UDP.
+    """
+    sent = []
+    for n in range(2):
+        t_ns = START_NS + n * 1000 * MS
+        batch = pb.PlotBatch(sensor="radar", scan=n)
+        batch.plots.add(time_utc_ns=t_ns, range_m=1000.0)
+        plot = plots_of(t_utc_ns=np.array([t_ns]), range_m=1000.0)
+        (in_015,) = PlotEncoder015(25, 1).blocks(plot)
+        for topic, payload, kind in (
+            ("plotfeed/radar/asterix/048", block_048(43_200 + n, sic=1), asterix_content_type(48)),
+            ("plotfeed/radar/asterix/015", in_015, asterix_content_type(15)),
+            ("plotfeed/radar/plots", batch.SerializeToString(), BATCH),
+            ("udp/127.0.0.1/8600", block_048(43_200 + n, sic=1), asterix_content_type(48)),
+            ("udp/127.0.0.1/8600", block_048(43_200 + n, sic=2), asterix_content_type(48)),
+            ("plotfeed/other/asterix/048", block_048(43_200 + n, sic=2), asterix_content_type(48)),
+            ("udp/127.0.0.1/8601", block_048(43_200 + n, sic=3), asterix_content_type(48)),
+        ):
+            sent.append(message(payload, t_ns, topic=topic, content_type=kind))
+    return sent
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_table_of_plots_has_each_plot_once_and_others_have_one_format(
+    suffix: str, tmp_path: Path, capsys: Capture
+) -> None:
+    source = stored(tmp_path / "in.mcap", several_formats())
+
+    def rows_of(name: str, **settings: Any) -> Counter[tuple[str, str]]:
+        path = tmp_path / f"{name}.{suffix}"
+        assert convert(source, path, force=True, **settings) == 0
+        if suffix == "csv":
+            rows = list(csv.DictReader(path.read_text().splitlines()))
+        else:
+            rows = pq.read_table(path).to_pylist()
+        return Counter((row["topic"], str(row["category"] or "").zfill(3)) for row in rows)
+
+    assert rows_of("all") == {
+        ("plotfeed/radar/plots", "000"): 2,
+        ("plotfeed/other/asterix/048", "048"): 2,
+        ("udp/127.0.0.1/8601", "048"): 2,
+    }
+    told = capsys.readouterr().out
+    assert (
+        "left out 6 messages: plots that are there in another format; --table asterix-048" in told
+    )
+    assert rows_of("site-asterix-015") == {("plotfeed/radar/asterix/015", "015"): 2}
+    assert sum(rows_of("any", table="asterix-048").values()) == 10
+    assert rows_of("chosen", topics=["plotfeed/radar/asterix/048"]) == {
+        ("plotfeed/radar/asterix/048", "048"): 2
+    }
+
+
+def test_tracks_are_no_plots(tmp_path: Path) -> None:
+    track = block(62, "90", "190d", "01", "546000")
+    source = stored(tmp_path / "in.mcap", [message(track, topic="p/a/asterix/062"), *plots(1)])
+    for name, sic in (("out.csv", "13"), ("asterix-062.csv", "13")):
+        assert convert(source, tmp_path / name) == 0
+        (row,) = csv.DictReader((tmp_path / name).read_text().splitlines())
+        assert row["category"] == ("062" if "062" in name else "048")
+        assert row["sic"] == sic
+
+
+@pytest.mark.parametrize(
+    ("suffix", "settings", "why"),
+    [
+        ("csv", {"topics": ["no/such"]}, "none is of the topics, stages and times asked for"),
+        ("mcap", {"topics": ["no/such"]}, "none is of the topics, stages and times asked for"),
+        ("mcap", {"start": "3600"}, "none is of the topics, stages and times asked for"),
+        ("pcap", {"topics": ["plotfeed/session"]}, "1 left out: neither UDP nor ASTERIX"),
+        ("parquet", {"table": "fates"}, "3 left out: no fates"),
+        ("csv", {"stages": ["telemetry"]}, "1 left out: no plots"),
+    ],
+)
+def test_a_conversion_of_nothing_fails_in_one_line_and_writes_no_file(
+    suffix: str, settings: dict[str, Any], why: str, tmp_path: Path
+) -> None:
+    begun = message(b"{}", topic="plotfeed/session", content_type="application/json", retain=True)
+    source = stored(tmp_path / "in.mcap", [begun, *session()])
+    target = tmp_path / f"out.{suffix}"
+    with pytest.raises(PlotfeedError, match="not written: nothing of 5 messages") as error:
+        convert(source, target, **settings)
+    assert why in str(error.value)
+    assert "\n" not in str(error.value)
+    assert not target.exists()
 
 
 def test_messages_are_chosen_by_topic_stage_and_time(tmp_path: Path, capsys: Capture) -> None:
@@ -186,7 +280,6 @@ def test_messages_are_chosen_by_topic_stage_and_time(tmp_path: Path, capsys: Cap
     cases = [
         ({"topics": ["a/+/x"]}, sent),
         ({"topics": ["a/1/#", "b"]}, sent[1::2]),
-        ({"stages": ["before"]}, []),
         ({"start": "2"}, sent[2:]),
         ({"end": "2026-01-01T12:00:02Z"}, sent[:2]),
     ]
